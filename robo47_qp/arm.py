@@ -1,0 +1,186 @@
+"""Arm: what the controller believes of the robot, as a model of exactly n joints."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Matrix, Vector, checked_vector
+from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.robot import Robot
+from robo47_qp.waypoint import Payload
+
+
+class JointState(NamedTuple):
+    """What the joints do at one instant."""
+
+    q: Vector
+    """Position (n,) [rad]."""
+    v: Vector
+    """Velocity (n,) [rad/s]."""
+
+
+class JointReference(NamedTuple):
+    """What the joints should do at the same instant as the state it is compared with."""
+
+    q: Vector
+    """Position (n,) [rad]."""
+    v: Vector
+    """Velocity (n,) [rad/s]."""
+    a: Vector
+    """Acceleration (n,) [rad/s²]."""
+
+
+class Arm:
+    """The robot alone: fingers welded shut, no objects, no contacts, no joint stops.
+
+    Arguments are trusted on the hot path: arrays of shape (n,), float64. Returned arrays
+    are new. An arm is not safe to share between threads: its methods use one scratch state.
+    """
+
+    def __init__(self, robot: Robot, payload: Payload | None = None) -> None:
+        """Compile the model.
+
+        Args:
+            robot: The description.
+            payload: A body held by the tool, part of the belief.
+
+        Raises:
+            UnknownNameError: The MJCF lacks a joint or the tool frame.
+            ModelError: The MJCF does not compile to the n joints of the robot, or a joint
+                has no position limits.
+        """
+        self.robot = robot
+        self.payload = payload
+        self.model = _compile(robot, payload)
+        self._data = mujoco.MjData(self.model)
+        self.n = len(robot.joints)
+        self.q_min: Vector = self.model.jnt_range[:, 0].copy()
+        self.q_max: Vector = self.model.jnt_range[:, 1].copy()
+        self.home = checked_vector("home", robot.home, self.n)
+        self._tcp = self.model.site(robot.tcp).id
+        self._jacobian = np.zeros((6, self.n))
+        self._base, self._reach = self._shoulder_and_reach()
+
+    def carrying(self, payload: Payload | None) -> "Arm":
+        """The same arm with another belief about what it holds."""
+        return Arm(self.robot, payload)
+
+    def pose(self, q: Vector) -> SE3:
+        """T_world_tcp at q."""
+        d = self._at(q)
+        return SE3.from_rotation_and_translation(
+            SO3.from_matrix(d.site_xmat[self._tcp].reshape(3, 3)), d.site_xpos[self._tcp]
+        )
+
+    def jacobian(self, q: Vector) -> Matrix:
+        """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
+        d = self._at(q)
+        mujoco.mj_comPos(self.model, d)
+        J = self._jacobian
+        mujoco.mj_jacSite(self.model, d, J[:3], J[3:], self._tcp)
+        R_tcp_world = d.site_xmat[self._tcp].reshape(3, 3).T
+        out = np.empty((6, self.n))
+        np.matmul(R_tcp_world, J[:3], out=out[:3])
+        np.matmul(R_tcp_world, J[3:], out=out[3:])
+        return out
+
+    def mass_matrix(self, q: Vector) -> Matrix:
+        """M(q) of shape (n, n), with the rotor inertias [kg·m²]."""
+        d = self._at(q)
+        mujoco.mj_comPos(self.model, d)
+        mujoco.mj_makeM(self.model, d)
+        M = np.empty((self.n, self.n))
+        mujoco.mj_fullM(self.model, d, M)
+        return M
+
+    def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
+        """Torques (n,) that give acceleration a at (q, v) [N·m].
+
+        tau = M(q) a + c(q, v) + g(q) - tau_passive(q, v), with c the Coriolis and
+        centrifugal terms, g gravity and tau_passive joint damping and springs: the
+        recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008,
+        ch. 5) as implemented by MuJoCo's `mj_inverse`.
+        """
+        d = self._data
+        d.qpos[:] = q
+        d.qvel[:] = v
+        d.qacc[:] = a
+        mujoco.mj_inverse(self.model, d)
+        return d.qfrc_inverse.copy()
+
+    def limit_margin(self, q: Vector) -> float:
+        """Distance of the joint closest to one of its limits; negative outside [rad]."""
+        return float(min((q - self.q_min).min(), (self.q_max - q).min()))
+
+    def beyond_reach(self, position: Vector) -> float:
+        """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].
+
+        The bound is the length of the stretched chain of joints, seen from the first one.
+        """
+        return max(0.0, float(np.linalg.norm(position - self._base)) - self._reach)
+
+    def checked_q(self, name: str, q: ArrayLike) -> Vector:
+        """Copy of q as a vector of shape (n,), finite, for arguments from outside."""
+        return checked_vector(name, q, self.n)
+
+    def _shoulder_and_reach(self) -> tuple[Vector, float]:
+        m, d = self.model, self._at(self.home)
+        points = [*d.xanchor, d.site_xpos[self._tcp]]
+        links = sum(float(np.linalg.norm(b - a)) for a, b in zip(points, points[1:], strict=False))
+        slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        travel = float((m.jnt_range[slides, 1] - m.jnt_range[slides, 0]).sum())
+        return points[0].copy(), links + travel
+
+    def _at(self, q: Vector) -> mujoco.MjData:
+        d = self._data
+        d.qpos[:] = q
+        mujoco.mj_kinematics(self.model, d)
+        return d
+
+
+def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    known = [joint.name for joint in spec.joints]
+    for name in robot.joints:
+        if name not in known:
+            raise UnknownNameError("joint", name, known)
+    tcp = spec.site(robot.tcp)
+    if tcp is None:
+        raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
+    for family in (spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.keys):
+        for element in list(family):
+            spec.delete(element)
+    for joint in list(spec.joints):
+        if joint.name not in robot.joints:
+            spec.delete(joint)
+    for geom in list(spec.geoms):
+        if geom.contype == 0 and geom.conaffinity == 0:
+            spec.delete(geom)
+    if payload is not None:
+        # A tool frame is a site: what it holds hangs on the site's body.
+        T_body_com = SE3(np.concatenate([tcp.quat, tcp.pos])) @ payload.T_tcp_com
+        tcp.parent.add_body(
+            name="payload",
+            pos=T_body_com.translation(),
+            quat=T_body_com.rotation().wxyz,
+            mass=payload.mass,
+            ipos=np.zeros(3),
+            inertia=np.asarray(payload.inertia),
+            explicitinertial=True,
+        )
+    # No contacts and no joint stops: inverse dynamics of the free arm.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model = spec.compile()
+    order = tuple(model.joint(i).name for i in range(model.njnt))
+    if order != robot.joints or model.nq != model.nv:
+        raise ModelError(
+            f"Robot {robot.name!r} names the joints {robot.joints}; its model has {order} "
+            "in that order once all others are welded. List them from base to tip."
+        )
+    if not model.jnt_limited.all():
+        free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]
+        raise ModelError(f"Robot {robot.name!r} has joints without a range: {free}.")
+    return model

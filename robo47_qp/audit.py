@@ -1,0 +1,116 @@
+"""The audit: what was promised against what the simulated robot did."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.motion.line import Line
+from robo47_qp.run import Phase, Run
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.waypoint import Motion
+
+LIN_COMMANDED = 10e-6
+"""How far the reference of a LIN motion may leave its line [m]."""
+LIN_MEASURED = 0.3e-3
+"""How far the tool may leave the line of a LIN motion [m]."""
+_ROUNDING = 1e-9
+"""Relative slack for the rounding of differences."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One promise and whether it was kept."""
+
+    signal: str
+    """What was looked at, with the joint where there is one."""
+    unit: str
+    limit: float
+    """What was promised."""
+    extreme: float
+    """What came closest to the limit, or went furthest beyond it."""
+    time: float
+    """When [s]."""
+    ok: bool
+
+
+def audit(run: Run) -> list[Finding]:
+    """Check a run against the limits of its scenario, from its recorded signals alone."""
+    scenario, rows = run.scenario, run.rows
+    arm = Arm(scenario.robot)
+    robot, joints = scenario.robot, scenario.robot.joints
+    profile = scenario.planner.profile.slowed(scenario.planner.speed)
+    tau, a_ref = rows["joints/tau_command"], rows["joints/a_ref"]
+    findings = [
+        *_within("reference q", joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
+        _bounded("reference v", "rad/s", joints, rows["joints/v_ref"], profile.v_max),
+        _bounded("reference a", "rad/s²", joints, a_ref, profile.a_max),
+        _bounded("reference jerk", "rad/s³", joints, _rate(a_ref), profile.j_max),
+        *_within("measured q", joints, rows["joints/q"], arm.q_min, arm.q_max),
+        _bounded("measured v", "rad/s", joints, rows["joints/v"], robot.rated.v_max),
+        _bounded("torque", "N·m", joints, tau, robot.tau_max),
+        _bounded("torque rate", "N·m/s", joints, _rate(tau), robot.tau_rate_max),
+    ]
+    for signal, column, limit in (
+        ("LIN commanded", "tool/pose_ref", LIN_COMMANDED),
+        ("LIN measured", "tool/pose", LIN_MEASURED),
+    ):
+        off = _off_line(run.phases, rows[column][:, :3])
+        if off is not None:
+            findings.append(_bounded(signal, "m", ("tool",), off, np.array([limit])))
+    return findings
+
+
+def _bounded(
+    signal: str, unit: str, names: Sequence[str], values: Matrix, bound: Vector
+) -> Finding:
+    """The column that uses most of its symmetric bound."""
+    use = np.abs(values) / bound
+    row, column = np.unravel_index(int(np.argmax(use)), use.shape)
+    return Finding(
+        signal=f"{signal} ({names[column]})",
+        unit=unit,
+        limit=float(bound[column]),
+        extreme=float(np.abs(values[row, column])),
+        time=float(row * TIMESTEP),
+        ok=bool(use[row, column] <= 1.0 + _ROUNDING),
+    )
+
+
+def _within(
+    signal: str, names: Sequence[str], values: Matrix, low: Vector, high: Vector
+) -> list[Finding]:
+    """The columns that come closest to their lower and to their upper bound."""
+    findings = []
+    for side, bound, margin in (("lower", low, values - low), ("upper", high, high - values)):
+        row, column = np.unravel_index(int(np.argmin(margin)), margin.shape)
+        findings.append(
+            Finding(
+                signal=f"{signal} {side} ({names[column]})",
+                unit="rad",
+                limit=float(bound[column]),
+                extreme=float(values[row, column]),
+                time=float(row * TIMESTEP),
+                ok=bool(margin[row, column] >= 0.0),
+            )
+        )
+    return findings
+
+
+def _rate(values: Matrix) -> Matrix:
+    return np.diff(values, axis=0) / TIMESTEP
+
+
+def _off_line(phases: Sequence[Phase], positions: Matrix) -> Matrix | None:
+    """Distance from the line in the rows of LIN motions (N, 1), 0 elsewhere."""
+    off = np.zeros((len(positions), 1))
+    found = False
+    ends = [phase.start for phase in phases[1:]] + [len(positions)]
+    for phase, end in zip(phases, ends, strict=True):
+        if phase.leg is not None and phase.leg.waypoint.motion is Motion.LIN:
+            found = True
+            line = Line(phase.leg.T_world_start, phase.leg.T_world_goal)
+            off[phase.start : end, 0] = line.distances(positions[phase.start : end])
+    return off if found else None

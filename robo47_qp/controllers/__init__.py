@@ -1,0 +1,1 @@
+"""Controllers: joint torques from a reference and a state."""

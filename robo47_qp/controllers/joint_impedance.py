@@ -1,0 +1,53 @@
+"""Joint impedance control with the full dynamics of the arm as feed-forward."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from robo47_qp.arm import Arm, JointReference, JointState
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointImpedance:
+    """A spring and a damper in each joint, on top of the arm's own dynamics.
+
+    tau = K (q_ref - q) + D (v_ref - v) + M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
+
+    with K the stiffness of the robot times `stiffness_scale` and D_i = 2 ζ √(K_i M_ii) at
+    home. The last four terms make the arm follow a_ref without error; what remains for the
+    spring is what the belief does not know (Siciliano et al., Robotics: Modelling, Planning
+    and Control, 2009, sec. 8.5; Albu-Schäffer, Ott and Hirzinger, IJRR 26(1), 2007).
+    """
+
+    stiffness_scale: float = 1.0
+    """Factor on the stiffness that the robot's description names [-]."""
+    damping_ratio: float = 1.0
+    """ζ: 1 is critically damped at home [-]."""
+
+    def __post_init__(self) -> None:
+        """Check the gains.
+
+        Raises:
+            InvalidValueError: A gain is negative or not finite.
+        """
+        for name in ("stiffness_scale", "damping_ratio"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InvalidValueError(name, value, "finite and not negative")
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        """See `Controller.torque`."""
+        K, D = _gains(arm, self)
+        tau = arm.inverse_dynamics(state.q, state.v, reference.a)
+        tau += K * (reference.q - state.q)
+        tau += D * (reference.v - state.v)
+        return tau
+
+
+@lru_cache(maxsize=16)
+def _gains(arm: Arm, settings: JointImpedance) -> tuple[Vector, Vector]:
+    K = settings.stiffness_scale * arm.robot.stiffness
+    return K, 2.0 * settings.damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))

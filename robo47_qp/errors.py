@@ -1,0 +1,73 @@
+"""What can go wrong, one class per kind of failure.
+
+Every message says what was asked, what was found and what would work.
+"""
+
+from collections.abc import Iterable
+
+
+class Robo47Error(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class InvalidValueError(Robo47Error):
+    """An argument is NaN, out of range, or of the wrong shape."""
+
+    def __init__(self, name: str, found: object, expected: str) -> None:
+        """Name the argument, what it was, and what would have been accepted."""
+        super().__init__(f"{name} must be {expected}; found {found}.")
+        self.name = name
+        self.found = found
+        self.expected = expected
+
+
+class UnknownNameError(Robo47Error):
+    """A name that the model or the package does not know."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        """Name what was looked for and list what exists."""
+        self.kind = kind
+        self.name = name
+        self.known = tuple(known)
+        listed = ", ".join(self.known) if self.known else "none"
+        super().__init__(f"No {kind} is called {name!r}; known: {listed}.")
+
+
+class ModelError(Robo47Error):
+    """A robot description that cannot be compiled into the model it promises."""
+
+
+class PlanError(Robo47Error):
+    """A waypoint that cannot be reached, or a motion that cannot be planned to it.
+
+    Attributes:
+        waypoint: Name of the waypoint.
+        reason: What stands in the way.
+    """
+
+    def __init__(self, waypoint: str, reason: str) -> None:
+        """Tell which waypoint is out and why."""
+        super().__init__(f"Waypoint {waypoint!r} cannot be planned: {reason}")
+        self.waypoint = waypoint
+        self.reason = reason
+
+
+class RecordingError(Robo47Error):
+    """A recording that cannot be opened, or that could not be written to its end."""
+
+
+class RenderingError(Robo47Error):
+    """Pictures were asked for and the machine cannot draw them."""
+
+
+class MissingExtraError(Robo47Error):
+    """An optional package is needed and not installed."""
+
+    def __init__(self, wanted: str, package: str, extra: str) -> None:
+        """Say what needs the package and which extra brings it."""
+        super().__init__(
+            f"{wanted} needs the package {package}, which is not installed; "
+            f"install it with: pip install 'robo47_qp[{extra}]'."
+        )
+        self.package = package
+        self.extra = extra

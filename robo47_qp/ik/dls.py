@@ -1,0 +1,59 @@
+"""Damped least squares, the baseline of the textbooks."""
+
+from dataclasses import dataclass, replace
+from time import process_time
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
+
+
+@dataclass(frozen=True, kw_only=True)
+class DlsIk:
+    """Damped least squares on the tool pose.
+
+    dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e = log(T_tcp_target) the twist in the tool frame that
+    leads to the target in unit time; with `position_only` the rows of the rotation are left
+    out. It knows nothing of joint limits: with `clip`, each step ends inside them by
+    clamping. (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with
+    Jacobian transpose, pseudoinverse and damped least squares methods", 2004.)
+    """
+
+    position_only: bool = False
+    """Ask for the tool's position alone."""
+    clip: bool = True
+    """Clamp every step to the joint limits."""
+    damping: float = 0.05
+    """λ: the larger, the slower and the calmer near singularities [m or rad per rad]."""
+    max_iterations: int = 200
+    """Steps before giving up."""
+    tolerance: Tolerance = Tolerance()
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        """See `IkSolver.solve`."""
+        started = process_time()
+        q = arm.checked_q("q_seed", q_seed)
+        if not is_pose(T_world_target):
+            return rejected(arm, q)
+        rows = 3 if self.position_only else 6
+        regular = self.damping**2 * np.eye(rows)
+        tolerance = self.tolerance
+        if self.position_only:
+            tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
+        for iteration in range(self.max_iterations + 1):
+            T_tcp_target = arm.pose(q).inverse() @ T_world_target
+            e = T_tcp_target.translation() if self.position_only else T_tcp_target.log()
+            close = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
+            if close and (self.position_only or np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation):
+                break
+            if iteration == self.max_iterations:
+                break
+            J = arm.jacobian(q)[:rows]
+            q = q + J.T @ np.linalg.solve(J @ J.T + regular, e)
+            if self.clip:
+                q = np.clip(q, arm.q_min, arm.q_max)
+        result = judged(arm, T_world_target, q, tolerance, iteration)
+        return replace(result, seconds=process_time() - started)

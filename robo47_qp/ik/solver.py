@@ -1,0 +1,151 @@
+"""What every IK solver is: the protocol, its result, and the one judge of both."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from mink import SE3
+from numpy.typing import ArrayLike
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """How close counts as reached."""
+
+    position: float = 1e-6
+    """[m]"""
+    orientation: float = 1e-6
+    """[rad]; infinite where the orientation does not matter."""
+
+
+class Reason(Enum):
+    """Why a target was not reached."""
+
+    INVALID_TARGET = "invalid target"
+    OUT_OF_REACH = "out of reach"
+    JOINT_LIMITS = "outside joint limits"
+    NOT_CONVERGED = "not converged"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IkResult:
+    """Where a solver ended, as judged by forward kinematics."""
+
+    q: Vector
+    """Configuration (n,) [rad]; the best one found where the target was not reached."""
+    reason: Reason | None
+    """Why the target was not reached; None where it was."""
+    explanation: str
+    """The reason in words with its numbers; empty where the target was reached."""
+    position_error: float
+    """Distance of the tool from the target [m]."""
+    orientation_error: float
+    """Angle between the tool and the target [rad]."""
+    limit_margin: float
+    """Distance of the joint closest to its limit; negative outside [rad]."""
+    iterations: int
+    """Steps taken, over all starts."""
+    restarts: int = 0
+    """Starts after the first."""
+    seconds: float = 0.0
+    """Processor time spent."""
+
+    @property
+    def converged(self) -> bool:
+        """True where the target was reached inside the joint limits."""
+        return self.reason is None
+
+
+class IkSolver(Protocol):
+    """Finds a configuration that puts the tool at a pose. The solver is its settings."""
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How close counts as reached."""
+        ...
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        """Search from q_seed; a target that is not reached is a result, never an exception.
+
+        Args:
+            arm: The arm.
+            T_world_target: Wanted T_world_tcp.
+            q_seed: Where to start (n,) [rad]; among answers, a close one is preferred.
+
+        Raises:
+            InvalidValueError: `q_seed` is not a finite vector of shape (n,).
+        """
+        ...
+
+
+def pose_errors(arm: Arm, T_world_target: SE3, q: Vector) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between the tool at q and a target."""
+    T_tcp_target = arm.pose(q).inverse() @ T_world_target
+    angle = float(np.linalg.norm(T_tcp_target.rotation().log()))
+    return float(np.linalg.norm(T_tcp_target.translation())), angle
+
+
+def judged(
+    arm: Arm, T_world_target: SE3, q: ArrayLike, tolerance: Tolerance, iterations: int
+) -> IkResult:
+    """Result for a solver that stopped at q, whatever the solver itself thinks of it."""
+    q = np.array(q, dtype=np.float64)
+    position_error, orientation_error = pose_errors(arm, T_world_target, q)
+    margin = arm.limit_margin(q)
+    reason: Reason | None = None
+    explanation = ""
+    if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
+        if margin < 0.0:
+            reason, explanation = Reason.JOINT_LIMITS, _outside(arm, q)
+    else:
+        beyond = arm.beyond_reach(T_world_target.translation())
+        residual = (
+            f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
+            f"after {iterations} iterations"
+        )
+        if beyond > 0.0:
+            reason = Reason.OUT_OF_REACH
+            explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
+        else:
+            reason, explanation = Reason.NOT_CONVERGED, residual
+    return IkResult(
+        q=q,
+        reason=reason,
+        explanation=explanation,
+        position_error=position_error,
+        orientation_error=orientation_error,
+        limit_margin=margin,
+        iterations=iterations,
+    )
+
+
+def rejected(arm: Arm, q_seed: Vector) -> IkResult:
+    """Result for a target that is no pose: NaN, infinite, or without a unit quaternion."""
+    return IkResult(
+        q=q_seed.copy(),
+        reason=Reason.INVALID_TARGET,
+        explanation="the target is not a finite pose with a unit quaternion",
+        position_error=float("nan"),
+        orientation_error=float("nan"),
+        limit_margin=arm.limit_margin(q_seed),
+        iterations=0,
+    )
+
+
+def is_pose(T_world_target: SE3) -> bool:
+    """True for a finite pose whose quaternion has unit length within 1e-6."""
+    pose = T_world_target.wxyz_xyz
+    return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
+
+
+def _outside(arm: Arm, q: Vector) -> str:
+    beyond = np.maximum(arm.q_min - q, q - arm.q_max)
+    return ", ".join(
+        f"{arm.robot.joints[i]} is {beyond[i]:.3f} rad outside "
+        f"[{arm.q_min[i]:.3f}, {arm.q_max[i]:.3f}]"
+        for i in np.flatnonzero(beyond > 0.0)
+    )

@@ -1,0 +1,1 @@
+"""Motion: timed joint references between configurations."""

@@ -1,0 +1,35 @@
+"""Line: the straight motion of a tool between two poses."""
+
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.arrays import Vector
+
+
+class Line:
+    """The position goes straight; the orientation turns about one axis, in proportion."""
+
+    def __init__(self, start: SE3, goal: SE3) -> None:
+        """From `start` to `goal`, both T_world_tcp; the turn is the shorter one."""
+        self._start = start
+        self._shift = goal.translation() - start.translation()
+        self._turn = (start.rotation().inverse() @ goal.rotation()).log()
+        self.length = float(np.linalg.norm(self._shift))
+        """[m]"""
+        self.angle = float(np.linalg.norm(self._turn))
+        """[rad]"""
+
+    def at(self, s: float) -> SE3:
+        """T_world_tcp at s in [0, 1]."""
+        return SE3.from_rotation_and_translation(
+            self._start.rotation() @ SO3.exp(s * self._turn),
+            self._start.translation() + s * self._shift,
+        )
+
+    def distances(self, positions: Vector) -> Vector:
+        """Distance of points (N, 3) from the line between the two poses, shape (N,) [m]."""
+        offset = positions - self._start.translation()
+        if self.length == 0.0:
+            return np.linalg.norm(offset, axis=1)
+        s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
+        return np.linalg.norm(offset - s[:, None] * self._shift, axis=1)

@@ -1,0 +1,37 @@
+"""How fast the tool may go along a path."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathProfile:
+    """Bounds on the tool along a straight path; each a speed, an acceleration, a jerk."""
+
+    linear: tuple[float, float, float] = (0.25, 0.75, 5.0)
+    """[m/s, m/s², m/s³]"""
+    angular: tuple[float, float, float] = (1.0, 3.0, 20.0)
+    """[rad/s, rad/s², rad/s³]"""
+
+    def along(self, length: float, angle: float, speed: float) -> Vector:
+        """Bounds on the first three derivatives of the path parameter in [0, 1].
+
+        Args:
+            length: Length of the path [m].
+            angle: Angle turned on the way [rad].
+            speed: Pace in (0, 1]; stretches time by its inverse.
+
+        Returns:
+            Shape (3,) [1/s, 1/s², 1/s³].
+        """
+        bounds = [
+            min(
+                linear / length if length > 0.0 else np.inf,
+                angular / angle if angle > 0.0 else np.inf,
+            )
+            for linear, angular in zip(self.linear, self.angular, strict=True)
+        ]
+        return np.array(bounds) * speed ** np.arange(1, 4)

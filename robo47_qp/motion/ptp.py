@@ -1,0 +1,25 @@
+"""PTP: all joints from one configuration to another, as fast as their limits allow."""
+
+from robo47_qp.arrays import Vector
+from robo47_qp.motion.jerk_limited import rest_to_rest
+from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.robot import MotionProfile
+
+
+def plan_ptp(q_start: Vector, q_goal: Vector, profile: MotionProfile, dt: float) -> Trajectory:
+    """Straight line in joint space from rest to rest.
+
+    Between two configurations inside the joint limits every sample is inside them. The tool
+    does not follow a line.
+
+    Args:
+        q_start: (n,) [rad].
+        q_goal: (n,) [rad].
+        profile: Bounds of the joints.
+        dt: Time between samples [s].
+
+    Raises:
+        InvalidValueError: A configuration is not finite.
+    """
+    samples = rest_to_rest(q_start, q_goal, profile.v_max, profile.a_max, profile.j_max, dt)
+    return Trajectory(dt=dt, q=samples.x, v=samples.v, a=samples.a)

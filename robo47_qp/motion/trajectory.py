@@ -1,0 +1,52 @@
+"""Trajectory: joint references sampled at the control rate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.arm import JointReference
+from robo47_qp.arrays import Matrix, Vector
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """References at the instants 0, dt, 2 dt, ..., of which the last is the goal, at rest.
+
+    A trajectory of N + 1 samples takes N control periods. Its last sample belongs to the
+    instant at which the next one starts: that one's first sample repeats it.
+    """
+
+    dt: float
+    """Time between samples [s]."""
+    q: Matrix
+    """Positions (N + 1, n) [rad]."""
+    v: Matrix
+    """Velocities (N + 1, n) [rad/s]."""
+    a: Matrix
+    """Accelerations (N + 1, n) [rad/s²]."""
+
+    @property
+    def steps(self) -> int:
+        """Number of control periods, N."""
+        return len(self.q) - 1
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return self.steps * self.dt
+
+    @property
+    def end(self) -> JointReference:
+        """The goal, at rest."""
+        return JointReference(self.q[-1].copy(), self.v[-1].copy(), self.a[-1].copy())
+
+    @property
+    def jerk(self) -> Matrix:
+        """Mean jerk between samples (N, n) [rad/s³]."""
+        return np.diff(self.a, axis=0) / self.dt
+
+
+def hold(q: Vector, steps: int, dt: float) -> Trajectory:
+    """Stay at q for a number of control periods."""
+    rest = np.zeros((steps + 1, len(q)))
+    return Trajectory(dt=dt, q=np.tile(q, (steps + 1, 1)), v=rest, a=rest)

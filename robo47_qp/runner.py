@@ -1,0 +1,237 @@
+"""Runner: the one place that sees the whole path from task to recording."""
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from robo47_qp import signals
+from robo47_qp.arm import Arm, JointReference
+from robo47_qp.arrays import Matrix
+from robo47_qp.errors import PlanError
+from robo47_qp.motion.planner import Leg
+from robo47_qp.motion.trajectory import Trajectory, hold
+from robo47_qp.recording import Recording, Rows, Sink, slices
+from robo47_qp.robot import Robot
+from robo47_qp.run import Phase, Run, Scenario
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.simulation import Simulation
+from robo47_qp.task import Cause, Failure
+from robo47_qp.waypoint import Grip, Payload
+
+
+class Observer(Protocol):
+    """Looks on while a run goes on."""
+
+    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
+        """A leg starts; its reference tool positions are (N, 3) [m]."""
+        ...
+
+    def phase(self, time: float, name: str) -> None:
+        """A phase starts."""
+        ...
+
+    def note(self, time: float, text: str, level: str) -> None:
+        """Something worth telling happened; level is INFO, WARN or ERROR."""
+        ...
+
+    def tick(self, simulation: Simulation) -> None:
+        """Called every `TICK_ROWS` periods or sooner; may wait to keep a pace."""
+        ...
+
+
+TICK_ROWS = 20
+"""Control periods between two looks of the observers."""
+_GRIP_STILL = 0.05
+"""How long the fingers must stand still for a grip to count as done [s]."""
+_GRIP_TIMEOUT = 3.0
+"""When a grip is over whether or not the fingers stand still [s]."""
+_LAST_HOLD = 0.3
+"""Time at rest before the end is judged [s]."""
+
+
+class Runner:
+    """Runs a scenario once."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        sinks: Sequence[Sink] = (),
+        observers: Sequence[Observer] = (),
+    ) -> None:
+        """Put the world at the start of the scenario.
+
+        Args:
+            scenario: What to run.
+            simulation: The world, built from the scenario's robot and task.
+            sinks: Who gets the rows of the recording.
+            observers: Who looks on.
+        """
+        self.scenario = scenario
+        self._sim = simulation
+        self._observers = tuple(observers)
+        self._arm = Arm(scenario.robot)
+        self._belief = self._arm
+        columns = signals.all_signals(scenario.robot, simulation.objects)
+        self._recording = Recording(columns, sinks=sinks)
+        self._columns = _Columns(scenario.robot, simulation.objects)
+        self._phases: list[Phase] = []
+        self._reference = np.array(scenario.robot.home)
+        self._loop_seconds = 0.0
+        simulation.reset()
+        seed = scenario.seed
+        scenario.task.reset(simulation, None if seed is None else np.random.default_rng(seed))
+
+    def rehearse(self) -> list[Leg]:
+        """Plan the way through the waypoints that the task foresees; nothing moves.
+
+        Raises:
+            PlanError: One of them cannot be reached.
+        """
+        legs, q = [], self._reference
+        for waypoint in self.scenario.task.outlook(self._sim):
+            legs.append(self.scenario.planner.plan(self._arm, waypoint, q, TIMESTEP))
+            q = legs[-1].trajectory.end.q
+        return legs
+
+    def run(self) -> Run:
+        """Carry out the task.
+
+        Raises:
+            RecordingError: A sink could not keep the recording.
+        """
+        task = self.scenario.task
+        failure = self._carry_out()
+        self._note(f"gave up: {failure.evidence}" if failure else "program done", failure)
+        self._hold("end", _LAST_HOLD)
+        failure = failure or task.verdict(self._sim)
+        self._note(
+            f"failed ({failure.cause.value}): {failure.evidence}" if failure else "success", failure
+        )
+        self._recording.flush()
+        return Run(
+            scenario=self.scenario,
+            rows=self._recording.rows(),
+            phases=self._phases,
+            failure=failure,
+            measures=task.measures(self._sim),
+            loop_seconds=self._loop_seconds,
+            objects=self._sim.objects,
+        )
+
+    def _carry_out(self) -> Failure | None:
+        program = self.scenario.task.program(self._sim)
+        try:
+            while True:
+                waypoint = next(program)
+                self._believe(waypoint.carried)
+                leg = self.scenario.planner.plan(self._arm, waypoint, self._reference, TIMESTEP)
+                self._follow(waypoint.name, leg.trajectory, leg)
+                if waypoint.grip is not None:
+                    self._take_grip(waypoint.grip)
+        except StopIteration as end:
+            failure: Failure | None = end.value
+            return failure
+        except PlanError as error:
+            return Failure(cause=Cause.PLAN, evidence=str(error))
+
+    def _believe(self, payload: Payload | None) -> None:
+        if payload is not self._belief.payload:
+            self._belief = self._arm if payload is None else self._arm.carrying(payload)
+
+    def _take_grip(self, grip: Grip) -> None:
+        opening = grip.width > self._sim.width()
+        if opening:
+            self._believe(None)
+        self._sim.command_grip(grip)
+        name = "open gripper" if opening else "close gripper"
+        still, waited = 0.0, 0.0
+        while still < _GRIP_STILL and waited < _GRIP_TIMEOUT:
+            self._hold(name, TICK_ROWS * TIMESTEP)
+            waited += TICK_ROWS * TIMESTEP
+            still = still + TICK_ROWS * TIMESTEP if self._sim.grip_settled() else 0.0
+        force = self._sim.last_finger_forces()
+        self._note(
+            f"{name}: {1e3 * self._sim.width():.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N"
+        )
+
+    def _hold(self, name: str, seconds: float) -> None:
+        self._follow(name, hold(self._reference, round(seconds / TIMESTEP), TIMESTEP), None)
+
+    def _follow(self, name: str, trajectory: Trajectory, leg: Leg | None) -> None:
+        """Track a trajectory from its first to before its last sample."""
+        if not self._phases or leg is not None or self._phases[-1].name != name:
+            self._phases.append(Phase(name=name, start=len(self._recording), leg=leg))
+            for observer in self._observers:
+                observer.phase(self._sim.time, name)
+        references = self._references(trajectory)
+        if leg is not None:
+            for observer in self._observers:
+                observer.planned(self._sim.time, leg, references[:, self._columns.tool_position])
+        done = 0
+        while done < trajectory.steps:
+            count = min(trajectory.steps - done, self._recording.room, TICK_ROWS)
+            self._advance(trajectory, references, done, count)
+            done += count
+            for observer in self._observers:
+                observer.tick(self._sim)
+        self._reference = trajectory.end.q
+
+    def _advance(self, trajectory: Trajectory, references: Matrix, first: int, count: int) -> None:
+        """The control loop: `count` periods, one row of the recording each."""
+        started = perf_counter()
+        sim, arm, controller = self._sim, self._belief, self.scenario.controller
+        now, command, last = self._columns.now, self._columns.command, self._columns.last
+        rows = self._recording.open_rows(count)
+        rows[:, 0] = (len(self._recording) + np.arange(count)) * TIMESTEP
+        rows[:, 1] = len(self._phases) - 1
+        rows[:, self._columns.reference] = references[first : first + count]
+        for row, q, v, a in zip(
+            rows,
+            trajectory.q[first : first + count],
+            trajectory.v[first : first + count],
+            trajectory.a[first : first + count],
+            strict=True,
+        ):
+            sim.write_now(row[now])
+            tau = controller.torque(arm, JointReference(q, v, a), sim.state())
+            row[command] = tau
+            sim.step(tau)
+            sim.write_last(row[last])
+        signals.derive(Rows(self._recording.signals, rows), sim.robot.gripper.fingers)
+        self._recording.close_rows(count)
+        self._loop_seconds += perf_counter() - started
+
+    def _references(self, trajectory: Trajectory) -> Matrix:
+        """Columns `signals.reference` for every sample."""
+        arm = self._belief
+        samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
+        tau = np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
+        poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])
+        return np.hstack(
+            [trajectory.q, trajectory.v, trajectory.a, tau, poses[:, 4:], poses[:, :4]]
+        )
+
+    def _note(self, text: str, failure: Failure | None = None) -> None:
+        for observer in self._observers:
+            observer.note(self._sim.time, text, "INFO" if failure is None else "ERROR")
+
+
+class _Columns:
+    """Where groups of signals stand in a row."""
+
+    def __init__(self, robot: Robot, objects: Sequence[str]) -> None:
+        found = slices(signals.all_signals(robot, objects))
+
+        def span(group: Sequence[signals.Signal]) -> slice:
+            return slice(found[group[0].name].start, found[group[-1].name].stop)
+
+        self.reference = span(signals.reference(robot))
+        self.now = span(signals.now(robot, objects))
+        self.command = span(signals.command(robot))
+        self.last = span(signals.last(robot))
+        n = len(robot.joints)
+        self.tool_position = slice(4 * n, 4 * n + 3)
+

@@ -1,0 +1,89 @@
+"""Scene: robot, task objects and physics options compiled into one MuJoCo model."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.robot import Robot
+
+TIMESTEP = 1e-3
+"""Period of control and physics [s]."""
+
+BuildScene = Callable[[mujoco.MjSpec], None]
+"""Adds bodies to a spec that already holds the robot, its base at the world's origin."""
+
+_FORCE_FIELD, _NET_FORCE, _ONE_SLOT = 1 << 1, 3, 1
+"""Parameters of MuJoCo's contact sensor: report the force, summed over all contacts."""
+
+
+def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
+    """Compile the robot and the bodies around it.
+
+    Raises:
+        UnknownNameError: The robot's model lacks a name that the description uses.
+        ModelError: The joints or motors of the robot do not lie side by side.
+    """
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    _check_names(robot, spec)
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Grasps creep under MuJoCo's soft friction unless the cone is elliptic, impratio is
+    # high and slip is removed after the solver (github.com/google-deepmind/mujoco/issues/3328).
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.noslip_iterations = 5
+    for finger in robot.gripper.fingers:
+        spec.add_sensor(
+            name=contact_sensor(finger),
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            objname=finger,
+            intprm=[_FORCE_FIELD, _NET_FORCE, _ONE_SLOT],
+        )
+    build_scene(spec)
+    model = spec.compile()
+    for name, ids in (
+        ("joints", [model.joint(joint).id for joint in robot.joints]),
+        ("motors", [model.actuator(motor).id for motor in robot.motors]),
+    ):
+        if ids != list(range(ids[0], ids[0] + len(ids))):
+            raise ModelError(
+                f"The {name} of robot {robot.name!r} have the ids {ids} in its model; "
+                "they must follow each other, base to tip."
+            )
+    return model
+
+
+def contact_sensor(finger: str) -> str:
+    """Name of the sensor that sums the contact forces on a finger."""
+    return f"{finger}_contact"
+
+
+def free_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the bodies that move freely, in the order of the model."""
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    return tuple(model.body(model.jnt_bodyid[i]).name for i in free)
+
+
+def mocap_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the bodies that only a program moves, in the order of their mocap ids."""
+    count = int(model.body_mocapid.max()) + 1
+    bodies = [int(np.flatnonzero(model.body_mocapid == i)[0]) for i in range(count)]
+    return tuple(model.body(body).name for body in bodies)
+
+
+def _check_names(robot: Robot, spec: mujoco.MjSpec) -> None:
+    gripper = robot.gripper
+    for kind, wanted, elements in (
+        ("joint", robot.joints + gripper.joints, spec.joints),
+        ("motor", (*robot.motors, gripper.actuator), spec.actuators),
+        ("body", gripper.fingers, spec.bodies),
+        ("site", (robot.tcp,), spec.sites),
+    ):
+        known = [element.name for element in elements]
+        for name in wanted:
+            if name not in known:
+                raise UnknownNameError(kind, name, known)

@@ -1,0 +1,237 @@
+"""Simulation: the world. The only place that knows MuJoCo addresses of robot and objects."""
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import JointState
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.robot import Robot
+from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene, contact_sensor, free_bodies, mocap_bodies
+from robo47_qp.waypoint import Grip
+
+
+class Simulation:
+    """Robot and objects in MuJoCo, stepped with joint torques.
+
+    After construction and after every `step`, what can be read belongs to the instant
+    `time`: positions, velocities, tool and object poses. What belongs to the period that
+    led there (acceleration, contact forces, torques) is named `last_...`.
+    """
+
+    def __init__(self, robot: Robot, build_scene: BuildScene) -> None:
+        """Compile the scene and put the robot at home, at rest, with its gripper open.
+
+        Args:
+            robot: The robot to simulate, its base at the world's origin.
+            build_scene: Adds the task's bodies.
+
+        Raises:
+            UnknownNameError: The model lacks a joint, motor, site or finger of the robot.
+            ModelError: The robot's joints or motors do not lie side by side.
+        """
+        self.robot = robot
+        self.model = compile_scene(robot, build_scene)
+        self.data = mujoco.MjData(self.model)
+        self.objects = free_bodies(self.model)
+        self.markers = mocap_bodies(self.model)
+        m, d, n, gripper = self.model, self.data, len(robot.joints), robot.gripper
+        # The arrays of MjData keep their place: each view is taken once.
+        first, motor = m.joint(robot.joints[0]), m.actuator(robot.motors[0]).id
+        q, dof = first.qposadr[0], first.dofadr[0]
+        self._q, self._v, self._a = d.qpos[q : q + n], d.qvel[dof : dof + n], d.qacc[dof : dof + n]
+        self._bias = d.qfrc_bias[dof : dof + n]
+        self._ctrl, self._tau = d.ctrl[motor : motor + n], d.qfrc_actuator[dof : dof + n]
+        tcp = m.site(robot.tcp).id
+        self._tcp_position, self._tcp_quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
+        left, right = (m.joint(name) for name in gripper.joints)
+        self._left, self._right = d.qpos[left.qposadr[0] :], d.qpos[right.qposadr[0] :]
+        self._left_v, self._right_v = d.qvel[left.dofadr[0] :], d.qvel[right.dofadr[0] :]
+        self._servo = m.actuator(gripper.actuator).id
+        self._forces = [d.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
+        self._poses = {name: d.qpos[_free_joint(m, name).qposadr[0] :][:7] for name in self.objects}
+        self._twists = {name: d.qvel[_free_joint(m, name).dofadr[0] :][:6] for name in self.objects}
+        self._views_now = (
+            *(self._q, self._v, self._tcp_position, self._tcp_quaternion),
+            *(self._left[:1], self._right[:1], d.ctrl[self._servo : self._servo + 1]),
+            *self._poses.values(),
+        )
+        self._views_last = (self._a, self._tau, *self._forces)
+        self._tau_step = robot.tau_rate_max * TIMESTEP
+        self._tau_low, self._tau_high = np.empty(n), np.empty(n)
+        self._grip = Grip(width=gripper.width_max, force=gripper.force_max)
+        self.reset()
+
+    def reset(self) -> None:
+        """Robot at home, at rest, held against gravity; gripper open; objects as built."""
+        mujoco.mj_resetData(self.model, self.data)
+        gripper = self.robot.gripper
+        self._q[:] = self.robot.home
+        self._left[0] = self._right[0] = gripper.width_max / 2
+        self.command_grip(Grip(width=gripper.width_max, force=gripper.force_max))
+        mujoco.mj_forward(self.model, self.data)
+        np.clip(self._bias, -self.robot.tau_max, self.robot.tau_max, out=self._ctrl)
+        mujoco.mj_step1(self.model, self.data)
+
+    def step(self, tau: Vector) -> None:
+        """Apply joint torques for one period, as far as the motors can.
+
+        A motor delivers the torque closest to the command that is within tau_max, and
+        within tau_rate_max of its torque in the period before.
+
+        Args:
+            tau: Commanded torque (n,) [N·m].
+        """
+        ctrl, low, high, limit = self._ctrl, self._tau_low, self._tau_high, self.robot.tau_max
+        np.subtract(ctrl, self._tau_step, out=low)
+        np.add(ctrl, self._tau_step, out=high)
+        np.maximum(tau, low, out=ctrl)
+        np.minimum(ctrl, high, out=ctrl)
+        np.minimum(ctrl, limit, out=ctrl)
+        np.maximum(ctrl, -limit, out=ctrl)
+        self._move_servo()
+        mujoco.mj_step2(self.model, self.data)
+        mujoco.mj_step1(self.model, self.data)
+
+    def command_grip(self, grip: Grip) -> None:
+        """Let the fingers move to a width, at the gripper's speed and with a bounded force.
+
+        Raises:
+            InvalidValueError: Width or force are outside what the gripper can do.
+        """
+        gripper = self.robot.gripper
+        if not 0.0 <= grip.width <= gripper.width_max:
+            expected = f"between 0 and {gripper.width_max} [m]"
+            raise InvalidValueError("grip width", grip.width, expected)
+        if not 0.0 < grip.force <= gripper.force_max:
+            expected = f"above 0 and at most {gripper.force_max} [N]"
+            raise InvalidValueError("grip force", grip.force, expected)
+        self._grip = grip
+        # The servo's target lies beyond an object that it squeezes: a new move starts here.
+        self.data.ctrl[self._servo] = min(max(self.width(), 0.0), gripper.width_max)
+        limit = grip.force * gripper.force_gain
+        self.model.actuator_forcerange[self._servo] = (-limit, limit)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    def write_now(self, row: Vector) -> None:
+        """Fill a recording's columns `signals.now` with what belongs to `time`."""
+        np.concatenate(self._views_now, out=row)
+
+    def write_last(self, row: Vector) -> None:
+        """Fill a recording's columns `signals.last` with what belongs to the last period."""
+        np.concatenate(self._views_last, out=row)
+
+    def state(self) -> JointState:
+        """Joint positions and velocities now."""
+        return JointState(self._q.copy(), self._v.copy())
+
+    def tool_pose(self) -> SE3:
+        """T_world_tcp now."""
+        return SE3(np.concatenate([self._tcp_quaternion, self._tcp_position]))
+
+    def width(self) -> float:
+        """Opening width of the gripper now [m]."""
+        return float(self._left[0] + self._right[0])
+
+    def width_speed(self) -> float:
+        """Rate of the opening width now [m/s]."""
+        return float(self._left_v[0] + self._right_v[0])
+
+    def width_command(self) -> float:
+        """Opening width that the gripper's servo holds to now [m]."""
+        return float(self.data.ctrl[self._servo])
+
+    def grip_settled(self) -> bool:
+        """True once the fingers stand still, at the width asked for or at the full force."""
+        force = float(self.data.actuator_force[self._servo]) / self.robot.gripper.force_gain
+        towards = force if self._grip.width > self.width() else -force
+        arrived = self.width_command() == self._grip.width
+        still = abs(self.width_speed()) < 1e-3
+        return still and (arrived or towards > 0.99 * self._grip.force)
+
+    def last_acceleration(self) -> Vector:
+        """Joint accelerations in the last period (n,) [rad/s²]."""
+        return self._a.copy()
+
+    def last_torque(self) -> Vector:
+        """Torques that the motors delivered in the last period (n,) [N·m]."""
+        return self._tau.copy()
+
+    def last_finger_forces(self) -> Vector:
+        """Size of the net contact force on each finger in the last period (2,) [N]."""
+        return np.array([np.sqrt(force @ force) for force in self._forces])
+
+    def object_pose(self, name: str) -> SE3:
+        """T_world_object now.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        pose = self._poses[self._known(name)]
+        return SE3(np.concatenate([pose[3:], pose[:3]]))
+
+    def object_twist(self, name: str) -> Vector:
+        """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self._twists[self._known(name)].copy()
+
+    def place_object(self, name: str, T_world_object: SE3) -> None:
+        """Put a free body at a pose, at rest.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        pose = self._poses[self._known(name)]
+        pose[:3] = T_world_object.translation()
+        pose[3:] = T_world_object.rotation().wxyz
+        self._twists[name][:] = 0.0
+        mujoco.mj_step1(self.model, self.data)
+
+    def marker_pose(self, name: str) -> SE3:
+        """T_world_marker of a body that only the program moves (a mocap body).
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        i = self._marker(name)
+        return SE3(np.concatenate([self.data.mocap_quat[i], self.data.mocap_pos[i]]))
+
+    def place_marker(self, name: str, T_world_marker: SE3) -> None:
+        """Put a marker at a pose.
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        i = self._marker(name)
+        self.data.mocap_pos[i] = T_world_marker.translation()
+        self.data.mocap_quat[i] = T_world_marker.rotation().wxyz
+        mujoco.mj_step1(self.model, self.data)
+
+    def _marker(self, name: str) -> int:
+        if name not in self.markers:
+            raise UnknownNameError("marker", name, self.markers)
+        return self.markers.index(name)
+
+    def _known(self, name: str) -> str:
+        if name not in self._poses:
+            raise UnknownNameError("object", name, self.objects)
+        return name
+
+    def _move_servo(self) -> None:
+        ctrl, wanted = self.data.ctrl, self._grip.width
+        now = float(ctrl[self._servo])
+        if now != wanted:
+            step = self.robot.gripper.speed_max * TIMESTEP
+            ctrl[self._servo] = min(max(wanted, now - step), now + step)
+
+
+def _free_joint(model: mujoco.MjModel, body: str) -> mujoco._structs._MjModelJointViews:
+    return model.joint(model.body(body).jntadr[0])

@@ -1,0 +1,1 @@
+"""Scripts that run a task under a set of choices."""

@@ -1,0 +1,1 @@
+"""Jobs for the robot, one module each."""

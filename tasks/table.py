@@ -1,0 +1,41 @@
+"""The table that tasks happen on, and what it takes to see them."""
+
+import mujoco
+
+TABLE_TOP = 0.0
+"""Height of the table's surface, at the robot's base [m]."""
+
+
+def add_table(spec: mujoco.MjSpec) -> None:
+    """Add a table, a floor, a light and a camera named "overview"."""
+    world = spec.worldbody
+    wood, steel = [0.80, 0.71, 0.58, 1.0], [0.35, 0.36, 0.38, 1.0]
+    world.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0.30, 0.0, TABLE_TOP - 0.02],
+        size=[0.60, 0.60, 0.02],
+        rgba=wood,
+    )
+    for i, (x, y) in enumerate([(-0.25, -0.55), (-0.25, 0.55), (0.85, -0.55), (0.85, 0.55)]):
+        world.add_geom(
+            name=f"table_leg{i}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, TABLE_TOP - 0.37],
+            size=[0.025, 0.025, 0.33],
+            rgba=steel,
+            contype=0,
+            conaffinity=0,
+        )
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0.0, 0.0, TABLE_TOP - 0.70],
+        size=[2.0, 2.0, 0.05],
+        rgba=[0.62, 0.66, 0.70, 1.0],
+    )
+    world.add_light(pos=[0.6, -0.6, 2.2], dir=[-0.2, 0.25, -1.0], castshadow=True)
+    world.add_light(pos=[0.6, 1.2, 2.2], dir=[-0.2, -0.5, -1.0], castshadow=False)
+    world.add_camera(
+        name="overview", pos=[1.55, -0.95, 0.95], xyaxes=[0.53, 0.85, 0, -0.40, 0.25, 0.88]
+    )
