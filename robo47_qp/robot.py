@@ -102,6 +102,8 @@ class Robot:
     stiffness: Vector
     """Joint impedance stiffness used by default (n,) [N·m/rad]."""
     gripper: Gripper
+    menagerie: str | None = None
+    """Directory and file of the same robot in MuJoCo Menagerie, for its meshes."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays.

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -12,33 +11,14 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.errors import PlanError
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.trajectory import Trajectory, hold
-from robo47_qp.recording import Recording, Rows, Sink, slices
+from robo47_qp.observer import Observer
+from robo47_qp.recording import Recording, Rows, Signal, Sink, slices
 from robo47_qp.robot import Robot
 from robo47_qp.run import Phase, Run, Scenario
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause, Failure
 from robo47_qp.waypoint import Grip, Payload
-
-
-class Observer(Protocol):
-    """Looks on while a run goes on."""
-
-    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        """A leg starts; its reference tool positions are (N, 3) [m]."""
-        ...
-
-    def phase(self, time: float, name: str) -> None:
-        """A phase starts."""
-        ...
-
-    def note(self, time: float, text: str, level: str) -> None:
-        """Something worth telling happened; level is INFO, WARN or ERROR."""
-        ...
-
-    def tick(self, simulation: Simulation) -> None:
-        """Called every `TICK_ROWS` periods or sooner; may wait to keep a pace."""
-        ...
 
 
 TICK_ROWS = 20
@@ -52,31 +32,23 @@ _LAST_HOLD = 0.3
 
 
 class Runner:
-    """Runs a scenario once."""
+    """Runs a scenario, once."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        simulation: Simulation,
-        sinks: Sequence[Sink] = (),
-        observers: Sequence[Observer] = (),
-    ) -> None:
+    def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
         """Put the world at the start of the scenario.
 
         Args:
             scenario: What to run.
             simulation: The world, built from the scenario's robot and task.
-            sinks: Who gets the rows of the recording.
-            observers: Who looks on.
         """
         self.scenario = scenario
+        self.signals = signals.all_signals(scenario.robot, simulation.objects)
         self._sim = simulation
-        self._observers = tuple(observers)
         self._arm = Arm(scenario.robot)
         self._belief = self._arm
-        columns = signals.all_signals(scenario.robot, simulation.objects)
-        self._recording = Recording(columns, sinks=sinks)
         self._columns = _Columns(scenario.robot, simulation.objects)
+        self._recording = Recording(self.signals)
+        self._observers: tuple[Observer, ...] = ()
         self._phases: list[Phase] = []
         self._reference = np.array(scenario.robot.home)
         self._loop_seconds = 0.0
@@ -96,12 +68,18 @@ class Runner:
             q = legs[-1].trajectory.end.q
         return legs
 
-    def run(self) -> Run:
-        """Carry out the task.
+    def run(self, sinks: Sequence[Sink] = (), observers: Sequence[Observer] = ()) -> Run:
+        """Carry out the task, from the start of the scenario; call it once.
+
+        Args:
+            sinks: Who gets the rows of the recording.
+            observers: Who looks on.
 
         Raises:
             RecordingError: A sink could not keep the recording.
         """
+        self._recording = Recording(self.signals, sinks=sinks)
+        self._observers = tuple(observers)
         task = self.scenario.task
         failure = self._carry_out()
         self._note(f"gave up: {failure.evidence}" if failure else "program done", failure)
@@ -225,7 +203,7 @@ class _Columns:
     def __init__(self, robot: Robot, objects: Sequence[str]) -> None:
         found = slices(signals.all_signals(robot, objects))
 
-        def span(group: Sequence[signals.Signal]) -> slice:
+        def span(group: Sequence[Signal]) -> slice:
             return slice(found[group[0].name].start, found[group[-1].name].stop)
 
         self.reference = span(signals.reference(robot))

@@ -1,6 +1,10 @@
 """The table that tasks happen on, and what it takes to see them."""
 
+from collections.abc import Sequence
+
 import mujoco
+import numpy as np
+from mink import SO3
 
 TABLE_TOP = 0.0
 """Height of the table's surface, at the robot's base [m]."""
@@ -34,8 +38,28 @@ def add_table(spec: mujoco.MjSpec) -> None:
         size=[2.0, 2.0, 0.05],
         rgba=[0.62, 0.66, 0.70, 1.0],
     )
-    world.add_light(pos=[0.6, -0.6, 2.2], dir=[-0.2, 0.25, -1.0], castshadow=True)
-    world.add_light(pos=[0.6, 1.2, 2.2], dir=[-0.2, -0.5, -1.0], castshadow=False)
-    world.add_camera(
-        name="overview", pos=[1.55, -0.95, 0.95], xyaxes=[0.53, 0.85, 0, -0.40, 0.25, 0.88]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.97],
+        rgb2=[0.62, 0.68, 0.75],
+        width=256,
+        height=256,
     )
+    world.add_light(pos=[0.6, -0.6, 2.2], dir=[-0.2, 0.25, -1.0], castshadow=True)
+    world.add_light(
+        pos=[0.6, 1.2, 2.2], dir=[-0.2, -0.5, -1.0], castshadow=False, diffuse=[0.25] * 3
+    )
+    _add_camera(world, "overview", eye=(1.75, -1.15, 0.95), target=(0.22, 0.0, 0.22))
+
+
+def _add_camera(
+    world: mujoco.MjsBody, name: str, eye: Sequence[float], target: Sequence[float]
+) -> None:
+    """Camera at `eye` that looks at `target`, upright [m]."""
+    back = np.subtract(eye, target) / np.linalg.norm(np.subtract(eye, target))
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    R_world_camera = np.column_stack([right, np.cross(back, right), back])
+    world.add_camera(name=name, pos=eye, quat=SO3.from_matrix(R_world_camera).wxyz, fovy=40.0)

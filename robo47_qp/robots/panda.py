@@ -40,4 +40,5 @@ PANDA = Robot(
         force_max=70.0,
         force_gain=1.0,
     ),
+    menagerie="franka_emika_panda/panda",
 )

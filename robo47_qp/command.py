@@ -1,0 +1,128 @@
+"""Command: a scenario as a script, from its options to its exit code."""
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TypeVar
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+
+from robo47_qp.audit import audit
+from robo47_qp.errors import RecordingError, Robo47Error
+from robo47_qp.metrics import metrics
+from robo47_qp.observer import Observer
+from robo47_qp.options import RunOptions
+from robo47_qp.pacing import RealTime, ViewerWindow
+from robo47_qp.plots import plot_run
+from robo47_qp.report import report, summary_markdown
+from robo47_qp.rerun_log import RerunLog
+from robo47_qp.robot import Robot
+from robo47_qp.runner import Runner
+from robo47_qp.simulation import Simulation
+from robo47_qp.task import Task
+from robo47_qp.terminal import ProgressBar, print_summary
+from robo47_qp.video import Video
+from robo47_qp.visuals import with_menagerie_looks
+
+OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+Options = TypeVar("Options")
+ObserverT = TypeVar("ObserverT", bound=Observer)
+
+
+def main(
+    options: type[Options], run: Callable[[Options, Console], int], description: str
+) -> int:
+    """Parse the command line, run, and turn errors into one message and an exit code.
+
+    Returns:
+        0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C.
+    """
+    chosen = tyro.cli(options, description=description, config=(tyro.conf.FlagCreatePairsOff,))
+    console = Console(stderr=bool(getattr(chosen, "json", False)))
+    try:
+        return run(chosen, console)
+    except Robo47Error as error:
+        Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        Console(stderr=True).print("interrupted; what was recorded so far is kept")
+        return INTERRUPTED
+
+
+def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) -> int:
+    """Run one task once, record it, and say how it went.
+
+    Raises:
+        Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
+            a `RecordingError`, what was recorded before is in the file.
+    """
+    scenario = options.scenario(robot, task)
+    looks = task.build_scene
+    if options.visuals == "menagerie":
+        looks = with_menagerie_looks(robot, looks)
+    simulation = Simulation(robot, looks)
+    runner = Runner(scenario, simulation)
+    foreseen = sum(leg.trajectory.duration for leg in runner.rehearse())
+    files = {
+        "recording": options.log,
+        "report": options.log.with_suffix(".json"),
+        "plot": options.plot or options.log.with_suffix(".png"),
+    }
+    if options.video is not None:
+        files["video"] = options.video
+    for path in files.values():
+        _claim(path)
+    with ExitStack() as stack:
+
+        def joined(observer: ObserverT) -> ObserverT:
+            stack.callback(observer.close)
+            return observer
+
+        observers: list[Observer] = []
+        if options.video is not None:
+            observers.append(joined(Video(simulation, options.video)))
+        if options.viewer:
+            observers.append(joined(ViewerWindow(simulation)))
+        if options.paced:
+            observers.append(RealTime())
+        log = joined(RerunLog(options.log, simulation.model, robot, runner.signals, live=options.live))
+        observers += [log, joined(ProgressBar(console, foreseen))]
+        run = runner.run(sinks=[log], observers=observers)
+        figures, findings = metrics(run), audit(run)
+        summary = report(run, figures, findings)
+        log.finish(summary_markdown(summary))
+    plot_run(run, files["plot"])
+    _write(files["report"], json.dumps(summary, indent=2))
+    if options.json:
+        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
+    else:
+        print_summary(console, run, figures, findings, files)
+    return OK if run.failure is None else FAILED
+
+
+def _claim(path: Path) -> None:
+    """Make sure that a file can be written, before anything moves.
+
+    Raises:
+        RecordingError: It cannot.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
+        with path.open("ab"):
+            pass
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error

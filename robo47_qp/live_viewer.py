@@ -1,0 +1,70 @@
+"""A Rerun viewer on this machine, reachable from this machine only."""
+
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from robo47_qp.errors import RenderingError
+
+_HOST, _PORT = "127.0.0.1", 9876
+_PATIENCE = 10.0
+"""How long a viewer may take to open its port [s]."""
+
+
+def viewer_url(port: int = _PORT) -> str:
+    """Where to send data for a viewer, which is started if none listens.
+
+    Args:
+        port: Port of the viewer.
+
+    Raises:
+        RenderingError: No viewer listens and none can be started.
+    """
+    if not _listens(port):
+        _start(port)
+    return f"rerun+http://{_HOST}:{port}/proxy"
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(0.5)
+        return probe.connect_ex((_HOST, port)) == 0
+
+
+def _start(port: int) -> None:
+    program = Path(sys.executable).parent / "rerun"
+    command = [str(program), "--bind", _HOST, "--port", str(port), "--hide-welcome-screen"]
+    try:
+        viewer = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # the viewer outlives the run that it shows
+        )
+    except OSError as error:
+        raise _failed(f"{program} cannot be started ({error.strerror})") from error
+    deadline = time.monotonic() + _PATIENCE
+    while time.monotonic() < deadline:
+        if viewer.poll() is not None:
+            raise _failed(f"it ended with code {viewer.returncode}{_last_words(viewer)}")
+        if _listens(port):
+            return
+        time.sleep(0.05)
+    viewer.kill()
+    raise _failed(f"it did not open port {port} within {_PATIENCE:.0f} s")
+
+
+def _last_words(viewer: subprocess.Popen[bytes]) -> str:
+    lines = viewer.communicate()[1].decode(errors="replace").strip().splitlines()
+    return f": {lines[-1]}" if lines else ""
+
+
+def _failed(reason: str) -> RenderingError:
+    return RenderingError(
+        f"No Rerun viewer for a live view: {reason}. A live view needs a display (DISPLAY or "
+        "WAYLAND_DISPLAY set) with OpenGL or Vulkan; without one, record without the live view "
+        "and open the file on a machine with a display."
+    )

@@ -1,0 +1,75 @@
+"""Options that every scenario of one run shares."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from robo47_qp.controllers.joint_impedance import JointImpedance
+from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.solver import IkSolver
+from robo47_qp.motion.planner import Planner
+from robo47_qp.robot import Robot
+from robo47_qp.run import Scenario
+from robo47_qp.task import Task
+
+LOGS = Path(__file__).resolve().parents[1] / "logs"
+"""Where recordings go unless another place is named."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """What can be chosen for one run."""
+
+    ik: Literal["qp", "dls"] = "qp"
+    """Inverse kinematics: a QP inside the joint limits (mink), or damped least squares. Both
+    are restarted from other configurations where they get stuck."""
+    qp_solver: Literal["daqp", "osqp"] = "daqp"
+    """QP solver for --ik qp."""
+    seed: int | None = None
+    """Draw start and goal at random from this seed; without it, the default ones are used."""
+    speed: float = 1.0
+    """Pace, above 0 and at most 1: 0.5 takes twice the time."""
+    log: Path = LOGS / "run.rrd"
+    """Recording to write; the report goes beside it, with the ending .json."""
+    plot: Path | None = None
+    """Picture of path and errors to write (PNG); by default beside the recording."""
+    video: Path | None = None
+    """Video to write (mp4); needs the extra "video" and OpenGL."""
+    live: bool = False
+    """Also show the recording in a viewer while it runs, at the pace of real time."""
+    realtime: bool = False
+    """Run no faster than real time."""
+    viewer: bool = False
+    """Open MuJoCo's interactive viewer and run no faster than real time; needs a display."""
+    visuals: Literal["primitives", "menagerie"] = "primitives"
+    """Looks of the robot: its own simple shapes, or the meshes of MuJoCo Menagerie (needs the
+    extra "visuals"). The physics is the same."""
+    json: bool = False
+    """Print the report as JSON on the standard output and nothing else."""
+
+    @property
+    def paced(self) -> bool:
+        """True where the run must not go faster than real time."""
+        return self.realtime or self.live or self.viewer
+
+    def solver(self) -> IkSolver:
+        """The IK that was chosen."""
+        if self.ik == "dls":
+            return MultiStart(solver=DlsIk())
+        return MultiStart(solver=QpIk(backend=self.qp_solver, max_iterations=30))
+
+    def scenario(self, robot: Robot, task: Task) -> Scenario:
+        """The scenario that was chosen.
+
+        Raises:
+            InvalidValueError: The speed is out of range.
+        """
+        return Scenario(
+            robot=robot,
+            task=task,
+            planner=Planner(ik=self.solver(), profile=robot.profile, speed=self.speed),
+            controller=JointImpedance(),
+            seed=self.seed,
+        )
