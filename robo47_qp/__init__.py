@@ -1,3 +1,3 @@
-"""Classical manipulation for MuJoCo: QP inverse kinematics, time-optimal motion, impedance control."""
+"""Classical manipulation for MuJoCo: QP inverse kinematics, Ruckig motion, impedance control."""
 
 __version__ = "0.1.0"

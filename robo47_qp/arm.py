@@ -1,6 +1,7 @@
 """Arm: what the controller believes of the robot, as a model of exactly n joints."""
 
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -129,7 +130,7 @@ class Arm:
     def _shoulder_and_reach(self) -> tuple[Vector, float]:
         m, d = self.model, self._at(self.home)
         points = [*d.xanchor, d.site_xpos[self._tcp]]
-        links = sum(float(np.linalg.norm(b - a)) for a, b in zip(points, points[1:], strict=False))
+        links = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
         slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
         travel = float((m.jnt_range[slides, 1] - m.jnt_range[slides, 0]).sum())
         return points[0].copy(), links + travel
@@ -150,9 +151,9 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
     tcp = spec.site(robot.tcp)
     if tcp is None:
         raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
-    for family in (spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.keys):
-        for element in list(family):
-            spec.delete(element)
+    drives: list[Any] = [*spec.actuators, *spec.sensors, *spec.tendons, *spec.equalities, *spec.keys]
+    for element in drives:
+        spec.delete(element)
     for joint in list(spec.joints):
         if joint.name not in robot.joints:
             spec.delete(joint)

@@ -68,13 +68,13 @@ def _bounded(
 ) -> Finding:
     """The column that uses most of its symmetric bound."""
     use = np.abs(values) / bound
-    row, column = np.unravel_index(int(np.argmax(use)), use.shape)
+    row, column = divmod(int(np.argmax(use)), use.shape[1])
     return Finding(
         signal=f"{signal} ({names[column]})",
         unit=unit,
         limit=float(bound[column]),
         extreme=float(np.abs(values[row, column])),
-        time=float(row * TIMESTEP),
+        time=row * TIMESTEP,
         ok=bool(use[row, column] <= 1.0 + _ROUNDING),
     )
 
@@ -85,14 +85,14 @@ def _within(
     """The columns that come closest to their lower and to their upper bound."""
     findings = []
     for side, bound, margin in (("lower", low, values - low), ("upper", high, high - values)):
-        row, column = np.unravel_index(int(np.argmin(margin)), margin.shape)
+        row, column = divmod(int(np.argmin(margin)), margin.shape[1])
         findings.append(
             Finding(
                 signal=f"{signal} {side} ({names[column]})",
                 unit="rad",
                 limit=float(bound[column]),
                 extreme=float(values[row, column]),
-                time=float(row * TIMESTEP),
+                time=row * TIMESTEP,
                 ok=bool(margin[row, column] >= 0.0),
             )
         )

@@ -22,6 +22,7 @@ from robo47_qp.report import report, summary_markdown
 from robo47_qp.rerun_log import RerunLog
 from robo47_qp.robot import Robot
 from robo47_qp.runner import Runner
+from robo47_qp.scene import BuildScene
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Task
 from robo47_qp.terminal import ProgressBar, print_summary
@@ -33,9 +34,7 @@ Options = TypeVar("Options")
 ObserverT = TypeVar("ObserverT", bound=Observer)
 
 
-def main(
-    options: type[Options], run: Callable[[Options, Console], int], description: str
-) -> int:
+def main(options: type[Options], run: Callable[[Options, Console], int], description: str) -> int:
     """Parse the command line, run, and turn errors into one message and an exit code.
 
     Returns:
@@ -61,7 +60,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
             a `RecordingError`, what was recorded before is in the file.
     """
     scenario = options.scenario(robot, task)
-    looks = task.build_scene
+    looks: BuildScene = task.build_scene
     if options.visuals == "menagerie":
         looks = with_menagerie_looks(robot, looks)
     simulation = Simulation(robot, looks)
@@ -89,7 +88,9 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
             observers.append(joined(ViewerWindow(simulation)))
         if options.paced:
             observers.append(RealTime())
-        log = joined(RerunLog(options.log, simulation.model, robot, runner.signals, live=options.live))
+        log = joined(
+            RerunLog(options.log, simulation.model, robot, runner.signals, live=options.live)
+        )
         observers += [log, joined(ProgressBar(console, foreseen))]
         run = runner.run(sinks=[log], observers=observers)
         figures, findings = metrics(run), audit(run)

@@ -1,5 +1,7 @@
 """A Rerun viewer on this machine, reachable from this machine only."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -53,7 +55,8 @@ def _start(port: int) -> None:
         if _listens(port):
             return
         time.sleep(0.05)
-    viewer.kill()
+    # The program is a script around the viewer: both are in the session made above.
+    os.killpg(viewer.pid, signal.SIGKILL)
     raise _failed(f"it did not open port {port} within {_PATIENCE:.0f} s")
 
 

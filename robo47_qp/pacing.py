@@ -4,8 +4,6 @@ import os
 import sys
 from time import perf_counter, sleep
 
-import mujoco
-
 from robo47_qp.errors import RenderingError
 from robo47_qp.observer import Observer
 from robo47_qp.simulation import Simulation

@@ -5,11 +5,9 @@ import platform
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp import __version__
 from robo47_qp.audit import Finding
@@ -18,9 +16,7 @@ from robo47_qp.run import Run
 _PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "rerun-sdk")
 
 
-def report(
-    run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]
-) -> dict[str, Any]:
+def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) -> dict[str, Any]:
     """Everything worth keeping of a run but its signals, as plain JSON types."""
     failure, scenario = run.failure, run.scenario
     return {
@@ -84,14 +80,12 @@ def _plain(value: object) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"class": type(value).__name__, **fields}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, SE3):
-        return value.wxyz_xyz.tolist()
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(item) for item in value]
-    return value
+    match value:
+        case np.ndarray():
+            return value.tolist()
+        case Enum():
+            return value.value
+        case tuple() | list():
+            return [_plain(item) for item in value]
+        case _:
+            return value

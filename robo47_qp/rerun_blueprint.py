@@ -1,14 +1,15 @@
 """How a recording looks when it is opened: one page that can be read without a click."""
 
 from collections.abc import Sequence
+from math import floor, log10
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.blueprint.encodings import VisualizerComponentMapping
+from rerun.blueprint.encodings import TimelineColumn, VisualizerComponentMapping
 
-from robo47_qp.robot import Robot
 from robo47_qp.rerun_columns import component
 from robo47_qp.rerun_stream import TIMELINE
+from robo47_qp.robot import Robot
 
 SIGNALS, LIMITS, PHASES, EVENTS, SUMMARY = "signals", "limits", "phases", "events", "summary"
 """Entities outside the 3-D scene."""
@@ -27,34 +28,51 @@ _PALETTE = (
     (90, 210, 220),
 )
 """One colour per joint, the same in every plot."""
-_LIMIT_COLOUR = (120, 124, 130)
-_REFERENCE_COLOUR = (205, 208, 214)
+_LIMIT_COLOUR = (110, 114, 120)
+_RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 
 
 def blueprint(robot: Robot) -> rrb.Blueprint:
     """The layout: the scene and what happened on the left, plots on the right."""
-    joints = robot.joints
-    plots = [
-        _plot("Joint position [rad]", "joints/q", joints, under=("joints/q_ref",), limit="q"),
-        _plot("Joint velocity [rad/s]", "joints/v", joints, limit="v"),
-        _plot("Joint torque [N·m]", "joints/tau", joints, limit="tau"),
+    joints, gripper = robot.joints, robot.gripper
+    wide, strong = _rounded_up(gripper.width_max), _rounded_up(float(robot.tau_max.max()))
+    grip = rrb.Horizontal(
+        _plot(
+            "Gripper width [m]",
+            "gripper/width",
+            ("width",),
+            under="gripper/width_command",
+            span=(-0.05 * wide, 1.1 * wide),
+            legend=_RIGHT_BOTTOM,
+        ),
+        _plot("Finger force [N]", "gripper/force", gripper.fingers, legend=_RIGHT_TOP),
+    )
+    texts = rrb.Horizontal(
+        rrb.TextLogView(name="Events", origin=EVENTS, columns=_event_columns()),
+        rrb.TextDocumentView(name="Summary", origin=SUMMARY),
+        column_shares=[3, 2],
+    )
+    phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
+    left = rrb.Vertical(_scene(), phases, grip, texts, row_shares=[4.6, 0.95, 1.9, 2.2])
+    # Joints have one colour everywhere: one legend is enough and covers no other plot.
+    right = rrb.Grid(
+        _plot("Joint position [rad]", "joints/q", joints, under="joints/q_ref", limits="limits/q"),
+        _plot("Joint velocity [rad/s]", "joints/v", joints, limits="limits/v"),
+        _plot(
+            "Joint torque [N·m]",
+            "joints/tau",
+            joints,
+            limits="limits/tau",
+            span=(-1.1 * strong, 1.1 * strong),
+            legend=_RIGHT_TOP,
+        ),
         _plot("Joint tracking error [rad]", "errors/q", joints),
         _plot("Tool position error [m]", "errors/tool_position", ("distance",)),
         _plot("Tool angle error [rad]", "errors/tool_angle", ("angle",)),
-        _plot("Gripper width [m]", "gripper/width", ("width",), under=("gripper/width_command",)),
-        _plot("Finger force [N]", "gripper/force", robot.gripper.fingers),
-    ]
-    left = rrb.Vertical(
-        _scene(),
-        rrb.StateTimelineView(name="Phases", origin=PHASES),
-        rrb.Horizontal(
-            rrb.TextLogView(name="Events", origin=EVENTS),
-            rrb.TextDocumentView(name="Summary", origin=SUMMARY),
-        ),
-        row_shares=[6, 1.2, 2.5],
+        grid_columns=2,
     )
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Grid(*plots, grid_columns=2), column_shares=[1, 1]),
+        rrb.Horizontal(left, right, column_shares=[1, 1]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
@@ -77,9 +95,15 @@ def _scene() -> rrb.View:
         background=(24, 27, 32),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=(1.55, -1.25, 0.95), look_target=(0.28, 0.0, 0.28), eye_up=(0, 0, 1)
+            position=(1.32, -1.04, 0.88), look_target=(0.28, 0.0, 0.26), eye_up=(0, 0, 1)
         ),
     )
+
+
+def _event_columns() -> rrb.TextLogColumns:
+    """Level and text: the viewer's column of times is too narrow for a time."""
+    hidden = TimelineColumn(TIMELINE, visible=False)
+    return rrb.TextLogColumns(timeline_columns=[hidden], text_log_columns=["LogLevel", "Body"])
 
 
 def _plot(
@@ -87,29 +111,29 @@ def _plot(
     signal: str,
     labels: Sequence[str],
     *,
-    under: Sequence[str] = (),
-    limit: str | None = None,
+    under: str | None = None,
+    limits: str | None = None,
+    span: tuple[float, float] | None = None,
+    legend: rrb.Corner2D | None = None,
 ) -> rrb.View:
-    """A plot of one signal, over its references and limits where there are any."""
+    """A plot of one signal, over what it should be and between limits, where there are any."""
     colours = [_PALETTE[i % len(_PALETTE)] for i in range(len(labels))]
-    overrides: dict[str, list[rrb.Visualizer]] = {SIGNALS: []}
-    for reference in under:
-        overrides[SIGNALS].append(
-            _lines(reference, ["reference"] * len(labels), [_REFERENCE_COLOUR] * len(labels), 2.5)
-        )
-    overrides[SIGNALS].append(_lines(signal, labels, colours, 1.25))
-    if limit is not None:
+    lines = {SIGNALS: [_lines(signal, labels, colours, 1.25)]}
+    if under is not None:
+        names = labels if len(labels) > 1 else ("command",)
+        darker = [(r // 2, g // 2, b // 2) for r, g, b in colours]
+        lines[SIGNALS].insert(0, _lines(under, names, darker, 3.5))
+    if limits is not None:
         count = 2 * len(labels)
-        overrides[LIMITS] = [
-            _lines(f"limits/{limit}", ["limit"] * count, [_LIMIT_COLOUR] * count, 0.75)
-        ]
+        lines[LIMITS] = [_lines(limits, ["limit"] * count, [_LIMIT_COLOUR] * count, 0.75)]
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
-        contents=[f"/{entity}" for entity in overrides],
-        overrides=overrides,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=True),
+        contents=[f"/{entity}" for entity in lines],
+        overrides=lines,
+        plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_y=None if span is None else rrb.ScalarAxis(range=span),
     )
 
 
@@ -119,7 +143,7 @@ def _lines(
     style = rr.SeriesLines(
         names=list(names),
         colors=list(colours),
-        widths=[width] * len(names),
+        widths=[width] * len(colours),
         # The viewer's default averages: spikes and torque ripple would be gone.
         aggregation_policy="MinMax",
     )
@@ -127,3 +151,9 @@ def _lines(
         "Scalars:scalars", "SourceComponent", source_component=component(signal)
     )
     return style.visualizer(mappings=[source])
+
+
+def _rounded_up(value: float) -> float:
+    """The next of ..., 10, 20, 50, 100, ...: the viewer labels an axis at powers of ten."""
+    power = 10.0 ** floor(log10(value))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)

@@ -100,14 +100,18 @@ class RerunLog:
         """
         waypoint, ik = leg.waypoint, leg.ik
         colour = _PLANNED_COLOURS[waypoint.motion]
-        line = rr.LineStrips3D([tool_path[::20]], colors=[colour], radii=[0.0015])
-        self._stream.log(layout.PLANNED, line, time=time)
+        # Dashed and thick: the tool's own thin line shows between the dashes.
+        points = tool_path[:: max(1, len(tool_path) // 60)]
+        dashes = rr.LineStrips3D(
+            [points[k : k + 2] for k in range(0, len(points) - 1, 2)], colors=colour, radii=0.004
+        )
+        self._stream.log(layout.PLANNED, dashes, time=time)
         self._stream.log(layout.GOALS, _frame(leg.T_world_goal.as_matrix()), time=time)
         self.note(
             time,
-            f"{waypoint.motion.name} to '{waypoint.name}': {leg.trajectory.duration:.2f} s; IK "
-            f"{ik.iterations} iterations, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, "
-            f"off by {1e6 * ik.position_error:.2g} µm, {1e6 * ik.orientation_error:.2g} µrad, "
+            f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
+            f"{ik.iterations} steps, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, off by "
+            f"{1e6 * ik.position_error:.2g} µm and {1e6 * ik.orientation_error:.2g} µrad, "
             f"{ik.limit_margin:.2f} rad from a joint limit",
         )
 
@@ -117,7 +121,7 @@ class RerunLog:
 
     def note(self, time: float, text: str, level: str = "INFO") -> None:
         """Add a line to the events at `time` [s]; level is INFO, WARN or ERROR."""
-        self._stream.log(layout.EVENTS, rr.TextLog(text, level=level), time=time)
+        self._stream.log(layout.EVENTS, rr.TextLog(f"{time:.2f} s  {text}", level=level), time=time)
 
     def tick(self, simulation: Simulation) -> None:
         """Draw the markers that were moved."""
@@ -171,6 +175,8 @@ class RerunLog:
             frame = [] if body in self._poses.fixed else [rr.CoordinateFrame(name)]
             for kind, shape in body_shapes(model, body):
                 self._stream.log(f"{path}/{kind}", shape, *frame)
+        style = rr.LineStrips3D.from_fields(colors=_PATH_COLOUR, radii=0.0018)
+        self._stream.log(layout.PATH, style)
         self._stream.log(layout.TOOL, _frame(np.eye(4)), rr.CoordinateFrame(layout.TOOL))
         for geom in undrawn(model):
             self.note(0.0, f"geom {geom!r} is of a kind that is not drawn", "WARN")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.recording import Rows, Signal
 from robo47_qp.robot import Robot
 
@@ -96,8 +96,9 @@ def derive(rows: Rows, fingers: Sequence[str]) -> None:
         rows["gripper/force"][:, i] = np.linalg.norm(rows[f"gripper/{finger}_contact"], axis=1)
 
 
-def _angle_between(a: Matrix, b: Matrix) -> Matrix:
+def _angle_between(a: Matrix, b: Matrix) -> Vector:
     """Angle of the rotation between unit quaternions (N, 4), accurate near zero [rad]."""
     # |a ∓ b| = 2 sin(angle/4): unlike arccos of the dot product, exact for small angles.
     chord = np.minimum(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
-    return 4.0 * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
+    angle: Vector = 4.0 * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
+    return angle

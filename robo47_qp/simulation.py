@@ -8,7 +8,14 @@ from robo47_qp.arm import JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.robot import Robot
-from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene, contact_sensor, free_bodies, mocap_bodies
+from robo47_qp.scene import (
+    TIMESTEP,
+    BuildScene,
+    compile_scene,
+    contact_sensor,
+    free_bodies,
+    mocap_bodies,
+)
 from robo47_qp.waypoint import Grip
 
 

@@ -142,7 +142,7 @@ class PickPlace:
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Distance of the cube's centre from its goal, in 3-D [m]."""
-        goal = simulation.marker_pose("goal").translation() + [0.0, 0.0, self.edge / 2]
+        goal = self._at_goal(simulation.marker_pose("goal"))
         cube = simulation.object_pose(_CUBE).translation()
         return {"place_error_m": float(np.linalg.norm(cube - goal))}
 
@@ -227,8 +227,7 @@ class PickPlace:
         tool, cube, goal = (_heading(T) for T in (T_world_tcp, T_world_cube, T_world_goal))
         turn = SO3.from_z_radians(_quarter(tool + goal - cube) - tool)
         T_world_placed = SE3.from_rotation_and_translation(
-            turn @ T_world_cube.rotation(),
-            T_world_goal.translation() + [0.0, 0.0, self.edge / 2],
+            turn @ T_world_cube.rotation(), np.array(self._at_goal(T_world_goal))
         )
         return T_world_placed @ T_world_cube.inverse() @ T_world_tcp
 
@@ -242,6 +241,11 @@ class PickPlace:
         return SE3.from_rotation_and_translation(
             T_world_tcp.rotation(), np.array([x, y, TABLE_TOP + self.edge / 2 + self.clearance])
         )
+
+    def _at_goal(self, T_world_goal: SE3) -> list[float]:
+        """Centre of a cube that lies on the goal [m]."""
+        x, y, z = T_world_goal.translation()
+        return [x, y, z + self.edge / 2]
 
     def _on_table(self, where: Sequence[float] | np.ndarray) -> list[float]:
         return [float(where[0]), float(where[1]), TABLE_TOP + self.edge / 2]

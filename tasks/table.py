@@ -51,7 +51,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
     world.add_light(
         pos=[0.6, 1.2, 2.2], dir=[-0.2, -0.5, -1.0], castshadow=False, diffuse=[0.25] * 3
     )
-    _add_camera(world, "overview", eye=(1.75, -1.15, 0.95), target=(0.22, 0.0, 0.22))
+    _add_camera(world, "overview", eye=(1.75, -1.15, 0.95), target=(0.22, 0.0, 0.20))
 
 
 def _add_camera(
@@ -62,4 +62,4 @@ def _add_camera(
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     R_world_camera = np.column_stack([right, np.cross(back, right), back])
-    world.add_camera(name=name, pos=eye, quat=SO3.from_matrix(R_world_camera).wxyz, fovy=40.0)
+    world.add_camera(name=name, pos=eye, quat=SO3.from_matrix(R_world_camera).wxyz, fovy=33.0)

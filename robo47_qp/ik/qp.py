@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import process_time
+from typing import Any
 
 import mink
 import numpy as np
@@ -15,7 +16,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 
-BACKENDS: dict[str, dict[str, float]] = {
+BACKENDS: dict[str, dict[str, Any]] = {
     "daqp": {},
     # OSQP's default accuracy of 1e-3 leaves steps that are wrong by as much.
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000},

@@ -84,7 +84,7 @@ class Lin:
         if size < 1e-9:
             return hold(q_start, 0, dt), judged(arm, T_world_goal, q_start, ik.tolerance, 0)
         knots = max(8, int(np.ceil(size / self.knot_spacing)))
-        iterations, seconds = 0, 0.0
+        iterations, seconds, off, fraction = 0, 0.0, np.inf, 0.0
         for _ in range(self.doublings + 1):
             path, results = self._path(arm, ik, q_start, line, knots)
             iterations += sum(result.iterations for result in results)

@@ -3,7 +3,7 @@
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 
 
 class Line:
@@ -26,10 +26,11 @@ class Line:
             self._start.translation() + s * self._shift,
         )
 
-    def distances(self, positions: Vector) -> Vector:
+    def distances(self, positions: Matrix) -> Vector:
         """Distance of points (N, 3) from the line between the two poses, shape (N,) [m]."""
-        offset = positions - self._start.translation()
-        if self.length == 0.0:
-            return np.linalg.norm(offset, axis=1)
-        s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
-        return np.linalg.norm(offset - s[:, None] * self._shift, axis=1)
+        offset: Matrix = positions - self._start.translation()
+        if self.length > 0.0:
+            s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
+            offset -= s[:, None] * self._shift
+        distance: Vector = np.linalg.norm(offset, axis=1)
+        return distance

@@ -27,11 +27,10 @@ class PathProfile:
         Returns:
             Shape (3,) [1/s, 1/s², 1/s³].
         """
-        bounds = [
-            min(
-                linear / length if length > 0.0 else np.inf,
-                angular / angle if angle > 0.0 else np.inf,
-            )
-            for linear, angular in zip(self.linear, self.angular, strict=True)
-        ]
-        return np.array(bounds) * speed ** np.arange(1, 4)
+        bounds = np.full(3, np.inf)
+        if length > 0.0:
+            bounds = np.minimum(bounds, np.array(self.linear) / length)
+        if angle > 0.0:
+            bounds = np.minimum(bounds, np.array(self.angular) / angle)
+        bounds *= speed ** np.arange(1, 4)
+        return bounds

@@ -55,9 +55,7 @@ class Planner:
         if waypoint.motion is Motion.LIN:
             try:
                 profile = self.profile.slowed(pace)
-                trajectory, result = self.lin.plan(
-                    arm, self.ik, q_start, target, profile, dt, pace
-                )
+                trajectory, result = self.lin.plan(arm, self.ik, q_start, target, profile, dt, pace)
             except LinError as error:
                 raise PlanError(waypoint.name, str(error)) from error
         else:

@@ -1,0 +1,128 @@
+"""What a step of the control loop costs, beside bare mj_step, all measured in one run."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from robo47_qp import signals
+from robo47_qp.arm import Arm, JointReference, JointState
+from robo47_qp.command import main
+from robo47_qp.options import RunOptions
+from robo47_qp.recording import Rows
+from robo47_qp.rerun_log import RerunLog
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.run import Run
+from robo47_qp.runner import Runner
+from robo47_qp.simulation import Simulation
+from robo47_qp.waypoint import Grip
+from tasks.pick_place import PickPlace
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepCostOptions:
+    """Options of this scenario."""
+
+    rounds: int = 5
+    """How often everything is measured, in turn; the medians are shown."""
+
+
+class TimedLog:
+    """A sink that times another one."""
+
+    def __init__(self, log: RerunLog) -> None:
+        self._log = log
+        self.seconds = 0.0
+
+    def write(self, rows: Rows) -> None:
+        started = perf_counter()
+        self._log.write(rows)
+        self.seconds += perf_counter() - started
+
+
+def run(options: StepCostOptions, console: Console) -> int:
+    """Measure and print; returns the exit code."""
+    task = PickPlace()
+    scenario = RunOptions().scenario(PANDA, task)
+    costs: dict[str, list[float]] = {}
+    numbers = 0
+    for _ in range(options.rounds):
+        with TemporaryDirectory() as folder:
+            simulation = Simulation(PANDA, task.build_scene)
+            runner = Runner(scenario, simulation)
+            log = RerunLog(Path(folder) / "run.rrd", simulation.model, PANDA, runner.signals)
+            timed = TimedLog(log)
+            done = runner.run(sinks=[timed])
+            log.close()
+        steps, numbers = len(done.rows), done.rows.values.shape[1]
+        for name, seconds in {
+            "bare mj_step, same torques": _replay(done),
+            "controller": _control(done),
+            "recording: columns": _columns(done),
+            "recording: Rerun file": timed.seconds,
+            "whole loop": done.loop_seconds,
+        }.items():
+            costs.setdefault(name, []).append(1e6 * seconds / steps)
+    table = Table(box=None, header_style="")
+    table.add_column("part of a step")
+    table.add_column("µs", justify="right")
+    for name, values in costs.items():
+        table.add_row(name, f"{median(values):.1f}")
+    console.print(table)
+    factor = 1e3 / median(costs["whole loop"])
+    console.print(f"{numbers} numbers per step; {factor:.0f} times real time", highlight=False)
+    return 0
+
+
+def _replay(done: Run) -> float:
+    """Seconds that mj_step alone takes for the torques and grips of a run."""
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    simulation.command_grip(Grip(width=PANDA.gripper.width_max, force=task.grip_force))
+    m, d = simulation.model, simulation.data
+    controls = np.hstack([done.rows["joints/tau"], done.rows["gripper/width_command"]])
+    started = perf_counter()
+    for ctrl in controls:
+        d.ctrl[:] = ctrl
+        mujoco.mj_step(m, d)
+    return perf_counter() - started
+
+
+def _control(done: Run) -> float:
+    """Seconds that the controller alone takes for the states of a run."""
+    arm, controller, rows = Arm(PANDA), done.scenario.controller, done.rows
+    names = ("joints/q_ref", "joints/v_ref", "joints/a_ref", "joints/q", "joints/v")
+    columns = [rows[name] for name in names]
+    started = perf_counter()
+    for q_ref, v_ref, a_ref, q, v in zip(*columns, strict=True):
+        controller.torque(arm, JointReference(q_ref, v_ref, a_ref), JointState(q, v))
+    return perf_counter() - started
+
+
+def _columns(done: Run) -> float:
+    """Seconds that filling the columns of a run takes."""
+    simulation = Simulation(PANDA, PickPlace().build_scene)
+    now = sum(len(s.labels) for s in signals.now(PANDA, simulation.objects))
+    last = sum(len(s.labels) for s in signals.last(PANDA))
+    rows = Rows(done.rows.signals, done.rows.values.copy())
+    row_now, row_last = np.empty(now), np.empty(last)
+    started = perf_counter()
+    for _ in range(len(rows)):
+        simulation.write_now(row_now)
+        simulation.write_last(row_last)
+    for first in range(0, len(rows), 250):
+        block = Rows(rows.signals, rows.values[first : first + 250])
+        signals.derive(block, PANDA.gripper.fingers)
+    return perf_counter() - started
+
+
+if __name__ == "__main__":
+    sys.exit(main(StepCostOptions, run, __doc__))

@@ -1,0 +1,177 @@
+"""An arm by MuJoCo and elementary mechanics alone: what `Arm` and the solvers are judged by."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mink import SE3
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.robot import Robot
+from robo47_qp.waypoint import Payload
+
+_H = 1e-5
+"""Half the width of central differences of poses [rad]."""
+
+
+class PlainArm:
+    """The robot's own MJCF with its fingers held still; quantities from first principles.
+
+    `full` is the file as it is. `welded` is the file with every other joint struck out of the
+    text, without actuators, stops and contacts: MuJoCo's forward dynamics of n joints.
+    """
+
+    def __init__(self, robot: Robot, payload: Payload | None = None) -> None:
+        self.robot = robot
+        self.payload = payload
+        self.full = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+        self.welded = mujoco.MjModel.from_xml_string(_welded(robot, payload))
+        self._full, self._welded = mujoco.MjData(self.full), mujoco.MjData(self.welded)
+        joints = [self.full.joint(name) for name in robot.joints]
+        self._q = [int(joint.qposadr[0]) for joint in joints]
+        dofs = [int(joint.dofadr[0]) for joint in joints]
+        self.n = len(joints)
+        self.q_min: Vector = np.array([joint.range[0] for joint in joints])
+        self.q_max: Vector = np.array([joint.range[1] for joint in joints])
+        self.armature: Vector = self.full.dof_armature[dofs].copy()
+        self.damping: Vector = self.full.dof_damping[dofs].copy()
+
+    def at(self, fractions: Vector) -> Vector:
+        """Configuration at fractions of the joint ranges; takes as many as there are joints."""
+        return self.q_min + fractions[: self.n] * (self.q_max - self.q_min)
+
+    def tool(self, q: Vector) -> tuple[Vector, Matrix]:
+        """Position and rotation matrix of the tool in the world."""
+        site = self._at(q).site(self.robot.tcp)
+        return site.xpos.copy(), site.xmat.reshape(3, 3).copy()
+
+    def errors(self, q: Vector, T_world_target: SE3) -> tuple[float, float]:
+        """Distance [m] and angle [rad] of the tool from a target."""
+        position, R = self.tool(q)
+        w, x, y, z = T_world_target.wxyz_xyz[:4]
+        turn = Rotation.from_matrix(R).inv() * Rotation.from_quat([x, y, z, w])
+        away = np.linalg.norm(position - T_world_target.wxyz_xyz[4:])
+        return float(away), float(turn.magnitude())
+
+    def inside(self, q: Vector) -> bool:
+        """True where no joint is outside its range."""
+        return bool((q >= self.q_min).all() and (q <= self.q_max).all())
+
+    def jacobian(self, q: Vector) -> Matrix:
+        """Twist of the tool in the tool frame per joint (6, n), by differences of poses."""
+        _, R = self.tool(q)
+        columns = []
+        for e in np.eye(self.n):
+            (p0, R0), (p1, R1) = self.tool(q - _H * e), self.tool(q + _H * e)
+            angular = Rotation.from_matrix(R0.T @ R1).as_rotvec()
+            columns.append(np.concatenate([R.T @ (p1 - p0), angular]) / (2 * _H))
+        return np.array(columns).T
+
+    def kinetic_energy(self, q: Vector, v: Vector) -> float:
+        """Sum over all bodies and rotors, velocities by differences of poses [J]."""
+        before, after = self._bodies(q - _H * v), self._bodies(q + _H * v)
+        energy = 0.5 * float(v @ (self.armature * v))
+        for (m, moments, p0, R0), (_, _, p1, R1) in zip(before, after, strict=True):
+            linear = (p1 - p0) / (2 * _H)
+            angular = Rotation.from_matrix(R0.T @ R1).as_rotvec() / (2 * _H)
+            energy += 0.5 * m * float(linear @ linear) + 0.5 * float(angular @ (moments * angular))
+        return energy
+
+    def potential_energy(self, q: Vector) -> float:
+        """Of gravity [J]."""
+        g = self.full.opt.gravity
+        return -sum(m * float(g @ p) for m, _, p, _ in self._bodies(q))
+
+    def mass_matrix(self, q: Vector) -> Matrix:
+        """From kinetic energies: T(u + w) - T(u) - T(w) = u'Mw."""
+        unit = np.eye(self.n)
+        own = [self.kinetic_energy(q, e) for e in unit]
+        M = 2.0 * np.diag(own)
+        for i in range(self.n):
+            for k in range(i):
+                both = self.kinetic_energy(q, unit[i] + unit[k])
+                M[i, k] = M[k, i] = both - own[i] - own[k]
+        return M
+
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Gradient of the potential energy (n,) [N·m]."""
+        h = 1e-4
+        up = [self.potential_energy(q + h * e) for e in np.eye(self.n)]
+        down = [self.potential_energy(q - h * e) for e in np.eye(self.n)]
+        return (np.array(up) - np.array(down)) / (2 * h)
+
+    def acceleration(self, q: Vector, v: Vector, tau: Vector) -> Vector:
+        """Forward dynamics of the welded model (n,) [rad/s²]."""
+        d = self._welded
+        mujoco.mj_resetData(self.welded, d)
+        d.qpos[:], d.qvel[:], d.qfrc_applied[:] = q, v, tau
+        mujoco.mj_forward(self.welded, d)
+        return d.qacc.copy()
+
+    def _at(self, q: Vector) -> mujoco.MjData:
+        self._full.qpos[:] = 0.0
+        self._full.qpos[self._q] = q
+        mujoco.mj_kinematics(self.full, self._full)
+        return self._full
+
+    def _bodies(self, q: Vector) -> list[tuple[float, Vector, Vector, Matrix]]:
+        """Mass, principal moments, centre of mass and principal axes of every body."""
+        m, d = self.full, self._at(q)
+        bodies = [
+            (
+                float(m.body_mass[i]),
+                m.body_inertia[i].copy(),
+                d.xipos[i].copy(),
+                d.ximat[i].reshape(3, 3).copy(),
+            )
+            for i in range(1, m.nbody)
+        ]
+        if self.payload is not None:
+            position, R = self.tool(q)
+            moments = np.array(self.payload.inertia)
+            T_tcp_com = self.payload.T_tcp_com
+            p_com = position + R @ T_tcp_com.translation()
+            R_com = R @ T_tcp_com.rotation().as_matrix()
+            bodies.append((self.payload.mass, moments, p_com, R_com))
+        return bodies
+
+
+def welded_file(robot: Robot, folder: Path) -> Path:
+    """The welded model as a file, to be changed by a test."""
+    path = folder / "welded.xml"
+    path.write_text(_welded(robot, None), encoding="utf-8")
+    return path
+
+
+def _welded(robot: Robot, payload: Payload | None) -> str:
+    root = ET.parse(robot.mjcf).getroot()
+    for tag in ("actuator", "tendon", "equality", "sensor", "keyframe"):
+        for section in root.findall(tag):
+            root.remove(section)
+    for body in root.iter("body"):
+        for joint in body.findall("joint"):
+            if joint.get("name") not in robot.joints:
+                body.remove(joint)
+        if payload is not None and any(site.get("name") == robot.tcp for site in body):
+            body.append(_held(body, robot.tcp, payload))
+    option = ET.SubElement(root, "option", integrator="implicitfast", timestep="0.001")
+    ET.SubElement(option, "flag", constraint="disable", contact="disable")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _held(hand: ET.Element, tcp: str, payload: Payload) -> ET.Element:
+    """The payload as two frames in one another: that of the tool, then that of its own."""
+    site = next(site for site in hand if site.get("name") == tcp)
+    placed = {key: site.attrib[key] for key in ("pos", "quat", "euler") if key in site.attrib}
+    frame = ET.Element("frame", placed)
+    p, wxyz = payload.T_tcp_com.translation(), payload.T_tcp_com.rotation().wxyz
+    body = ET.SubElement(frame, "body", name="payload", pos=_text(p), quat=_text(wxyz))
+    moments = _text(np.array(payload.inertia))
+    ET.SubElement(body, "inertial", mass=repr(payload.mass), pos="0 0 0", diaginertia=moments)
+    return frame
+
+
+def _text(numbers: Vector) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

@@ -1,0 +1,96 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Vector, checked_vector, frozen_vector
+from robo47_qp.errors import InvalidValueError
+
+Check = Callable[[str, ArrayLike, int], Vector]
+BOTH = pytest.mark.parametrize("check", [checked_vector, frozen_vector])
+
+
+@BOTH
+@given(numbers=st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=8))
+def test_finite_numbers_pass_unchanged(check: Check, numbers: list[float]) -> None:
+    for value in (numbers, tuple(numbers), np.array(numbers, dtype=np.float64)):
+        vector = check("q", value, len(numbers))
+        assert vector.dtype == np.float64
+        assert vector.tolist() == numbers
+
+
+@BOTH
+def test_integers_and_single_precision_become_doubles(check: Check) -> None:
+    for value in ([1, 2], np.array([1, 2]), np.array([1.0, 2.0], dtype=np.float32)):
+        vector = check("q", value, 2)
+        assert vector.dtype == np.float64
+        assert vector.tolist() == [1.0, 2.0]
+
+
+@BOTH
+def test_the_result_is_a_copy(check: Check) -> None:
+    given_array = np.array([1.0, 2.0, 3.0])
+    vector = check("q", given_array, 3)
+    given_array[:] = 9.0
+    assert vector.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_checked_vector_can_be_written_to_and_leaves_its_source_alone() -> None:
+    given_array = np.array([1.0, 2.0])
+    given_array.setflags(write=False)
+    vector = checked_vector("q", given_array, 2)
+    vector[0] = 5.0
+    assert given_array.tolist() == [1.0, 2.0]
+
+
+def test_a_frozen_vector_cannot_be_written_to_and_leaves_its_source_writable() -> None:
+    given_array = np.array([1.0, 2.0])
+    vector = frozen_vector("q", given_array, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        vector[0] = 5.0
+    given_array[0] = 5.0
+
+
+@BOTH
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, None])
+@pytest.mark.parametrize("where", [0, 2])
+def test_what_is_not_finite_is_refused(check: Check, bad: float, where: int) -> None:
+    value = [0.0, 1.0, 2.0]
+    value[where] = bad
+    with pytest.raises(InvalidValueError, match=r"^knee must be a vector of 3 finite numbers;"):
+        check("knee", value, 3)
+
+
+@BOTH
+def test_the_message_shows_the_numbers_found(check: Check) -> None:
+    with pytest.raises(InvalidValueError, match=r"found \[1\.0, nan\]\.$") as caught:
+        check("knee", [1.0, np.nan], 2)
+    assert caught.value.name == "knee"
+    assert caught.value.expected == "a vector of 2 finite numbers"
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("value", "shape"),
+    [
+        ([1.0, 2.0], r"\(2,\)"),
+        ([1.0, 2.0, 3.0, 4.0], r"\(4,\)"),
+        ([], r"\(0,\)"),
+        (1.0, r"\(\)"),
+        ([[1.0, 2.0, 3.0]], r"\(1, 3\)"),
+        ([[1.0], [2.0], [3.0]], r"\(3, 1\)"),
+    ],
+)
+def test_a_wrong_shape_is_refused(check: Check, value: ArrayLike, shape: str) -> None:
+    with pytest.raises(InvalidValueError, match=rf"3 finite numbers; found shape {shape}\.$"):
+        check("q", value, 3)
+
+
+@BOTH
+@pytest.mark.parametrize("value", [["a", "b"], [[1.0], [1.0, 2.0]], object(), [1j, 2.0], "ab"])
+def test_what_is_no_number_is_refused(check: Check, value: ArrayLike) -> None:
+    with pytest.raises(InvalidValueError, match="q must be a vector of 2 finite numbers; found"):
+        check("q", value, 2)
