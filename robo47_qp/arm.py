@@ -1,6 +1,7 @@
 """Arm: what the controller believes of the robot, as a model of exactly n joints."""
 
 from itertools import pairwise
+from math import sqrt
 from typing import Any, NamedTuple
 
 import mujoco
@@ -62,7 +63,7 @@ class Arm:
         self.q_max: Vector = self.model.jnt_range[:, 1].copy()
         self.home = checked_vector("home", robot.home, self.n)
         self._tcp = self.model.site(robot.tcp).id
-        self._jacobian = np.zeros((6, self.n))
+        self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()
 
     def carrying(self, payload: Payload | None) -> "Arm":
@@ -75,6 +76,21 @@ class Arm:
         return SE3.from_rotation_and_translation(
             SO3.from_matrix(d.site_xmat[self._tcp].reshape(3, 3)), d.site_xpos[self._tcp]
         )
+
+    def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
+        """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
+        d, target = self._at(q), T_world_target.wxyz_xyz
+        way = np.empty(6)
+        np.dot(target[4:] - d.site_xpos[self._tcp], d.site_xmat[self._tcp].reshape(3, 3), out=way[:3])
+        # mink's logarithm is zero at half a turn; this one is not.
+        mujoco.mju_subQuat(self._turn, target[:4], d.site_xquat[self._tcp])
+        way[3:] = self._turn
+        return way
+
+    def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
+        """Distance [m] and angle [rad] between the tool at q and a pose."""
+        way = self.way_to(T_world_target, q)
+        return sqrt(way[:3].dot(way[:3])), sqrt(way[3:].dot(way[3:]))
 
     def jacobian(self, q: Vector) -> Matrix:
         """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
@@ -158,11 +174,14 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
         if joint.name not in robot.joints:
             spec.delete(joint)
     for geom in list(spec.geoms):
-        if geom.contype == 0 and geom.conaffinity == 0:
+        drawn_only = geom.contype == 0 and geom.conaffinity == 0
+        if drawn_only and geom.parent.explicitinertial:
             spec.delete(geom)
     if payload is not None:
-        # A tool frame is a site: what it holds hangs on the site's body.
-        T_body_com = SE3(np.concatenate([tcp.quat, tcp.pos])) @ payload.T_tcp_com
+        # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
+        # however the site's orientation is written.
+        site = spec.compile().site(robot.tcp)
+        T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
         tcp.parent.add_body(
             name="payload",
             pos=T_body_com.translation(),

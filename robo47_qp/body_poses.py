@@ -49,20 +49,20 @@ class BodyPoses:
             picked: Indices of the N rows.
 
         Returns:
-            Positions (moving, N, 3) [m] and quaternions wxyz (moving, N, 4).
+            Positions (N, moving, 3) [m] and quaternions wxyz (N, moving, 4).
         """
-        d, bodies = self._data, list(self.moving)
-        qpos = np.tile(self._model.qpos0, (len(picked), 1))
+        m, d, bodies = self._model, self._data, list(self.moving)
+        qpos = np.tile(m.qpos0, (len(picked), 1))
         for signal, addresses in self._sources:
             qpos[:, addresses] = rows[signal][picked]
-        positions = np.empty((len(bodies), len(picked), 3))
-        quaternions = np.empty((len(bodies), len(picked), 4))
+        positions = np.empty((len(picked), m.nbody, 3))
+        quaternions = np.empty((len(picked), m.nbody, 4))
         for k, q in enumerate(qpos):
             d.qpos[:] = q
-            mujoco.mj_kinematics(self._model, d)
-            positions[:, k] = d.xpos[bodies]
-            quaternions[:, k] = d.xquat[bodies]
-        return positions, quaternions
+            mujoco.mj_kinematics(m, d)
+            positions[k] = d.xpos
+            quaternions[k] = d.xquat
+        return positions[:, bodies], quaternions[:, bodies]
 
 
 def _address(model: mujoco.MjModel, joint: str) -> int:

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from robo47_qp.errors import RenderingError
 _HOST, _PORT = "127.0.0.1", 9876
 _PATIENCE = 10.0
 """How long a viewer may take to open its port [s]."""
+_STARTED: list[subprocess.Popen[bytes]] = []
+"""Viewers that run on: Python complains of a running process that nothing refers to."""
 
 
 def viewer_url(port: int = _PORT) -> str:
@@ -38,31 +41,37 @@ def _listens(port: int) -> bool:
 def _start(port: int) -> None:
     program = Path(sys.executable).parent / "rerun"
     command = [str(program), "--bind", _HOST, "--port", str(port), "--hide-welcome-screen"]
-    try:
-        viewer = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,  # the viewer outlives the run that it shows
-        )
-    except OSError as error:
-        raise _failed(f"{program} cannot be started ({error.strerror})") from error
-    deadline = time.monotonic() + _PATIENCE
-    while time.monotonic() < deadline:
-        if viewer.poll() is not None:
-            raise _failed(f"it ended with code {viewer.returncode}{_last_words(viewer)}")
-        if _listens(port):
-            return
-        time.sleep(0.05)
-    # The program is a script around the viewer: both are in the session made above.
-    os.killpg(viewer.pid, signal.SIGKILL)
+    # A file and not a pipe: nobody empties a pipe once the viewer runs.
+    with tempfile.TemporaryFile() as log:
+        try:
+            viewer = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                start_new_session=True,  # the viewer outlives the run that it shows
+            )
+        except OSError as error:
+            raise _failed(f"{program} cannot be started ({error.strerror})") from error
+        _STARTED.append(viewer)
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            if viewer.poll() is not None:
+                log.seek(0)
+                words = _last_words(log.read().decode(errors="replace"))
+                raise _failed(f"it ended with code {viewer.returncode}{words}")
+            if _listens(port):
+                return
+            time.sleep(0.05)
+        # The program is a script around the viewer: both are in the session made above.
+        os.killpg(viewer.pid, signal.SIGKILL)
+        viewer.wait()
     raise _failed(f"it did not open port {port} within {_PATIENCE:.0f} s")
 
 
-def _last_words(viewer: subprocess.Popen[bytes]) -> str:
-    lines = viewer.communicate()[1].decode(errors="replace").strip().splitlines()
-    return f": {lines[-1]}" if lines else ""
+def _last_words(log: str) -> str:
+    lines = log.strip().splitlines()
+    return f": {lines[-1].rsplit(': ')[-1].rstrip('.')}" if lines else ""
 
 
 def _failed(reason: str) -> RenderingError:

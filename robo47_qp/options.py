@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.controllers.joint_impedance import JointImpedance
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.multistart import MultiStart
@@ -16,6 +17,8 @@ from robo47_qp.task import Task
 
 LOGS = Path(__file__).resolve().parents[1] / "logs"
 """Where recordings go unless another place is named."""
+_SLOWEST = 0.01
+"""A run at this pace takes 100 times as long."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +33,7 @@ class RunOptions:
     seed: int | None = None
     """Draw start and goal at random from this seed; without it, the default ones are used."""
     speed: float = 1.0
-    """Pace, above 0 and at most 1: 0.5 takes twice the time."""
+    """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
     log: Path = LOGS / "run.rrd"
     """Recording to write; the report goes beside it, with the ending .json."""
     plot: Path | None = None
@@ -48,6 +51,22 @@ class RunOptions:
     extra "visuals"). The physics is the same."""
     json: bool = False
     """Print the report as JSON on the standard output and nothing else."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: A number is out of range, or a file has the wrong ending.
+        """
+        if not _SLOWEST <= self.speed <= 1.0:
+            raise InvalidValueError("--speed", self.speed, f"between {_SLOWEST} and 1")
+        if self.seed is not None and self.seed < 0:
+            raise InvalidValueError("--seed", self.seed, "0 or more")
+        files = {"--log": (self.log, ".rrd"), "--plot": (self.plot, ".png")}
+        files["--video"] = (self.video, ".mp4")
+        for option, (path, ending) in files.items():
+            if path is not None and path.suffix != ending:
+                raise InvalidValueError(option, path, f"a file that ends with {ending}")
 
     @property
     def paced(self) -> bool:

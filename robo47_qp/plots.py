@@ -50,7 +50,7 @@ def plot_run(run: Run, path: Path) -> None:
     figure.suptitle(f"{run.scenario.task.name} on {run.scenario.robot.name}: {outcome}")
     try:
         figure.savefig(path)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
 
 

@@ -118,7 +118,9 @@ def _plot(
 ) -> rrb.View:
     """A plot of one signal, over what it should be and between limits, where there are any."""
     colours = [_PALETTE[i % len(_PALETTE)] for i in range(len(labels))]
-    lines = {SIGNALS: [_lines(signal, labels, colours, 1.25)]}
+    lines: dict[rr.encodings.EntityPath | str, list[rrb.Visualizer]] = {
+        SIGNALS: [_lines(signal, labels, colours, 1.25)]
+    }
     if under is not None:
         names = labels if len(labels) > 1 else ("command",)
         darker = [(r // 2, g // 2, b // 2) for r, g, b in colours]

@@ -4,6 +4,8 @@ All signals share one entity: each further one would cost 24 bytes per row for i
 ids and times, a quarter of the file.
 """
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import rerun as rr
@@ -13,6 +15,7 @@ from robo47_qp.errors import RecordingError
 from robo47_qp.recording import Rows, Signal
 from robo47_qp.robot import Robot
 
+_column, _FrameIds = rr.ComponentColumn, rr.components.TransformFrameIdBatch
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
@@ -27,6 +30,11 @@ class SignalColumn:
     def of(self, rows: Rows) -> rr.ComponentColumn:
         """The column: a list of numbers per row."""
         return _lists(self._descriptor, rows[self._name])
+
+
+def xyzw(wxyz: Matrix) -> Matrix:
+    """Quaternions (..., 4) in Rerun's order."""
+    return np.roll(wxyz, -1, axis=-1)
 
 
 def component(signal: str) -> str:
@@ -44,6 +52,33 @@ def limit_columns(model: mujoco.MjModel, robot: Robot) -> list[rr.ComponentColum
         "limits/tau": np.concatenate((-tau_max, tau_max)),
     }
     return [_lists(_descriptor(name), np.tile(bound, (2, 1))) for name, bound in bounds.items()]
+
+
+class PoseColumns:
+    """Turns the poses of a set of frames into columns: one row per frame and instant."""
+
+    def __init__(self, frames: Sequence[str], parent: str) -> None:
+        """Name the frames and the one that all poses are given in."""
+        self._frames, self._parent = list(frames), parent
+        self._names: dict[int, list[rr.ComponentColumn]] = {}
+
+    def of(self, positions: Matrix, quaternions: Matrix) -> list[rr.ComponentColumn]:
+        """The columns for positions (N, frames, 3) [m] and quaternions wxyz (N, frames, 4)."""
+        count = len(positions)
+        if count not in self._names:
+            children = self._frames * count
+            parents = [self._parent] * len(children)
+            self._names[count] = [
+                _column(rr.Transform3D.descriptor_child_frame(), _FrameIds(children)),
+                _column(rr.Transform3D.descriptor_parent_frame(), _FrameIds(parents)),
+            ]
+        translations = rr.components.Translation3DBatch(positions.reshape(-1, 3))
+        rotations = rr.components.RotationQuatBatch(xyzw(quaternions).reshape(-1, 4))
+        return [
+            _column(rr.Transform3D.descriptor_translation(), translations),
+            _column(rr.Transform3D.descriptor_quaternion(), rotations),
+            *self._names[count],
+        ]
 
 
 def check_rows(rows: Rows) -> None:

@@ -6,16 +6,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from robo47_qp import rerun_blueprint as layout
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.body_poses import BodyPoses
 from robo47_qp.live_viewer import viewer_url
 from robo47_qp.motion.planner import Leg
+from robo47_qp.observer import Observer
 from robo47_qp.recording import Rows, Signal
-from robo47_qp.rerun_columns import SignalColumn, check_rows, limit_columns
-from robo47_qp.rerun_scene import body_name, body_shapes, undrawn, xyzw
+from robo47_qp.rerun_columns import PoseColumns, SignalColumn, check_rows, limit_columns, xyzw
+from robo47_qp.rerun_scene import body_name, body_shapes, undrawn
 from robo47_qp.rerun_stream import RerunStream
 from robo47_qp.robot import Robot
 from robo47_qp.simulation import Simulation
@@ -23,17 +23,23 @@ from robo47_qp.waypoint import Motion
 
 FRAME_RATE = 60.0
 """Pictures of the scene per second [1/s]."""
+FLUSH_INTERVAL = 1.0
+"""Time between two looks at whether the file still takes what it gets [s]. Rerun writes on
+its own, without being asked to; looking is only for errors, and costs half a chunk's time."""
 _ROOT = "tf#/"
 """Rerun's name of the frame that the 3-D view is drawn in: the world."""
 _AXES = np.eye(3) * 0.06
 """Arrows of a frame [m] and their colours: x red, y green, z blue."""
 _AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
-_PATH_COLOUR = (250, 250, 250)
+_PATH_COLOUR = (255, 70, 150)
 _PLANNED_COLOURS = {Motion.PTP: (110, 160, 255), Motion.LIN: (255, 180, 70)}
 
 
-class RerunLog:
-    """Sink and observer of a run. What `write` returned from is safe in the file."""
+class RerunLog(Observer):
+    """Sink and observer of a run.
+
+    Rows are in the file moments after `write`, also if the process is killed then.
+    """
 
     def __init__(
         self,
@@ -67,7 +73,9 @@ class RerunLog:
         self._limits = limit_columns(model, robot)
         self._markers: dict[str, Vector] = {}
         self._last_frame, self._last_tool = -1.0, np.empty((0, 3))
-        self._frames = [body_name(model, body) for body in self._poses.moving] + [layout.TOOL]
+        self._now = self._next_flush = 0.0
+        moving = [body_name(model, body) for body in self._poses.moving]
+        self._frames = PoseColumns([*moving, layout.TOOL], _ROOT)
         self._describe(signals)
         self._draw_scene(model)
         self._stream.flush(0.0)
@@ -82,13 +90,13 @@ class RerunLog:
         check_rows(rows)
         times = rows["time"][:, 0]
         self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
-        self._stream.send(layout.LIMITS, times[[0, -1]], self._limits)
-        frames = np.floor(times * FRAME_RATE + 1e-6)
-        picked = np.flatnonzero(np.diff(frames, prepend=self._last_frame) > 0.0)
-        if picked.size:
-            self._last_frame = float(frames[-1])
-            self._draw_frames(rows, picked)
-        self._stream.flush(float(times[-1]))
+        self._draw_frames(rows)
+        self._now = float(times[-1])
+        if self._now >= self._next_flush:
+            self._next_flush = self._now + FLUSH_INTERVAL
+            self._draw_limits(times[[0, -1]])
+            if not self._stream.flush(self._now):
+                self.note(self._now, "the viewer is gone; the recording goes on", "WARN")
 
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
         """Draw a leg that starts now and tell how it was planned.
@@ -133,7 +141,7 @@ class RerunLog:
                 self._markers[name] = pose
                 place = rr.Transform3D(
                     translation=pose[4:],
-                    quaternion=xyzw(pose[:4]),
+                    quaternion=rr.Quaternion(xyzw=xyzw(pose[:4])),
                     child_frame=name,
                     parent_frame=_ROOT,
                 )
@@ -147,7 +155,8 @@ class RerunLog:
         """
         document = rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN)
         self._stream.log(layout.SUMMARY, document)
-        self._stream.finish()
+        self._draw_limits(np.full(2, self._now))
+        self._stream.finish(self._now)
 
     def close(self) -> None:
         """Close the file, complete or not; a second time does nothing."""
@@ -167,7 +176,9 @@ class RerunLog:
             self._poses.fixed, *self._poses.of_fixed(), strict=True
         ):
             path = f"{layout.WORLD}/{rr.escape_entity_path_part(body_name(model, body))}"
-            T = rr.Transform3D(translation=position, quaternion=xyzw(quaternion))
+            T = rr.Transform3D(
+                translation=position, quaternion=rr.Quaternion(xyzw=xyzw(quaternion))
+            )
             self._stream.log(path, T)
         for body in range(model.nbody):
             name = body_name(model, body)
@@ -181,26 +192,30 @@ class RerunLog:
         for geom in undrawn(model):
             self.note(0.0, f"geom {geom!r} is of a kind that is not drawn", "WARN")
 
-    def _draw_frames(self, rows: Rows, picked: NDArray[np.intp]) -> None:
-        """Poses of all moving frames in some of the rows, and the way of the tool."""
+    def _draw_limits(self, times: Vector) -> None:
+        self._stream.send(layout.LIMITS, times, self._limits)
+
+    def _draw_frames(self, rows: Rows) -> None:
+        """Poses of all moving frames, and the way of the tool."""
+        frames = np.floor(rows["time"][:, 0] * FRAME_RATE + 1e-6)
+        picked = np.flatnonzero(np.diff(frames, prepend=self._last_frame) > 0.0)
+        if not picked.size:
+            return
+        self._last_frame = float(frames[-1])
         times, tool = rows["time"][picked, 0], rows["tool/pose"][picked]
         positions, quaternions = self._poses.of_moving(rows, picked)
-        translation = np.concatenate((positions, tool[None, :, :3])).swapaxes(0, 1).reshape(-1, 3)
-        wxyz = np.concatenate((quaternions, tool[None, :, 3:])).swapaxes(0, 1).reshape(-1, 4)
-        count = len(self._frames)
-        columns = rr.Transform3D.columns(
-            translation=translation,
-            quaternion=xyzw(wxyz),
-            child_frame=self._frames * len(picked),
-            parent_frame=[_ROOT] * (count * len(picked)),
+        columns = self._frames.of(
+            np.concatenate((positions, tool[:, None, :3]), axis=1),
+            np.concatenate((quaternions, tool[:, None, 3:]), axis=1),
         )
+        count = positions.shape[1] + 1
         self._stream.send(layout.FRAMES, np.repeat(times, count), columns)
         way = np.concatenate((self._last_tool, tool[:, :3]))
         self._last_tool = tool[-1:, :3].copy()
         if len(way) > 1:
-            strips = np.stack((way[:-1], way[1:]), axis=1)
+            strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
             lines = rr.LineStrips3D.columns(strips=strips)
-            self._stream.send(layout.PATH, times[-len(strips) :], lines)
+            self._stream.send(layout.PATH, times[-len(strips) :], list(lines))
 
 
 def _frame(T: Matrix) -> rr.Arrows3D:

@@ -10,6 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.rerun_columns import xyzw
 
 Shape: TypeAlias = rr.Boxes3D | rr.Capsules3D | rr.Cylinders3D | rr.Ellipsoids3D | rr.Mesh3D
 
@@ -21,11 +22,6 @@ _NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
 """A geom of this colour takes that of its material, as in MuJoCo's renderer."""
 _ENDLESS, _THICKNESS = 2.0, 0.01
 """Half size at which an endless plane is drawn, and how thick planes are [m]."""
-
-
-def xyzw(wxyz: Matrix) -> Matrix:
-    """Quaternions (..., 4) in Rerun's order."""
-    return np.roll(wxyz, -1, axis=-1)
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:

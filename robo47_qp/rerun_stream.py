@@ -1,16 +1,16 @@
 """RerunStream: a Rerun file that tells when something did not get into it."""
 
+import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import RecordingError
+from robo47_qp.errors import RecordingError, RenderingError
 
 TIMELINE = "time"
 """The only timeline: simulated time, a duration."""
@@ -18,11 +18,13 @@ _PATIENCE = 5.0
 """How long the file may take to receive what was written [s]."""
 _END_MARK = b"RRF2FOOT"
 """Stands at the end of every file that was closed in order."""
-_Sink: TypeAlias = rr.FileSink | rr.GrpcSink
 
 
 class RerunStream:
-    """A recording on its way into a file, and to a viewer if one is named."""
+    """A recording on its way into a file, and to a viewer if one is named.
+
+    The file is what counts: a viewer that is closed, or too slow, is given up.
+    """
 
     def __init__(
         self, path: Path, application: str, blueprint: rrb.Blueprint, viewer: str | None
@@ -37,26 +39,34 @@ class RerunStream:
 
         Raises:
             RecordingError: The file cannot be written.
+            RenderingError: What listens at the URL is no viewer.
         """
         # Without it Rerun drops what it cannot log, with a warning. It is a switch of the whole
         # process: thrown here, because an import must not change anything.
         rr.set_strict_mode(True)
         self.path = path
-        self._until = 0.0
+        self._until, self._size = 0.0, 0
+        self._given_up: rr.RecordingStream | None = None
         _check_writable(path)
-        stream = rr.RecordingStream(application)
-        stream.set_log_time_enabled(False)
-        stream.set_log_tick_enabled(False)
-        sinks: list[_Sink] = [rr.FileSink(path)]
-        if viewer is not None:
-            sinks.append(rr.GrpcSink(viewer))
-        self._stream: rr.RecordingStream | None = stream
+        self._file: rr.RecordingStream | None = rr.RecordingStream(application)
+        self._viewer: rr.RecordingStream | None = None
         try:
-            stream.set_sinks(*sinks, default_blueprint=blueprint)
-            stream.send_recording_name(path.stem)
+            self._file.save(path, default_blueprint=blueprint)
         except RuntimeError as error:
             raise self._broken(str(error)) from error
-        self.flush(0.0)
+        if viewer is not None:
+            self._viewer = rr.RecordingStream(application)
+            self._viewer.connect_grpc(viewer, default_blueprint=blueprint)
+        for stream in self._streams():
+            stream.set_log_time_enabled(False)
+            stream.set_log_tick_enabled(False)
+            stream.send_recording_name(path.stem)
+        if not self.flush(0.0):
+            self.close()
+            raise RenderingError(
+                f"What listens at {viewer} is no Rerun viewer, or one of another version. Close "
+                "it, or record without the live view."
+            )
 
     def log(self, entity: str, *archetypes: rr.AsComponents, time: float | None = None) -> None:
         """Log at an instant [s], or for all times.
@@ -64,12 +74,12 @@ class RerunStream:
         Raises:
             RecordingError: The recording is closed.
         """
-        stream = self._opened()
-        if time is not None:
-            stream.set_time(TIMELINE, duration=np.timedelta64(round(time * 1e9), "ns"))
-        stream.log(entity, *archetypes, static=time is None)
+        for stream in self._streams():
+            if time is not None:
+                stream.set_time(TIMELINE, duration=np.timedelta64(round(time * 1e9), "ns"))
+            stream.log(entity, *archetypes, static=time is None)
 
-    def send(self, entity: str, times: Vector, columns: Iterable[rr.ComponentColumn]) -> None:
+    def send(self, entity: str, times: Vector, columns: Sequence[rr.ComponentColumn]) -> None:
         """Log many instants at once.
 
         Args:
@@ -83,53 +93,80 @@ class RerunStream:
         # Rounded here: Rerun would truncate, and rows of one instant would not join.
         instants = np.round(times * 1e9).astype("timedelta64[ns]")
         index = rr.TimeColumn(TIMELINE, duration=instants)
-        self._opened().send_columns(entity, [index], columns)
+        for stream in self._streams():
+            stream.send_columns(entity, [index], columns)
 
-    def flush(self, until: float) -> None:
+    def flush(self, until: float) -> bool:
         """Wait until everything is in the file.
 
         Args:
             until: The instant up to which there are rows [s], for messages.
 
+        Returns:
+            False if the viewer was given up this time.
+
         Raises:
-            RecordingError: Not everything got there.
+            RecordingError: Not everything got into the file.
         """
+        file, *viewers = self._streams()
+        for viewer in viewers:
+            try:
+                viewer.flush(timeout_sec=_PATIENCE)
+            except (RuntimeError, OSError):
+                # Kept, not dropped: its destructor would wait for a viewer that hangs.
+                self._viewer, self._given_up = None, viewer
         try:
-            self._opened().flush(timeout_sec=_PATIENCE)
+            file.flush(timeout_sec=_PATIENCE)
+            self._until, self._size = until, self.path.stat().st_size
         except (RuntimeError, OSError) as error:
             raise self._broken(str(error)) from error
-        self._until = until
+        return len(viewers) == len(self._streams()) - 1
 
-    def finish(self) -> None:
+    def finish(self, until: float) -> None:
         """Write the end of the file and make sure that it is there.
+
+        Args:
+            until: The instant up to which there are rows [s], for messages.
 
         Raises:
             RecordingError: The file is not complete.
         """
-        self.flush(self._until)
+        self.flush(until)
         self.close()
-        with self.path.open("rb") as file:
-            file.seek(-min(64, self.path.stat().st_size), 2)
-            if _END_MARK not in file.read():
-                raise self._broken("the end of the file is missing")
+        try:
+            with self.path.open("rb") as file:
+                file.seek(-min(64, self.path.stat().st_size), 2)
+                complete = _END_MARK in file.read()
+        except OSError as error:
+            raise self._broken(str(error)) from error
+        if not complete:
+            raise self._broken("its end is missing")
 
     def close(self) -> None:
         """Close the file, complete or not; a second time does nothing."""
-        stream, self._stream = self._stream, None
-        if stream is not None:
+        streams = [stream for stream in (self._file, self._viewer) if stream is not None]
+        self._file = self._viewer = None
+        for stream in streams:
             stream.disconnect()
 
-    def _opened(self) -> rr.RecordingStream:
-        if self._stream is None:
+    def _streams(self) -> list[rr.RecordingStream]:
+        """The file and, while there is one, the viewer."""
+        if self._file is None:
             raise RecordingError(f"{self.path} is closed; nothing more can be recorded in it.")
-        return self._stream
+        return [self._file] if self._viewer is None else [self._file, self._viewer]
 
     def _broken(self, reason: str) -> RecordingError:
-        free = shutil.disk_usage(self.path.parent).free
+        """Close the file, cut off a message that is there in part, and say what happened."""
+        self.close()
+        try:
+            room = f"The disk has {shutil.disk_usage(self.path.parent).free / 1e6:.0f} MB left."
+            # Readers refuse a whole file for a torn message at its end.
+            os.truncate(self.path, min(self._size, self.path.stat().st_size))
+        except OSError as error:
+            room = f"The file is out of reach ({error.strerror})."
         return RecordingError(
-            f"{self.path} could not be written to its end: {reason}. The disk has "
-            f"{free / 1e6:.0f} MB left. What is in the file, up to {self._until:.3f} s, can be "
-            "read; make room or record to another disk."
+            f"{self.path} could not be written to its end: {reason}. {room} What the file holds, "
+            f"up to {self._until:.3f} s, can be read; make room or record to another disk."
         )
 
 
@@ -139,7 +176,9 @@ def _check_writable(path: Path) -> None:
         with path.open("wb"):
             pass
     except OSError as error:
+        taken = isinstance(error, (FileExistsError, NotADirectoryError))
+        reason = "its folder is a file" if taken else error.strerror
         raise RecordingError(
-            f"{path} cannot be written: {error.strerror}. Name a file in a folder that you may "
+            f"{path} cannot be written: {reason}. Name a file in a folder that you may "
             "write to, on a disk that is there."
         ) from error

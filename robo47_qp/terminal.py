@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -64,7 +65,7 @@ def print_summary(
         console.print("[bold green]success[/]")
     else:
         console.print(
-            f"[bold red]failed: {run.failure.cause.value}[/]  {run.failure.evidence}",
+            f"[bold red]failed: {run.failure.cause.value}[/]  {escape(run.failure.evidence)}",
             highlight=False,
         )
     if "place_error_m" in metrics:

@@ -82,8 +82,12 @@ class Video(Observer):
             self._writer = imageio.get_writer(
                 path, format="FFMPEG", fps=_FRAMES_PER_SECOND, macro_block_size=8
             )
-        except OSError as error:
-            raise RecordingError(f"The video {path} cannot be written: {error}.") from error
+        except (OSError, RuntimeError, ValueError) as error:
+            self._camera.close()
+            raise RecordingError(
+                f"The video {path} cannot be written: {error}. Name an mp4 file in a folder "
+                "that you may write to."
+            ) from error
 
     def tick(self, simulation: Simulation) -> None:
         """Draw the frames that are due."""

@@ -51,10 +51,12 @@ class Payload:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: The mass is not positive, or the inertia not that of a body.
+            InvalidValueError: The mass is not positive, the inertia not that of a body, or the
+                pose none.
         """
         if not (np.isfinite(self.mass) and self.mass > 0.0):
             raise InvalidValueError("payload mass", self.mass, "positive and finite [kg]")
+        _check_pose("payload T_tcp_com", self.T_tcp_com)
         moments = checked_vector("payload inertia", self.inertia, 3)
         if (moments <= 0.0).any() or 2 * moments.max() > moments.sum() * (1 + 1e-9):
             raise InvalidValueError(
@@ -87,15 +89,17 @@ class Waypoint:
             InvalidValueError: The pose has NaN, no unit quaternion, or the speed is out of range.
         """
         if isinstance(self.target, SE3):
-            pose = checked_vector(f"target of waypoint {self.name!r}", self.target.wxyz_xyz, 7)
-            if abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-6:
-                raise InvalidValueError(
-                    f"target of waypoint {self.name!r}", pose[:4].tolist(), "a unit quaternion"
-                )
+            _check_pose(f"target of waypoint {self.name!r}", self.target)
         if not 0.0 < self.speed <= 1.0:
             raise InvalidValueError(
                 f"speed of waypoint {self.name!r}", self.speed, "above 0 and at most 1"
             )
+
+
+def _check_pose(name: str, pose: SE3) -> None:
+    numbers = checked_vector(name, pose.wxyz_xyz, 7)
+    if abs(np.linalg.norm(numbers[:4]) - 1.0) > 1e-6:
+        raise InvalidValueError(name, numbers[:4].tolist(), "a pose with a unit quaternion")
 
 
 def tool_down(position: ArrayLike, yaw: float = 0.0) -> SE3:

@@ -40,7 +40,9 @@ class PlainArm:
 
     def at(self, fractions: Vector) -> Vector:
         """Configuration at fractions of the joint ranges; takes as many as there are joints."""
-        return self.q_min + fractions[: self.n] * (self.q_max - self.q_min)
+        q = self.q_min + fractions[: self.n] * (self.q_max - self.q_min)
+        inside: Vector = np.clip(q, self.q_min, self.q_max)
+        return inside
 
     def tool(self, q: Vector) -> tuple[Vector, Matrix]:
         """Position and rotation matrix of the tool in the world."""
@@ -100,7 +102,8 @@ class PlainArm:
         h = 1e-4
         up = [self.potential_energy(q + h * e) for e in np.eye(self.n)]
         down = [self.potential_energy(q - h * e) for e in np.eye(self.n)]
-        return (np.array(up) - np.array(down)) / (2 * h)
+        slope: Vector = (np.array(up) - np.array(down)) / (2 * h)
+        return slope
 
     def acceleration(self, q: Vector, v: Vector, tau: Vector) -> Vector:
         """Forward dynamics of the welded model (n,) [rad/s²]."""
@@ -164,7 +167,7 @@ def _welded(robot: Robot, payload: Payload | None) -> str:
 def _held(hand: ET.Element, tcp: str, payload: Payload) -> ET.Element:
     """The payload as two frames in one another: that of the tool, then that of its own."""
     site = next(site for site in hand if site.get("name") == tcp)
-    placed = {key: site.attrib[key] for key in ("pos", "quat", "euler") if key in site.attrib}
+    placed = {key: text for key, text in site.items() if key in {"pos", "quat", "euler"}}
     frame = ET.Element("frame", placed)
     p, wxyz = payload.T_tcp_com.translation(), payload.T_tcp_com.rotation().wxyz
     body = ET.SubElement(frame, "body", name="payload", pos=_text(p), quat=_text(wxyz))

@@ -24,6 +24,11 @@ from robo47_qp.waypoint import Motion, Payload, Place, Waypoint
 from tasks.pick_place import PickPlace
 from tasks.table import add_table
 
+
+def no_objects(spec: mujoco.MjSpec) -> None:
+    """Adds nothing: the robot is alone."""
+
+
 ZEROS = np.zeros(len(PANDA.joints))
 
 

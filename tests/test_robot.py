@@ -1,5 +1,6 @@
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,11 @@ from robo47_qp.robot import MotionProfile, Robot
 
 BOUNDS = ("v_max", "a_max", "j_max")
 VECTORS = ("home", "tau_max", "tau_rate_max", "stiffness")
+
+
+def changed(robot: Robot, name: str, value: object) -> Robot:
+    fields: dict[str, Any] = {name: value}
+    return replace(robot, **fields)
 
 
 def profile(**changed: object) -> MotionProfile:
@@ -113,7 +119,7 @@ def test_a_robot_does_not_change_with_the_arrays_it_was_made_of(robot: Robot) ->
 def test_an_array_of_the_wrong_length_is_refused(robot: Robot, name: str) -> None:
     n = len(robot.joints)
     with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of {n} .*\({n + 1},\)"):
-        replace(robot, **{name: np.ones(n + 1)})
+        changed(robot, name, np.ones(n + 1))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -121,14 +127,14 @@ def test_an_array_that_is_not_finite_is_refused(robot: Robot, name: str) -> None
     bad = np.ones(len(robot.joints))
     bad[-1] = np.nan
     with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of .* found .*nan"):
-        replace(robot, **{name: bad})
+        changed(robot, name, bad)
 
 
 @pytest.mark.parametrize("name", ["rated", "profile"])
 def test_a_profile_of_another_arm_is_refused(robot: Robot, name: str) -> None:
     other = MotionProfile.uniform(len(robot.joints) + 1, v=1.0, a=1.0, j=1.0)
     with pytest.raises(InvalidValueError, match=rf"{name}\.v_max must be a vector of"):
-        replace(robot, **{name: other})
+        changed(robot, name, other)
 
 
 def test_a_missing_motor_is_refused(robot: Robot) -> None:

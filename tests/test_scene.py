@@ -11,6 +11,7 @@ from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.scene import TIMESTEP, compile_scene, contact_sensor, free_bodies, mocap_bodies
 from tasks.pick_place import PickPlace
+from tests.runs import no_objects
 
 
 def three_bodies(spec: mujoco.MjSpec) -> None:
@@ -41,7 +42,7 @@ def test_free_and_mocap_bodies_are_found_in_their_order(model: mujoco.MjModel) -
 
 
 def test_a_world_without_objects_has_none() -> None:
-    bare = compile_scene(PANDA, lambda spec: None)
+    bare = compile_scene(PANDA, no_objects)
     assert free_bodies(bare) == ()
     assert mocap_bodies(bare) == ()
 
@@ -59,10 +60,11 @@ def test_the_sensor_of_a_finger_is_the_sum_of_its_contact_forces(model: mujoco.M
     mujoco.mj_forward(model, data)
     ball = model.body("ball")
     address = model.jnt_qposadr[ball.jntadr[0]]
-    data.qpos[address : address + 3] = data.geom("left_pad").xpos + [0.0, 0.0135, 0.0]
+    data.qpos[address : address + 3] = data.geom("left_pad").xpos + np.array([0.0, 0.0135, 0.0])
     mujoco.mj_forward(model, data)
     total = np.zeros(3)
-    for i, contact in enumerate(data.contact):
+    for i in range(data.ncon):
+        contact = data.contact[i]
         bodies = [model.body(model.geom_bodyid[geom]).name for geom in contact.geom]
         wrench = np.zeros(6)
         mujoco.mj_contactForce(model, data, i, wrench)
@@ -98,7 +100,7 @@ def test_a_name_that_the_model_lacks_is_told_with_those_it_has(
 ) -> None:
     robot = replace(PANDA, **change)  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match=f"No {kind} is called 'elbow'; known: .") as caught:
-        compile_scene(robot, lambda spec: None)
+        compile_scene(robot, no_objects)
     assert caught.value.known
 
 
@@ -106,14 +108,13 @@ def test_a_name_that_the_model_lacks_is_told_with_those_it_has(
 def test_joints_and_motors_out_of_order_are_refused(what: str) -> None:
     names = getattr(PANDA, what)
     swapped = (names[1], names[0], *names[2:])
-    robot = replace(PANDA, **{what: swapped})
+    change = {what: swapped}
+    robot = replace(PANDA, **change)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match=f"The {what} of robot 'panda' have the ids"):
-        compile_scene(robot, lambda spec: None)
+        compile_scene(robot, no_objects)
 
 
-def test_the_main_job_compiles_anywhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_main_job_compiles_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     model = compile_scene(PANDA, PickPlace().build_scene)
     assert free_bodies(model) == ("cube",)

@@ -17,7 +17,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Grip
-from tests.runs import ZEROS, Holder
+from tests.runs import ZEROS, Holder, no_objects
 
 N = len(PANDA.joints)
 HOME_TOOL = Arm(PANDA).pose(PANDA.home)
@@ -52,7 +52,7 @@ def cube_on_a_shelf(spec: mujoco.MjSpec) -> None:
 
 @cache
 def one_world() -> Simulation:
-    return Simulation(PANDA, lambda spec: None)
+    return Simulation(PANDA, no_objects)
 
 
 def start_again() -> Simulation:
@@ -231,7 +231,8 @@ def test_each_finger_presses_with_the_force_asked_for(shelved: Simulation, force
     grasp(shelved, force)
     model, data = shelved.model, shelved.data
     measured = {"left_finger": np.zeros(3), "right_finger": np.zeros(3)}
-    for i, contact in enumerate(data.contact):
+    for i in range(data.ncon):
+        contact = data.contact[i]
         wrench = np.zeros(6)
         mujoco.mj_contactForce(model, data, i, wrench)
         bodies = [model.body(model.geom_bodyid[geom]).name for geom in contact.geom]
@@ -279,8 +280,10 @@ def test_a_grip_settles_at_the_width_asked_for(arm_alone: Simulation) -> None:
         assert arm_alone.grip_settled()
         arm_alone.command_grip(Grip(width=width, force=30.0))
         assert not arm_alone.grip_settled()
-        settled = []
-        holder.hold(900, lambda: settled.append((arm_alone.grip_settled(), arm_alone.width())))
+        settled: list[tuple[bool, float]] = []
+        for _ in range(900):
+            holder.hold(1)
+            settled.append((arm_alone.grip_settled(), arm_alone.width()))
         first = next(i for i, (done, _) in enumerate(settled) if done)
         assert all(abs(where - width) < 1e-4 for done, where in settled if done)
         assert all(done for done, _ in settled[first:])

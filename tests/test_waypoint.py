@@ -19,9 +19,7 @@ def payload(**changed: object) -> Payload:
     return Payload(**{**held, **changed})  # type: ignore[arg-type]
 
 
-@given(
-    x=st.floats(-1, 1), y=st.floats(-1, 1), z=st.floats(-1, 1), yaw=st.floats(-7, 7)
-)
+@given(x=st.floats(-1, 1), y=st.floats(-1, 1), z=st.floats(-1, 1), yaw=st.floats(-7, 7))
 def test_a_tool_that_points_down(x: float, y: float, z: float, yaw: float) -> None:
     R = tool_down([x, y, z], yaw).rotation().as_matrix()
     assert tool_down([x, y, z], yaw).translation() == pytest.approx([x, y, z], abs=1e-15)
@@ -90,7 +88,9 @@ def test_a_target_with_a_hole_in_it_is_refused(entry: int, bad: float) -> None:
         Waypoint(name="there", target=SE3(numbers))
 
 
-@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (2, 0, 0, 0), (1, 1e-2, 0, 0), (0.999, 0, 0, 0)])
+@pytest.mark.parametrize(
+    "quaternion", [(0, 0, 0, 0), (2, 0, 0, 0), (1, 1e-2, 0, 0), (0.999, 0, 0, 0)]
+)
 def test_a_target_without_a_unit_quaternion_is_refused(quaternion: tuple[float, ...]) -> None:
     message = "target of waypoint 'there' must be a unit quaternion; found"
     with pytest.raises(InvalidValueError, match=message):
@@ -117,7 +117,9 @@ def test_a_mass_that_no_body_has_is_refused(mass: float) -> None:
 
 
 @given(
-    sides=st.tuples(*[st.floats(1e-3, 1.0)] * 3), mass=st.floats(1e-3, 10.0), order=st.permutations(range(3))
+    sides=st.tuples(*[st.floats(1e-3, 1.0)] * 3),
+    mass=st.floats(1e-3, 10.0),
+    order=st.permutations(range(3)),
 )
 def test_every_box_is_a_payload(
     sides: tuple[float, float, float], mass: float, order: list[int]
@@ -131,7 +133,9 @@ def test_a_flat_plate_and_a_thin_rod_are_payloads() -> None:
     payload(inertia=(1e-12, 1e-3, 1e-3))
 
 
-@pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (5.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, -1.0)])
+@pytest.mark.parametrize(
+    "inertia", [(1.0, 1.0, 2.1), (5.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, -1.0)]
+)
 def test_moments_that_no_body_has_are_refused(inertia: tuple[float, float, float]) -> None:
     message = "payload inertia must be three positive moments, none above the sum of the others"
     with pytest.raises(InvalidValueError, match=message):

@@ -15,9 +15,8 @@ from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 class DlsIk:
     """Damped least squares on the tool pose.
 
-    dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e = log(T_tcp_target) the twist in the tool frame that
-    leads to the target in unit time; with `position_only` the rows of the rotation are left
-    out. It knows nothing of joint limits: with `clip`, each step ends inside them by
+    dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e the way to the target in the tool frame, a displacement
+    and a rotation vector; with `position_only` the rows of the rotation are left out. It knows nothing of joint limits: with `clip`, each step ends inside them by
     clamping. (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with
     Jacobian transpose, pseudoinverse and damped least squares methods", 2004.)
     """
@@ -44,8 +43,7 @@ class DlsIk:
         if self.position_only:
             tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
         for iteration in range(self.max_iterations + 1):
-            T_tcp_target = arm.pose(q).inverse() @ T_world_target
-            e = T_tcp_target.translation() if self.position_only else T_tcp_target.log()
+            e = arm.way_to(T_world_target, q)[:rows]
             close = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
             if close and (self.position_only or np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation):
                 break

@@ -79,6 +79,7 @@ class _Problem:
     """mink's objects for one arm, built once: they cost more than an iteration."""
 
     def __init__(self, arm: Arm, lm_damping: float, posture_cost: float, gain: float) -> None:
+        self._q_min, self._q_max = arm.q_min, arm.q_max
         self._configuration = mink.Configuration(arm.model)
         self._pose = mink.FrameTask(arm.robot.tcp, "site", 1.0, 1.0, lm_damping=lm_damping)
         self._posture = mink.PostureTask(arm.model, posture_cost)
@@ -108,7 +109,9 @@ class _Problem:
         solution = qpsolvers.solve_problem(qp, solver=backend, **BACKENDS[backend])
         if not solution.found or solution.x is None:
             return False
-        self._configuration.integrate_inplace(solution.x, 1.0)
+        # QP solvers meet bounds but for rounding; answers meet them exactly.
+        q = self._configuration.q + solution.x
+        self._configuration.update(np.clip(q, self._q_min, self._q_max))
         return True
 
 

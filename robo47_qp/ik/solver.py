@@ -82,19 +82,12 @@ class IkSolver(Protocol):
         ...
 
 
-def pose_errors(arm: Arm, T_world_target: SE3, q: Vector) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between the tool at q and a target."""
-    T_tcp_target = arm.pose(q).inverse() @ T_world_target
-    angle = float(np.linalg.norm(T_tcp_target.rotation().log()))
-    return float(np.linalg.norm(T_tcp_target.translation())), angle
-
-
 def judged(
     arm: Arm, T_world_target: SE3, q: ArrayLike, tolerance: Tolerance, iterations: int
 ) -> IkResult:
     """Result for a solver that stopped at q, whatever the solver itself thinks of it."""
     q = np.array(q, dtype=np.float64)
-    position_error, orientation_error = pose_errors(arm, T_world_target, q)
+    position_error, orientation_error = arm.distance_to(T_world_target, q)
     margin = arm.limit_margin(q)
     reason: Reason | None = None
     explanation = ""

@@ -1,4 +1,4 @@
-"""Time-optimal motion from rest to rest under velocity, acceleration and jerk bounds.
+"""Time-optimal straight motion from rest to rest, velocity, acceleration and jerk bounded.
 
 Everything is computed here, by Ruckig's state-to-state planner (Berscheid and Kröger,
 "Jerk-limited real-time trajectory generation with arbitrary target states", RSS 2021);
@@ -25,7 +25,7 @@ class Samples(NamedTuple):
 def rest_to_rest(
     start: Vector, goal: Vector, v_max: Vector, a_max: Vector, j_max: Vector, dt: float
 ) -> Samples:
-    """Move all coordinates together so that they start and arrive at the same time.
+    """Move on the straight line between two points, each coordinate within its bounds.
 
     Args:
         start: Where to start, at rest (n,).
@@ -36,27 +36,48 @@ def rest_to_rest(
         dt: Time between samples [s].
 
     Returns:
-        The samples; the duration is the shortest that is a multiple of dt, the last sample
-        is the goal, at rest. The coordinates move in proportion: a straight line.
+        The samples; the duration is the shortest on the line that is a multiple of dt, the
+        last sample is the goal, at rest.
 
     Raises:
-        InvalidValueError: Ruckig refuses the input, NaN or a bound that is not positive.
+        InvalidValueError: A position is not finite, a bound or dt is not positive.
     """
-    n = len(start)
-    request = ruckig.InputParameter(n)
-    request.synchronization = ruckig.Synchronization.Phase
+    _check(start, goal, v_max, a_max, j_max, dt)
+    way = goal - start
+    moving = way != 0.0
+    if not moving.any():
+        still = np.zeros((1, len(start)))
+        return Samples(goal[None, :].copy(), still, still)
+    length = np.abs(way[moving])
+    request = ruckig.InputParameter(1)
     request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    request.current_position, request.target_position = start.tolist(), goal.tolist()
-    request.max_velocity, request.max_acceleration = v_max.tolist(), a_max.tolist()
-    request.max_jerk = j_max.tolist()
-    plan = ruckig.Trajectory(n)
+    request.current_position, request.target_position = [0.0], [1.0]
+    request.max_velocity = [float((v_max[moving] / length).min())]
+    request.max_acceleration = [float((a_max[moving] / length).min())]
+    request.max_jerk = [float((j_max[moving] / length).min())]
+    plan = ruckig.Trajectory(1)
     try:
-        ruckig.Ruckig(n, dt).calculate(request, plan)
+        ruckig.Ruckig(1, dt).calculate(request, plan)
     except ruckig.RuckigError as error:
-        expected = "a rest-to-rest motion between finite positions with positive bounds"
-        raise InvalidValueError("motion", str(error).splitlines()[0], expected) from error
+        expected = "one that Ruckig can plan"
+        raise InvalidValueError("motion", f"{start} to {goal} ({error})", expected) from error
     steps = round(plan.duration / dt)
-    rows = np.array([plan.at_time(k * dt) for k in range(steps)])
-    still = np.zeros(n)
-    rows = np.concatenate([rows.reshape(steps, 3, n), [[goal, still, still]]])
-    return Samples(rows[:, 0], rows[:, 1], rows[:, 2])
+    rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
+    s, ds, dds = np.vstack([rows, [1.0, 0.0, 0.0]]).T[:, :, None]
+    x = start + s * way
+    x[-1] = goal
+    return Samples(x, ds * way, dds * way)
+
+
+def _check(
+    start: Vector, goal: Vector, v_max: Vector, a_max: Vector, j_max: Vector, dt: float
+) -> None:
+    for name, point in (("start position", start), ("goal position", goal)):
+        if not np.isfinite(point).all():
+            raise InvalidValueError(name, point.tolist(), "finite")
+    bounds = {"velocity": v_max, "acceleration": a_max, "jerk": j_max}
+    for name, bound in bounds.items():
+        if not (bound > 0.0).all() or np.isnan(bound).any():
+            raise InvalidValueError(f"{name} bound", bound.tolist(), "positive")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise InvalidValueError("dt", dt, "positive and finite [s]")

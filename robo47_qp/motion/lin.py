@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import Robo47Error
-from robo47_qp.ik.solver import IkResult, IkSolver, judged, pose_errors
+from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.jerk_limited import rest_to_rest
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.path_profile import PathProfile
@@ -137,7 +137,7 @@ class Lin:
 def _worst_deviation(arm: Arm, line: Line, path: BSpline, knots: int) -> tuple[float, float]:
     """Largest pose error between the knots, in m or rad, and where it is."""
     s = (np.arange(2 * knots) + 0.5) / (2 * knots)
-    off = [max(pose_errors(arm, line.at(x), q)) for x, q in zip(s, path(s), strict=True)]
+    off = [max(arm.distance_to(line.at(x), q)) for x, q in zip(s, path(s), strict=True)]
     worst = int(np.argmax(off))
     return off[worst], float(s[worst])
 

@@ -1,5 +1,6 @@
 """Line: the straight motion of a tool between two poses."""
 
+import mujoco
 import numpy as np
 from mink import SE3, SO3
 
@@ -13,7 +14,9 @@ class Line:
         """From `start` to `goal`, both T_world_tcp; the turn is the shorter one."""
         self._start = start
         self._shift = goal.translation() - start.translation()
-        self._turn = (start.rotation().inverse() @ goal.rotation()).log()
+        # mink's logarithm is zero at half a turn; MuJoCo's is not.
+        self._turn = np.zeros(3)
+        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
         self.length = float(np.linalg.norm(self._shift))
         """[m]"""
         self.angle = float(np.linalg.norm(self._turn))

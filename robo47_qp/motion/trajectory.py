@@ -49,4 +49,4 @@ class Trajectory:
 def hold(q: Vector, steps: int, dt: float) -> Trajectory:
     """Stay at q for a number of control periods."""
     rest = np.zeros((steps + 1, len(q)))
-    return Trajectory(dt=dt, q=np.tile(q, (steps + 1, 1)), v=rest, a=rest)
+    return Trajectory(dt=dt, q=np.tile(q, (steps + 1, 1)), v=rest, a=rest.copy())

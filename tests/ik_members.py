@@ -1,0 +1,68 @@
+"""Every IK solver of the package, found by looking, with the settings it is tested under."""
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable
+
+from robo47_qp import ik
+from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.qp import BACKENDS, QpIk
+from robo47_qp.ik.solver import IkSolver
+
+Variants = dict[str, IkSolver]
+
+KNOWN: dict[type, Callable[[], Variants]] = {
+    DlsIk: lambda: {
+        "dls": DlsIk(),
+        "dls-free": DlsIk(clip=False),
+        "dls-position": DlsIk(position_only=True),
+        "dls-position-free": DlsIk(position_only=True, clip=False),
+    },
+    # Every iteration costs OSQP milliseconds where a target cannot be reached.
+    QpIk: lambda: {f"qp-{name}": QpIk(backend=name, max_iterations=20) for name in BACKENDS},
+}
+"""Settings worth a test of their own; any other solver is tested under its defaults."""
+
+
+def discovered() -> list[type]:
+    """Classes with a `solve` method in robo47_qp/ik, protocols aside."""
+    found = []
+    for module in pkgutil.iter_modules(ik.__path__, f"{ik.__name__}."):
+        for member in vars(importlib.import_module(module.name)).values():
+            if not inspect.isclass(member) or member.__module__ != module.name:
+                continue
+            if hasattr(member, "solve") and not getattr(member, "_is_protocol", False):
+                found.append(member)
+    return found
+
+
+def members() -> Variants:
+    """All solvers by name, and each again inside whatever wraps a solver."""
+    plain: Variants = {}
+    wrappers: list[type] = []
+    for kind in discovered():
+        if kind in KNOWN:
+            plain |= KNOWN[kind]()
+        elif "solver" in inspect.signature(kind).parameters:
+            wrappers.append(kind)
+        else:
+            plain[kind.__name__] = kind()
+    wrapped = {
+        f"{wrapper.__name__.lower()}-{name}": wrapper(solver=solver)
+        for wrapper in wrappers
+        for name, solver in plain.items()
+    }
+    return plain | wrapped
+
+
+def looks_at_position_only(solver: IkSolver) -> bool:
+    """True where a solver was told that the orientation does not matter."""
+    inner = getattr(solver, "solver", solver)
+    return bool(getattr(inner, "position_only", False))
+
+
+def keeps_limits(solver: IkSolver) -> bool:
+    """False where a solver was told to ignore the joint limits."""
+    inner = getattr(solver, "solver", solver)
+    return bool(getattr(inner, "clip", True))

@@ -1,0 +1,338 @@
+"""The command line, as a user meets it: exit codes, messages, files, and what survives a kill."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+SCRIPT = Path(__file__).resolve().parents[1] / "scenarios" / "pickplace.py"
+posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits of POSIX")
+
+
+def run_script(
+    *arguments: str,
+    cwd: Path,
+    script: Path = SCRIPT,
+    file_limit: int | None = None,
+    terminal: bool = False,
+) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "COLUMNS": "1000"}
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        environment.pop(name, None)
+    if terminal:
+        environment["FORCE_COLOR"] = "1"
+    limited: list[str] = []
+    if file_limit is not None:
+        limited = [
+            "-c",
+            "import resource, runpy, sys\n"
+            f"resource.setrlimit(resource.RLIMIT_FSIZE, ({file_limit}, {file_limit}))\n"
+            "del sys.argv[0]\n"
+            "runpy.run_path(sys.argv[0], run_name='__main__')",
+        ]
+    return subprocess.run(
+        [sys.executable, *limited, str(script), *arguments],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def recorded(path: Path) -> list[float]:
+    """Times of all rows of signals in a file, with or without its end [s]."""
+    times: list[float] = []
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RRD file has no footer")
+        reader = RrdReader(_whole_messages(path))
+        for chunk in reader.stream():
+            if str(chunk.entity_path).strip("/") == "signals" and not chunk.is_static:
+                column = chunk.to_record_batch().column("time")
+                times += [time.total_seconds() for time in column.to_pylist()]
+    return sorted(times)
+
+
+def _whole_messages(path: Path) -> Path:
+    """A copy without what a kill cut in two: 12 bytes of header, then kind, length, payload."""
+    data = path.read_bytes()
+    assert data[:4] == b"RRF2"
+    end = 12
+    while end + 16 <= len(data):
+        length = int.from_bytes(data[end + 8 : end + 16], "little")
+        if end + 16 + length > len(data):
+            break
+        end += 16 + length
+    copy = path.with_suffix(".whole.rrd")
+    copy.write_bytes(data[:end])
+    return copy
+
+
+def assert_one_message(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    """Bad input: exit code 2 and one message on the standard error."""
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout.strip() == ""
+    own, library = done.stderr.count("error:"), done.stderr.count("╭─")
+    assert own + library == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+# Success
+
+
+@pytest.fixture(scope="module")
+def success(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("elsewhere")
+    return run_script("--log", "some/new/folder/cube.rrd", cwd=folder), folder
+
+
+def test_a_run_says_so_and_leaves_recording_report_and_plot(
+    success: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    done, folder = success
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "\nsuccess\n" in done.stdout
+    where = folder / "some" / "new" / "folder"
+    assert sorted(p.name for p in where.iterdir()) == ["cube.json", "cube.png", "cube.rrd"]
+    assert [p.name for p in folder.iterdir()] == ["some"]
+    for name in ("cube.json", "cube.png", "cube.rrd"):
+        assert name in done.stdout
+    assert (where / "cube.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_recording_has_every_row_of_the_run(
+    success: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, folder = success
+    where = folder / "some" / "new" / "folder"
+    report = json.loads((where / "cube.json").read_text(encoding="utf-8"))
+    times = recorded(where / "cube.rrd")
+    np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
+    assert len(times) * 1e-3 == pytest.approx(report["metrics"]["cycle_time_s"])
+    assert report["success"] is True
+    assert report["settings"]["planner"]["ik"]["solver"]["class"] == "QpIk"
+
+
+def test_the_recording_is_closed_in_order_and_ends_with_a_summary(
+    success: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, folder = success
+    # Without its end the reader would warn, and a warning is an error here.
+    reader = RrdReader(folder / "some" / "new" / "folder" / "cube.rrd")
+    chunks = [c for c in reader.stream() if str(c.entity_path).strip("/") == "summary"]
+    assert chunks
+    assert "# Success" in str(chunks[-1].to_record_batch().to_pydict())
+
+
+def test_json_is_all_there_is_on_the_standard_output(tmp_path: Path) -> None:
+    choices = ("--ik", "dls", "--seed", "1", "--plot", "picture.png")
+    # Where the output is a terminal, there is a progress bar.
+    done = run_script("--json", "--log", "run.rrd", *choices, cwd=tmp_path, terminal=True)
+    assert done.returncode == 0, done.stderr
+    summary: dict[str, Any] = json.loads(done.stdout)
+    assert summary == json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    assert summary["success"] is True
+    assert summary["seed"] == 1
+    assert summary["settings"]["planner"]["ik"]["solver"]["class"] == "DlsIk"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["picture.png", "run.json", "run.rrd"]
+
+
+# Tried and failed
+
+
+STRICT = """
+import sys
+from robo47_qp.command import main, run_task
+from robo47_qp.options import RunOptions
+from robo47_qp.robots.panda import PANDA
+from tasks.pick_place import PickPlace
+
+def run(options, console):
+    return run_task(PickPlace(place_tolerance=1e-9), PANDA, options, console)
+
+sys.exit(main(RunOptions, run, "Place a cube to the nanometre."))
+"""
+
+
+def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Path) -> None:
+    script = tmp_path / "strict.py"
+    script.write_text(STRICT, encoding="utf-8")
+    done = run_script("--log", str(tmp_path / "run.rrd"), cwd=tmp_path, script=script)
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == ""
+    assert "failed: place" in done.stdout
+    summary = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    assert summary["success"] is False
+    assert summary["failure"] == "place"
+    assert "mm from its goal" in summary["evidence"]
+    times = recorded(tmp_path / "run.rrd")
+    assert len(times) * 1e-3 == pytest.approx(summary["metrics"]["cycle_time_s"])
+    assert (tmp_path / "run.png").exists()
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ik", "magic"], ["magic", "'qp'", "'dls'"]),
+        (["--qp-solver", "magic"], ["magic", "'daqp'", "'osqp'"]),
+        (["--speed", "0"], ["speed must be above 0 and at most 1; found 0.0"]),
+        (["--speed", "2"], ["speed must be above 0 and at most 1; found 2.0"]),
+        (["--speed", "nan"], ["speed must be above 0 and at most 1; found nan"]),
+        (["--pick", "nan", "0"], ["pick must be two finite numbers", "nan"]),
+        (["--place", "2", "0"], ["Waypoint 'carry' cannot be planned", "beyond the reach"]),
+        (["--seed", "-1"], ["seed", "-1"]),
+        (["--speed", "1e-5"], ["speed"]),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_told_and_nothing_is_left_behind(
+    arguments: Sequence[str], words: Sequence[str], tmp_path: Path
+) -> None:
+    done = run_script("--log", "run.rrd", *arguments, cwd=tmp_path)
+    assert_one_message(done, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        (["--log", "taken/run.rrd"], ["taken/run.rrd cannot be written"]),
+        (["--plot", "taken/run.png"], ["taken/run.png cannot be written"]),
+        (["--log", "run.json"], ["run.json"]),
+        (["--log", "run.png"], ["run.png"]),
+        (["--plot", "run.foo"], ["run.foo"]),
+    ],
+    ids=" ".join,
+)
+def test_files_that_cannot_be_are_told_before_anything_moves(
+    files: Sequence[str], words: Sequence[str], tmp_path: Path
+) -> None:
+    """Below a file, one in the place of another, or of a kind that nobody can write."""
+    (tmp_path / "taken").write_text("a file")
+    done = run_script("--log", "run.rrd", *files, cwd=tmp_path)
+    assert_one_message(done, *words)
+    assert (tmp_path / "taken").read_text() == "a file"
+    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the /dev/full of Linux")
+def test_a_full_disk_is_told(tmp_path: Path) -> None:
+    # The report and the plot stand beside it: a link keeps them out of /dev.
+    (tmp_path / "run.rrd").symlink_to("/dev/full")
+    done = run_script("--log", "run.rrd", cwd=tmp_path)
+    assert_one_message(done, "run.rrd could not be written to its end", "No space left")
+    assert not (tmp_path / "run.json").exists()
+
+
+@posix
+def test_a_disk_that_fills_up_is_told_and_what_was_recorded_can_be_read(tmp_path: Path) -> None:
+    done = run_script("--log", "run.rrd", cwd=tmp_path, file_limit=2_000_000)
+    assert_one_message(done, "run.rrd could not be written to its end")
+    times = recorded(tmp_path / "run.rrd")
+    assert len(times) >= 1000
+    np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
+
+
+def test_a_rehearsal_that_fails_does_not_touch_the_last_recording(tmp_path: Path) -> None:
+    last = {name: tmp_path / name for name in ("run.rrd", "run.json", "run.png")}
+    for name, path in last.items():
+        path.write_text(f"the last {name}")
+        os.utime(path, (1e9, 1e9))
+    done = run_script("--log", "run.rrd", "--pick", "2", "0", cwd=tmp_path)
+    assert_one_message(done, "Waypoint 'approach' cannot be planned")
+    for name, path in last.items():
+        assert path.read_text() == f"the last {name}"
+        assert path.stat().st_mtime == 1e9
+
+
+# Broken off
+
+
+ANNOUNCE = """
+import runpy, signal, sys
+from robo47_qp.pacing import RealTime
+
+# Where tests run in the background, Ctrl-C is ignored unless asked for again.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+tick = RealTime.tick
+
+def announced(self, simulation):
+    tick(self, simulation)
+    sys.stdout.write(f"at {simulation.time}\\n")
+    sys.stdout.flush()
+
+RealTime.tick = announced
+del sys.argv[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+"""Tells the time of a run, so that a test can end it at one."""
+
+
+def broken_off(folder: Path, how: signal.Signals, at: float) -> tuple[int, str, float]:
+    """Exit code, standard error, and last time told of a run that was ended."""
+    watcher = folder / "announce.py"
+    watcher.write_text(ANNOUNCE, encoding="utf-8")
+    log = str(folder / "run.rrd")
+    with subprocess.Popen(
+        [sys.executable, str(watcher), str(SCRIPT), "--realtime", "--log", log],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        guard = Timer(60.0, process.kill)
+        guard.start()
+        assert process.stdout is not None
+        last = 0.0
+        for time in _times(process.stdout):
+            last = time
+            if time >= at:
+                process.send_signal(how)
+                break
+        rest, stderr = process.communicate()
+        guard.cancel()
+    last = max([last, *_times(rest.splitlines())])
+    return process.returncode, stderr, last
+
+
+def _times(lines: Sequence[str] | Any) -> Iterator[float]:
+    for line in lines:
+        if line.startswith("at "):
+            yield float(line[3:])
+
+
+@posix
+@pytest.mark.parametrize("how", ["SIGINT", "SIGKILL"])
+def test_a_run_that_is_broken_off_leaves_all_but_the_last_half_second(
+    how: str, tmp_path: Path
+) -> None:
+    code, stderr, last = broken_off(tmp_path, signal.Signals[how], at=1.19)
+    if how == "SIGINT":
+        assert code == 130
+        assert stderr.strip() == "interrupted; what was recorded so far is kept"
+    else:
+        assert code == -signal.SIGKILL
+    assert last < 5.0
+    times = recorded(tmp_path / "run.rrd")
+    np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
+    assert times[-1] > last - 0.5
+    assert not (tmp_path / "run.json").exists()
