@@ -40,10 +40,10 @@ def main(options: type[Options], run: Callable[[Options, Console], int], descrip
     Returns:
         0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C.
     """
-    chosen = tyro.cli(options, description=description, config=(tyro.conf.FlagCreatePairsOff,))
-    console = Console(stderr=bool(getattr(chosen, "json", False)))
+    flags = (tyro.conf.FlagCreatePairsOff,)
     try:
-        return run(chosen, console)
+        chosen = tyro.cli(options, description=description, config=flags)
+        return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))
     except Robo47Error as error:
         Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
         return BAD_INPUT
@@ -119,7 +119,10 @@ def _claim(path: Path) -> None:
         if new:
             path.unlink()
     except OSError as error:
-        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+        raise RecordingError(
+            f"{path} cannot be written: {error.strerror}. Name a file in a folder that you may "
+            "write to."
+        ) from error
 
 
 def _write(path: Path, text: str) -> None:

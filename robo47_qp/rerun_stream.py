@@ -1,5 +1,7 @@
 """RerunStream: a Rerun file that tells when something did not get into it."""
 
+import atexit
+import ctypes
 import os
 import shutil
 from collections.abc import Sequence
@@ -16,6 +18,8 @@ TIMELINE = "time"
 """The only timeline: simulated time, a duration."""
 _PATIENCE = 5.0
 """How long the file may take to receive what was written [s]."""
+_TIMED_OUT = "timed out"
+"""In the SDK's message when the file is slow, and still being written."""
 _END_MARK = b"RRF2FOOT"
 """Stands at the end of every file that was closed in order."""
 
@@ -46,7 +50,6 @@ class RerunStream:
         rr.set_strict_mode(True)
         self.path = path
         self._until, self._size = 0.0, 0
-        self._given_up: rr.RecordingStream | None = None
         _check_writable(path)
         self._file: rr.RecordingStream | None = rr.RecordingStream(application)
         self._viewer: rr.RecordingStream | None = None
@@ -113,8 +116,8 @@ class RerunStream:
             try:
                 viewer.flush(timeout_sec=_PATIENCE)
             except (RuntimeError, OSError):
-                # Kept, not dropped: its destructor would wait for a viewer that hangs.
-                self._viewer, self._given_up = None, viewer
+                self._viewer = None
+                _abandon(viewer)
         try:
             file.flush(timeout_sec=_PATIENCE)
             self._until, self._size = until, self.path.stat().st_size
@@ -156,18 +159,33 @@ class RerunStream:
         return [self._file] if self._viewer is None else [self._file, self._viewer]
 
     def _broken(self, reason: str) -> RecordingError:
-        """Close the file, cut off a message that is there in part, and say what happened."""
+        """Give the file up and say what happened."""
+        stream, self._file = self._file, None
         self.close()
+        if stream is not None:
+            _abandon(stream)
         try:
             room = f"The disk has {shutil.disk_usage(self.path.parent).free / 1e6:.0f} MB left."
-            # Readers refuse a whole file for a torn message at its end.
-            os.truncate(self.path, min(self._size, self.path.stat().st_size))
+            if _TIMED_OUT not in reason:
+                # Readers refuse a whole file for a torn message at its end.
+                os.truncate(self.path, min(self._size, self.path.stat().st_size))
         except OSError as error:
             room = f"The file is out of reach ({error.strerror})."
         return RecordingError(
             f"{self.path} could not be written to its end: {reason}. {room} What the file holds, "
             f"up to {self._until:.3f} s, can be read; make room or record to another disk."
         )
+
+
+def _abandon(stream: rr.RecordingStream) -> None:
+    """Never touch a stream again that failed.
+
+    Closing it, dropping it and the SDK's own shutdown at exit wait, now and then for ever,
+    for the thread that wrote the file and has died of the error, or for a viewer that hangs
+    (rerun-sdk 0.41).
+    """
+    atexit.unregister(rr.rerun_shutdown)
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
 
 
 def _check_writable(path: Path) -> None:

@@ -106,7 +106,8 @@ class Runner:
                 waypoint = next(program)
                 self._believe(waypoint.carried)
                 leg = self.scenario.planner.plan(self._arm, waypoint, self._reference, TIMESTEP)
-                self._follow(waypoint.name, leg.trajectory, leg)
+                if leg.trajectory.steps:
+                    self._follow(waypoint.name, leg.trajectory, leg)
                 if waypoint.grip is not None:
                     self._take_grip(waypoint.grip)
         except StopIteration as end:

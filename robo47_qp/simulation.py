@@ -1,5 +1,7 @@
 """Simulation: the world. The only place that knows MuJoCo addresses of robot and objects."""
 
+from math import isfinite
+
 import mujoco
 import numpy as np
 from mink import SE3
@@ -89,7 +91,12 @@ class Simulation:
 
         Args:
             tau: Commanded torque (n,) [N·m].
+
+        Raises:
+            InvalidValueError: The command is not finite; nothing has moved.
         """
+        if not isfinite(tau.dot(tau)):
+            raise InvalidValueError("commanded torque", tau.tolist(), "finite [N·m]")
         ctrl, low, high, limit = self._ctrl, self._tau_low, self._tau_high, self.robot.tau_max
         np.subtract(ctrl, self._tau_step, out=low)
         np.add(ctrl, self._tau_step, out=high)

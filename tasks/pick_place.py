@@ -1,7 +1,7 @@
 """Pick a cube from the table and place it somewhere else."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -153,8 +153,13 @@ class PickPlace:
             missing = self._not_held(simulation)
             if missing is not None:
                 return Failure(cause=cause, evidence=missing)
-            yield step(simulation, simulation.tool_pose(), simulation.object_pose(_CUBE))
+            waypoint = step(simulation, simulation.tool_pose(), simulation.object_pose(_CUBE))
+            yield waypoint
             cause = Cause.DROP
+        missing = self._not_held(simulation)
+        if missing is not None:
+            return Failure(cause=cause, evidence=missing)
+        yield replace(waypoint, name="release", grip=self._open(simulation))
         return None
 
     def _approach(self, T_world_cube: SE3) -> list[Waypoint]:
@@ -183,7 +188,6 @@ class PickPlace:
             name="lower",
             target=self._release_pose(simulation, T_world_tcp, T_world_cube),
             motion=Motion.LIN,
-            grip=self._open(simulation),
             carried=self._payload(T_world_tcp, T_world_cube),
         )
 

@@ -194,9 +194,9 @@ def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Pa
     [
         (["--ik", "magic"], ["magic", "'qp'", "'dls'"]),
         (["--qp-solver", "magic"], ["magic", "'daqp'", "'osqp'"]),
-        (["--speed", "0"], ["speed must be above 0 and at most 1; found 0.0"]),
-        (["--speed", "2"], ["speed must be above 0 and at most 1; found 2.0"]),
-        (["--speed", "nan"], ["speed must be above 0 and at most 1; found nan"]),
+        (["--speed", "0"], ["speed must be", "found 0.0"]),
+        (["--speed", "2"], ["speed must be", "found 2.0"]),
+        (["--speed", "nan"], ["speed must be", "found nan"]),
         (["--pick", "nan", "0"], ["pick must be two finite numbers", "nan"]),
         (["--place", "2", "0"], ["Waypoint 'carry' cannot be planned", "beyond the reach"]),
         (["--seed", "-1"], ["seed", "-1"]),

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import Phase, assume, given, settings
-from hypothesis import strategies as st
 from mink import SE3, SO3
 from numpy.typing import ArrayLike
 
@@ -14,7 +13,7 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance, is_pose, judged, pose_errors
+from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance, is_pose, judged
 from robo47_qp.robot import Robot
 from robo47_qp.waypoint import Payload
 from tests.examples import fractions, inner_fractions, poses, rates, shifted, turned
@@ -351,21 +350,6 @@ def test_what_the_tool_holds_does_not_matter(solver: IkSolver, arm: Arm) -> None
 def test_a_solver_cannot_be_changed_and_compares_by_its_settings(solver: IkSolver) -> None:
     assert members()[next(name for name, value in MEMBERS.items() if value is solver)] == solver
     assert hash(solver) == hash(solver)
-
-
-@given(target=poses, at=fractions)
-def test_pose_errors_are_distance_and_angle(
-    arm: Arm, plain: PlainArm, target: SE3, at: Vector
-) -> None:
-    q = plain.at(at)
-    assert pose_errors(arm, target, q) == pytest.approx(plain.errors(q, target), abs=1e-9)
-
-
-@given(angle=st.floats(-10.0, 10.0), axis=st.integers(0, 2))
-def test_the_angle_of_a_turn_is_the_smaller_way_round(arm: Arm, angle: float, axis: int) -> None:
-    target = turned(arm.pose(arm.home), axis, angle)
-    found = pose_errors(arm, target, arm.home)[1]
-    assert found == pytest.approx(np.arccos(np.cos(angle)), abs=1e-7)
 
 
 def test_each_error_alone_is_an_error(arm: Arm) -> None:

@@ -15,7 +15,7 @@ from robo47_qp.ik.solver import IkSolver
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
-from robo47_qp.robot import Robot
+from robo47_qp.robot import MotionProfile, Robot
 from robo47_qp.waypoint import Motion, Place, Waypoint, tool_down
 from tests.examples import inner_fractions, shifted, turned
 from tests.plain_arm import PlainArm
@@ -105,6 +105,18 @@ def test_the_pace_is_that_of_the_planner_times_that_of_the_waypoint(
     assert duration(0.5, 1.0) == pytest.approx(2 * full, abs=4 * DT)
     assert duration(1.0, 0.5) == pytest.approx(2 * full, abs=4 * DT)
     assert duration(0.5, 0.4) == pytest.approx(5 * full, abs=8 * DT)
+
+
+def test_the_tool_slows_down_with_the_pace_also_where_no_joint_binds(
+    robot: Robot, arm: Arm, plain: PlainArm
+) -> None:
+    quick = replace(planner(robot), profile=MotionProfile.uniform(arm.n, v=1e3, a=1e3, j=1e6))
+    for planned, own in ((1.0, 1.0), (0.5, 1.0), (1.0, 0.5)):
+        waypoint = ahead(arm, Motion.LIN, speed=own)
+        leg = replace(quick, speed=planned).plan(arm, waypoint, arm.home, DT)
+        path = np.array([plain.tool(q)[0] for q in leg.trajectory.q])
+        fastest = np.linalg.norm(np.diff(path, axis=0), axis=1).max() / DT
+        assert fastest == pytest.approx(PathProfile().linear[0] * planned * own, rel=0.01)
 
 
 @EVERY_MOTION

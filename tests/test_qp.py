@@ -6,6 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mink import SE3
 from scipy.optimize import lsq_linear
+from scipy.spatial.transform import Rotation
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
@@ -14,9 +15,20 @@ from robo47_qp.ik.qp import BACKENDS, QpIk
 from robo47_qp.ik.solver import Reason, Tolerance
 from tests.examples import fractions, inner_fractions, rates, shifted, turned
 from tests.plain_arm import PlainArm
-from tests.test_dls import error_twist
 
 BACKEND = pytest.mark.parametrize("backend", BACKENDS)
+
+
+def error_twist(plain: PlainArm, q: Vector, target: SE3) -> Vector:
+    """Twist in the tool frame that leads to the target in unit time."""
+    position, R = plain.tool(q)
+    turn = Rotation.from_matrix(R.T @ target.rotation().as_matrix()).as_rotvec()
+    # A steady twist carries the tool by its linear part, turned along the way: integrate that.
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    along = Rotation.from_rotvec(0.5 * (nodes[:, None] + 1.0) * turn).as_matrix()
+    carried = np.einsum("k,kij->ij", 0.5 * weights, along)
+    linear = np.linalg.solve(carried, R.T @ (target.translation() - position))
+    return np.concatenate([linear, turn])
 
 
 def error_slope(plain: PlainArm, q: Vector, target: SE3) -> Matrix:

@@ -190,11 +190,17 @@ def test_plots_and_views_show_what_is_recorded(
 ) -> None:
     log.write(block(0))
     log.finish("done")
-    shown = []
+    shown: list[Any] = []
     lines = rerun_blueprint._lines
-    monkeypatch.setattr(rerun_blueprint, "_lines", lambda *a: shown.append(a) or lines(*a))
+
+    def spy(*arguments: Any) -> Any:
+        shown.append(arguments)
+        return lines(*arguments)
+
+    monkeypatch.setattr(rerun_blueprint, "_lines", spy)
     rerun_blueprint.blueprint(PANDA)
     held = {**read(path, "/signals"), **read(path, "/limits")}
+    assert len(shown) == 13
     for name, labels, colours, _ in shown:
         assert {len(row) for row in held[component(name)]} == {len(labels)} == {len(colours)}
 

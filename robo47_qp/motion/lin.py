@@ -81,7 +81,7 @@ class Lin:
         """
         line = Line(arm.pose(q_start), T_world_goal)
         size = max(line.length, line.angle)
-        if size < 1e-9:
+        if size <= min(ik.tolerance.position, ik.tolerance.orientation):
             return hold(q_start, 0, dt), judged(arm, T_world_goal, q_start, ik.tolerance, 0)
         knots = max(8, int(np.ceil(size / self.knot_spacing)))
         iterations, seconds, off, fraction = 0, 0.0, np.inf, 0.0
