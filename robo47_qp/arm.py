@@ -81,7 +81,9 @@ class Arm:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
         d, target = self._at(q), T_world_target.wxyz_xyz
         way = np.empty(6)
-        np.dot(target[4:] - d.site_xpos[self._tcp], d.site_xmat[self._tcp].reshape(3, 3), out=way[:3])
+        np.dot(
+            target[4:] - d.site_xpos[self._tcp], d.site_xmat[self._tcp].reshape(3, 3), out=way[:3]
+        )
         # mink's logarithm is zero at half a turn; this one is not.
         mujoco.mju_subQuat(self._turn, target[:4], d.site_xquat[self._tcp])
         way[3:] = self._turn
@@ -167,7 +169,13 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
     tcp = spec.site(robot.tcp)
     if tcp is None:
         raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
-    drives: list[Any] = [*spec.actuators, *spec.sensors, *spec.tendons, *spec.equalities, *spec.keys]
+    drives: list[Any] = [
+        *spec.actuators,
+        *spec.sensors,
+        *spec.tendons,
+        *spec.equalities,
+        *spec.keys,
+    ]
     for element in drives:
         spec.delete(element)
     for joint in list(spec.joints):

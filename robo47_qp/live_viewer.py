@@ -14,6 +14,8 @@ from robo47_qp.errors import RenderingError
 _HOST, _PORT = "127.0.0.1", 9876
 _PATIENCE = 10.0
 """How long a viewer may take to open its port [s]."""
+_SETTLED, _PAUSE = 1.0, 0.05
+"""How long a viewer must listen to count as there, and time between two looks [s]."""
 _STARTED: list[subprocess.Popen[bytes]] = []
 """Viewers that run on: Python complains of a running process that nothing refers to."""
 
@@ -54,15 +56,17 @@ def _start(port: int) -> None:
         except OSError as error:
             raise _failed(f"{program} cannot be started ({error.strerror})") from error
         _STARTED.append(viewer)
-        deadline = time.monotonic() + _PATIENCE
+        deadline, listening = time.monotonic() + _PATIENCE, 0.0
         while time.monotonic() < deadline:
             if viewer.poll() is not None:
                 log.seek(0)
                 words = _last_words(log.read().decode(errors="replace"))
                 raise _failed(f"it ended with code {viewer.returncode}{words}")
-            if _listens(port):
+            # It opens its port before its window, and ends if there can be no window.
+            listening = listening + _PAUSE if _listens(port) else 0.0
+            if listening >= _SETTLED:
                 return
-            time.sleep(0.05)
+            time.sleep(_PAUSE)
         # The program is a script around the viewer: both are in the session made above.
         os.killpg(viewer.pid, signal.SIGKILL)
         viewer.wait()

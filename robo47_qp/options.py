@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.controllers.joint_impedance import JointImpedance
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk

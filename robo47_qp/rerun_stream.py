@@ -59,7 +59,9 @@ class RerunStream:
             raise self._broken(str(error)) from error
         if viewer is not None:
             self._viewer = rr.RecordingStream(application)
-            self._viewer.connect_grpc(viewer, default_blueprint=blueprint)
+            self._viewer.connect_grpc(viewer)
+            # Not as an argument above: then it would be waited for without a time limit.
+            self._viewer.send_blueprint(blueprint, make_active=False)
         for stream in self._streams():
             stream.set_log_time_enabled(False)
             stream.set_log_tick_enabled(False)

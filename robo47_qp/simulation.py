@@ -37,8 +37,7 @@ class Simulation:
             build_scene: Adds the task's bodies.
 
         Raises:
-            UnknownNameError: The model lacks a joint, motor, site or finger of the robot.
-            ModelError: The robot's joints or motors do not lie side by side.
+            UnknownNameError, ModelError: See `compile_scene`.
         """
         self.robot = robot
         self.model = compile_scene(robot, build_scene)
@@ -164,9 +163,8 @@ class Simulation:
         """True once the fingers stand still, at the width asked for or at the full force."""
         force = float(self.data.actuator_force[self._servo]) / self.robot.gripper.force_gain
         towards = force if self._grip.width > self.width() else -force
-        arrived = self.width_command() == self._grip.width
-        still = abs(self.width_speed()) < 1e-3
-        return still and (arrived or towards > 0.99 * self._grip.force)
+        there = self.width_command() == self._grip.width or towards > 0.99 * self._grip.force
+        return there and abs(self.width_speed()) < 1e-3
 
     def last_acceleration(self) -> Vector:
         """Joint accelerations in the last period (n,) [rad/s²]."""

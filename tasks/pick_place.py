@@ -148,18 +148,20 @@ class PickPlace:
 
     def _attempt(self, simulation: Simulation) -> Program:
         yield from self._approach(simulation.object_pose(_CUBE))
-        cause = Cause.GRASP
-        for step in (self._lift, self._carry, self._lower):
-            missing = self._not_held(simulation)
-            if missing is not None:
-                return Failure(cause=cause, evidence=missing)
-            waypoint = step(simulation, simulation.tool_pose(), simulation.object_pose(_CUBE))
-            yield waypoint
-            cause = Cause.DROP
         missing = self._not_held(simulation)
         if missing is not None:
-            return Failure(cause=cause, evidence=missing)
-        yield replace(waypoint, name="release", grip=self._open(simulation))
+            return Failure(cause=Cause.GRASP, evidence=missing)
+        for step in (self._lift, self._carry):
+            yield step(simulation, simulation.tool_pose(), simulation.object_pose(_CUBE))
+            missing = self._not_held(simulation)
+            if missing is not None:
+                return Failure(cause=Cause.DROP, evidence=missing)
+        lower = self._lower(simulation, simulation.tool_pose(), simulation.object_pose(_CUBE))
+        yield lower
+        missing = self._not_held(simulation)
+        if missing is not None:
+            return Failure(cause=Cause.DROP, evidence=missing)
+        yield replace(lower, name="release", grip=self._open(simulation))
         return None
 
     def _approach(self, T_world_cube: SE3) -> list[Waypoint]:

@@ -18,11 +18,6 @@ settings.register_profile("robo47", deadline=None, derandomize=True, database=No
 settings.load_profile("robo47")
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    # osqp warns on every solve; it is no DeprecationWarning, so pyproject.toml lets it through.
-    config.addinivalue_line("filterwarnings", "ignore::PendingDeprecationWarning:osqp")
-
-
 def _discovered() -> Iterator[Robot]:
     for module in pkgutil.iter_modules(robots.__path__, f"{robots.__name__}."):
         members = vars(importlib.import_module(module.name)).values()

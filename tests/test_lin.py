@@ -258,9 +258,7 @@ def test_no_way_at_all_is_one_sample(robot: Robot, arm: Arm, axis: int) -> None:
 
 
 @pytest.mark.parametrize("size", [1e-8, 9e-7, 1.1e-6, 1e-4])
-def test_a_tiny_way_is_gone_unless_the_tool_is_there(
-    robot: Robot, arm: Arm, size: float
-) -> None:
+def test_a_tiny_way_is_gone_unless_the_tool_is_there(robot: Robot, arm: Arm, size: float) -> None:
     """What IK's tolerance counts as reached needs no motion."""
     start = arm.pose(arm.home)
     for goal in (shifted(start, np.array([0.0, size, 0.0])), turned(start, 1, size)):

@@ -431,18 +431,27 @@ time.sleep(3)
     assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
 
 
+SHORT_LIVED = """
+import socket, sys, time
+server = socket.create_server(("127.0.0.1", int(sys.argv[sys.argv.index("--port") + 1])))
+time.sleep(0.4)
+sys.exit("no window")
+"""
+
+
 @pytest.mark.parametrize(
     ("program", "reason"),
     [
         ("import sys; sys.exit('winit: x: DISPLAY is not set.')", "code 1: DISPLAY is not set. A"),
         ("import time; time.sleep(5)", "did not open port"),
+        (SHORT_LIVED, "code 1: no window"),
         (None, "cannot be started"),
     ],
 )
 def test_a_viewer_that_does_not_come_is_explained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str | None, reason: str
 ) -> None:
-    monkeypatch.setattr(live_viewer, "_PATIENCE", 1.0)
+    monkeypatch.setattr(live_viewer, "_PATIENCE", 2.0)
     stand_in(tmp_path, program or "", monkeypatch)
     if program is None:
         (tmp_path / "rerun").unlink()

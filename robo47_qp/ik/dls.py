@@ -16,9 +16,10 @@ class DlsIk:
     """Damped least squares on the tool pose.
 
     dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e the way to the target in the tool frame, a displacement
-    and a rotation vector; with `position_only` the rows of the rotation are left out. It knows nothing of joint limits: with `clip`, each step ends inside them by
-    clamping. (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with
-    Jacobian transpose, pseudoinverse and damped least squares methods", 2004.)
+    and a rotation vector; with `position_only` the rows of the rotation are left out. It
+    knows nothing of joint limits: with `clip`, each step ends inside them by clamping.
+    (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with Jacobian
+    transpose, pseudoinverse and damped least squares methods", 2004.)
     """
 
     position_only: bool = False

@@ -38,7 +38,7 @@ class MultiStart:
         iterations, restarts = best.iterations, 0
         hopeless = (None, Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
         while best.reason not in hopeless and restarts < self.max_restarts:
-            q_start = _starts(arm, self.max_restarts)[restarts]
+            q_start = _starts(arm, self.max_restarts)[restarts].copy()
             result = self.solver.solve(arm, T_world_target, q_start)
             iterations += result.iterations
             restarts += 1

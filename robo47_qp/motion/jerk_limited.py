@@ -13,7 +13,6 @@ import ruckig
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
-
 _NOTHING = 1e-9
 """A way so short that it is one step, below what Ruckig resolves; and a share of a way so
 small that it bounds nothing."""

@@ -16,6 +16,9 @@ from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.robot import MotionProfile
 
+_MAX_STRETCH = 1000.0
+"""A path that must be slowed more than this is no path for the arm."""
+
 
 class LinError(Robo47Error):
     """A straight tool path that the arm cannot follow.
@@ -82,7 +85,10 @@ class Lin:
         line = Line(arm.pose(q_start), T_world_goal)
         size = max(line.length, line.angle)
         if size <= min(ik.tolerance.position, ik.tolerance.orientation):
-            return hold(q_start, 0, dt), judged(arm, T_world_goal, q_start, ik.tolerance, 0)
+            there = judged(arm, T_world_goal, q_start, ik.tolerance, 0)
+            if not there.converged:
+                raise LinError(1.0, there.explanation)
+            return hold(q_start, 0, dt), there
         knots = max(8, int(np.ceil(size / self.knot_spacing)))
         iterations, seconds, off, fraction = 0, 0.0, np.inf, 0.0
         for _ in range(self.doublings + 1):
@@ -127,6 +133,8 @@ class Lin:
                 break
             # Samples of a stretched motion fall elsewhere: stretch a little more than needed.
             stretch *= 1.0005 * excess
+            if stretch > _MAX_STRETCH:
+                raise LinError(0.0, f"it would have to be {stretch:.0f} times slower")
         outside = (trajectory.q < arm.q_min) | (trajectory.q > arm.q_max)
         if outside.any():
             row, joint = np.argwhere(outside)[0]

@@ -39,6 +39,14 @@ class Planner:
     """Pace of every motion, in (0, 1]."""
     lin: Lin = Lin()
 
+    def __post_init__(self) -> None:
+        """Check the pace.
+
+        Raises:
+            InvalidValueError: `speed` is outside (0, 1].
+        """
+        self.profile.slowed(self.speed)
+
     def plan(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         """Plan from rest at q_start to rest at a waypoint.
 
@@ -46,8 +54,10 @@ class Planner:
         the arm comes from; a LIN motion follows the arm from where it is.
 
         Raises:
+            InvalidValueError: `q_start` is not finite.
             PlanError: The waypoint is not reached by IK, or the way there is not possible.
         """
+        q_start = arm.checked_q("q_start", q_start)
         T_world_start = arm.pose(q_start)
         home = waypoint.target is Place.HOME
         target = arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
