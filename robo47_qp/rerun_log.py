@@ -88,15 +88,17 @@ class RerunLog(Observer):
                 file cannot be written.
         """
         check_rows(rows)
+        self._stream.require_room(self._now)
         times = rows["time"][:, 0]
-        self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
-        self._draw_frames(rows)
-        self._now = float(times[-1])
         if self._now >= self._next_flush:
             self._next_flush = self._now + FLUSH_INTERVAL
             self._draw_limits(times[[0, -1]])
+            # The chunk before has had the time to be written: nothing to wait for.
             if not self._stream.flush(self._now):
                 self.note(self._now, "the viewer is gone; the recording goes on", "WARN")
+        self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
+        self._draw_frames(rows)
+        self._now = float(times[-1])
 
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
         """Draw a leg that starts now and tell how it was planned.

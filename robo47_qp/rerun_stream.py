@@ -4,6 +4,7 @@ import atexit
 import ctypes
 import os
 import shutil
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,10 +15,15 @@ import rerun.blueprint as rrb
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError, RenderingError
 
+if sys.platform != "win32":
+    import resource
+
 TIMELINE = "time"
 """The only timeline: simulated time, a duration."""
 _PATIENCE = 5.0
 """How long the file may take to receive what was written [s]."""
+_RESERVE = 16e6
+"""Room that is kept for the end of the file, and for what else writes to the disk [bytes]."""
 _TIMED_OUT = "timed out"
 """In the SDK's message when the file is slow, and still being written."""
 _END_MARK = b"RRF2FOOT"
@@ -101,6 +107,26 @@ class RerunStream:
         for stream in self._streams():
             stream.send_columns(entity, [index], columns)
 
+    def require_room(self, until: float) -> None:
+        """Close the file while it can still be closed properly, if space runs out.
+
+        The SDK does not survive a full disk: its writer dies in the middle of a message.
+
+        Args:
+            until: The instant up to which there are rows [s], for messages.
+
+        Raises:
+            RecordingError: There is hardly any room left.
+        """
+        room = _room(self.path)
+        if room < _RESERVE:
+            self.finish(until)
+            raise RecordingError(
+                f"{self.path} was closed at {until:.3f} s, as there is room for only "
+                f"{room / 1e6:.0f} MB more. It is complete up to there; make room, or record to "
+                "another disk."
+            )
+
     def flush(self, until: float) -> bool:
         """Wait until everything is in the file.
 
@@ -166,16 +192,18 @@ class RerunStream:
         self.close()
         if stream is not None:
             _abandon(stream)
+        hint = "make room or record to another disk"
         try:
-            room = f"The disk has {shutil.disk_usage(self.path.parent).free / 1e6:.0f} MB left."
             if _TIMED_OUT not in reason:
                 # Readers refuse a whole file for a torn message at its end.
                 os.truncate(self.path, min(self._size, self.path.stat().st_size))
+            else:
+                hint += f"; if it does not open: rerun rrd optimize {self.path} -o repaired.rrd"
         except OSError as error:
-            room = f"The file is out of reach ({error.strerror})."
+            hint += f"; it is out of reach now ({error.strerror})"
         return RecordingError(
-            f"{self.path} could not be written to its end: {reason}. {room} What the file holds, "
-            f"up to {self._until:.3f} s, can be read; make room or record to another disk."
+            f"{self.path} could not be written to its end: {reason}. What the file holds, up to "
+            f"{self._until:.3f} s, can be read; {hint}."
         )
 
 
@@ -202,3 +230,16 @@ def _check_writable(path: Path) -> None:
             f"{path} cannot be written: {reason}. Name a file in a folder that you may "
             "write to, on a disk that is there."
         ) from error
+
+
+def _room(path: Path) -> float:
+    """Bytes by which a file can still grow, as far as that can be told."""
+    try:
+        room = float(shutil.disk_usage(path.parent).free)
+        if sys.platform != "win32":
+            limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+            if limit != resource.RLIM_INFINITY:
+                room = min(room, limit - path.stat().st_size)
+    except OSError:
+        return float("inf")
+    return room

@@ -118,8 +118,8 @@ def _columns(done: Run) -> float:
     for _ in range(len(rows)):
         simulation.write_now(row_now)
         simulation.write_last(row_last)
-    for first in range(0, len(rows), 250):
-        block = Rows(rows.signals, rows.values[first : first + 250])
+    for first in range(0, len(rows), 400):
+        block = Rows(rows.signals, rows.values[first : first + 400])
         signals.derive(block, PANDA.gripper.fingers)
     return perf_counter() - started
 

@@ -80,13 +80,13 @@ def test_room_shrinks_with_every_row_and_is_whole_again_after_a_chunk() -> None:
     assert room == [5, 4, 3, 2, 1, 5, 4, 3, 2, 1, 5]
 
 
-def test_a_chunk_is_a_quarter_of_a_second_unless_asked_otherwise() -> None:
+def test_a_chunk_is_less_than_half_a_second_unless_asked_otherwise() -> None:
     keeper = Keeper()
     recording = Recording(SIGNALS, sinks=[keeper])
-    fill(recording, 249, 0)
+    fill(recording, 399, 0)
     assert not keeper.given
-    fill(recording, 1, 249)
-    assert [len(rows) for rows in keeper.given] == [250]
+    fill(recording, 1, 399)
+    assert [len(rows) for rows in keeper.given] == [400]
 
 
 def test_rows_that_were_opened_but_not_closed_do_not_count() -> None:

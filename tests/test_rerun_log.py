@@ -264,15 +264,40 @@ log = RerunLog(path, Simulation(PANDA, PickPlace().build_scene).model, PANDA, SI
 """
     root = Path(__file__).resolve().parents[1]
     return subprocess.run(
-        [sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=False
+        [sys.executable, "-c", program],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
 
 
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_full_disk_is_reported_and_what_was_written_is_readable(path: Path) -> None:
     ended = write_elsewhere(
         path,
         """
+resource.setrlimit(resource.RLIMIT_FSIZE, (17_300_000, 17_300_000))
+for first in range(0, 10_000, 250):
+    log.write(block(first))
+""",
+    )
+    assert "RecordingError: " in ended.stderr
+    assert "there is room for only 16 MB more" in ended.stderr
+    table = read(path, "/signals")
+    kept = len(table["time"])
+    assert kept >= 250
+    assert f"run.rrd was closed at {(kept - 1) * TIMESTEP:.3f} s" in ended.stderr
+    blocks = [block(first).values for first in range(0, kept, 250)]
+    assert_holds(table, Rows(SIGNALS, np.concatenate(blocks)))
+
+
+def test_a_write_that_fails_is_reported_and_the_process_ends(path: Path) -> None:
+    ended = write_elsewhere(
+        path,
+        """
+from robo47_qp import rerun_stream
+rerun_stream._RESERVE = -1e9  # as if the space went away between two looks
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_300_000, 1_300_000))
 for first in range(0, 10_000, 250):
@@ -281,21 +306,15 @@ for first in range(0, 10_000, 250):
     )
     assert "RecordingError: " in ended.stderr
     assert "run.rrd could not be written to its end" in ended.stderr
-    table = read(path, "/signals")
-    kept = len(table["time"])
-    assert kept >= 250
-    assert f"up to {(kept - 1) * TIMESTEP:.3f} s" in ended.stderr
-    blocks = [block(first).values for first in range(0, kept, 250)]
-    assert_holds(table, Rows(SIGNALS, np.concatenate(blocks)))
 
 
 def test_a_disk_that_is_full_at_the_very_end_is_reported(path: Path) -> None:
     ended = write_elsewhere(
         path,
         """
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 log.write(block(0))
 log._stream.flush(0.249)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 size = path.stat().st_size + 4000
 resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 log.finish("done")
