@@ -11,6 +11,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause, Failure, Program
 from robo47_qp.waypoint import Grip, Motion, Payload, Place, Waypoint, tool_down
+from tasks.headings import heading, quarter, upright
 from tasks.table import TABLE_TOP, add_table
 
 _CUBE = "cube"
@@ -92,8 +93,8 @@ class PickPlace:
             while np.linalg.norm(goal - start) < _APART:
                 goal = _random_place(rng)
             turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
-        simulation.place_object(_CUBE, _upright(self._on_table(start), turn_start))
-        simulation.place_marker("goal", _upright([*goal, TABLE_TOP], turn_goal))
+        simulation.place_object(_CUBE, upright(self._on_table(start), turn_start))
+        simulation.place_marker("goal", upright([*goal, TABLE_TOP], turn_goal))
 
     def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
         """See `Task.outlook`."""
@@ -225,13 +226,13 @@ class PickPlace:
 
     def _grasp(self, T_world_cube: SE3) -> SE3:
         """Tool down at the cube's centre, fingers along the sides that need less turning."""
-        return tool_down(T_world_cube.translation(), _quarter(_heading(T_world_cube)))
+        return tool_down(T_world_cube.translation(), quarter(heading(T_world_cube)))
 
     def _release_pose(self, simulation: Simulation, T_world_tcp: SE3, T_world_cube: SE3) -> SE3:
         """Tool pose with the cube at the goal, held as it is held now."""
         T_world_goal = simulation.marker_pose("goal")
-        tool, cube, goal = (_heading(T) for T in (T_world_tcp, T_world_cube, T_world_goal))
-        turn = SO3.from_z_radians(_quarter(tool + goal - cube) - tool)
+        tool, cube, goal = (heading(T) for T in (T_world_tcp, T_world_cube, T_world_goal))
+        turn = SO3.from_z_radians(quarter(tool + goal - cube) - tool)
         T_world_placed = SE3.from_rotation_and_translation(
             turn @ T_world_cube.rotation(), np.array(self._at_goal(T_world_goal))
         )
@@ -259,18 +260,3 @@ class PickPlace:
 
 def _random_place(rng: np.random.Generator) -> np.ndarray:
     return np.array([rng.uniform(*limits) for limits in _AREA])
-
-
-def _upright(position: Sequence[float], heading: float) -> SE3:
-    return SE3.from_rotation_and_translation(SO3.from_z_radians(heading), np.array(position))
-
-
-def _heading(T_world_body: SE3) -> float:
-    """Turn about the world's vertical [rad]."""
-    R = T_world_body.rotation().as_matrix()
-    return float(np.arctan2(R[1, 0], R[0, 0]))
-
-
-def _quarter(angle: float) -> float:
-    """The same angle up to quarter turns, within an eighth of a turn from zero [rad]."""
-    return (angle + np.pi / 4) % (np.pi / 2) - np.pi / 4
