@@ -416,3 +416,11 @@ def test_a_path_profile_of_a_turn_or_of_a_line_alone() -> None:
     profile = PathProfile()
     assert profile.along(0.0, 2.0, 1.0) == pytest.approx(np.array(profile.angular) / 2.0)
     assert profile.along(2.0, 0.0, 1.0) == pytest.approx(np.array(profile.linear) / 2.0)
+
+
+def test_a_line_that_would_take_for_ever_is_refused(robot: Robot, arm: Arm) -> None:
+    n = len(robot.joints)
+    crawling = MotionProfile.uniform(n, v=1e-5, a=1.0, j=10.0)
+    goal = shifted(arm.pose(arm.home), np.array([0.0, 0.1, 0.0]))
+    with pytest.raises(LinError, match=r"it would have to be .* times slower"):
+        Lin().plan(arm, IK, arm.home, goal, crawling, DT)

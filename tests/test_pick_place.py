@@ -184,7 +184,7 @@ def test_a_cube_that_moves_before_the_first_look_is_picked_at_once() -> None:
     assert run.measures["place_error_m"] <= 3e-3
 
 
-@pytest.mark.parametrize("phase", ["lift", "carry"])
+@pytest.mark.parametrize("phase", ["lift", "carry", "lower"])
 def test_a_cube_lost_on_the_way_is_noticed(phase: str) -> None:
     meddler = Meddler(phase, moves_cube(*ELSEWHERE), after=0.5)
     run = carry_out(PickPlace(retries=0), observers=[meddler])

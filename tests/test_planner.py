@@ -255,3 +255,27 @@ def test_what_is_planned_belongs_to_the_caller(robot: Robot, arm: Arm) -> None:
     leg.trajectory.q[:] = 7.0
     leg.ik.q[:] = 7.0
     assert q_start.tolist() == arm.home.tolist() == robot.home.tolist()
+
+
+@EVERY_MOTION
+def test_a_start_that_is_not_finite_is_refused(robot: Robot, arm: Arm, motion: Motion) -> None:
+    q_start = arm.home.copy()
+    q_start[2] = np.nan
+    with pytest.raises(InvalidValueError, match=r"q_start must be a vector of .* finite"):
+        planner(robot).plan(arm, ahead(arm, motion), q_start, DT)
+
+
+def test_a_line_of_no_length_outside_the_limits_is_refused(robot: Robot, arm: Arm) -> None:
+    q_start = arm.home.copy()
+    q_start[0] = arm.q_max[0] + 0.1
+    here = Waypoint(name="here", target=arm.pose(q_start), motion=Motion.LIN)
+    with pytest.raises(PlanError, match=r"'here' cannot be planned.*0\.100 rad outside"):
+        planner(robot).plan(arm, here, q_start, DT)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, 5.0, np.nan])
+def test_a_pace_out_of_range_is_refused_whatever_the_waypoints_do(
+    robot: Robot, speed: float
+) -> None:
+    with pytest.raises(InvalidValueError, match="speed must be above 0 and at most 1"):
+        planner(robot, speed)

@@ -441,3 +441,15 @@ def test_the_start_is_home_at_rest_with_an_open_gripper(shelved: Simulation) -> 
     assert shelved.width() == PANDA.gripper.width_max
     assert shelved.width_speed() == 0.0
     assert shelved.grip_settled()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_torque_that_is_no_number_is_refused_and_nothing_moves(
+    arm_alone: Simulation, bad: float
+) -> None:
+    tau = np.zeros(N)
+    tau[3] = bad
+    before = (arm_alone.time, arm_alone.state().q.tobytes(), arm_alone.data.ctrl.tobytes())
+    with pytest.raises(InvalidValueError, match="commanded torque must be finite"):
+        arm_alone.step(tau)
+    assert (arm_alone.time, arm_alone.state().q.tobytes(), arm_alone.data.ctrl.tobytes()) == before
