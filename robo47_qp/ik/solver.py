@@ -136,10 +136,7 @@ def judged(
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
         else:
             reason = Reason.NOT_CONVERGED
-            explanation = (
-                f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
-                f"after {iterations} iterations"
-            )
+            explanation = residual(position_error, orientation_error, iterations)
     return IkResult(
         q=q,
         reason=reason,
@@ -172,6 +169,14 @@ def is_pose(T_world_target: SE3) -> bool:
     """True for a finite pose whose quaternion has unit length within 1e-6."""
     pose = T_world_target.wxyz_xyz
     return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
+
+
+def residual(position_error: float, orientation_error: float, iterations: int) -> str:
+    """What remains of a pose error, in words."""
+    return (
+        f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
+        f"after {iterations} iterations"
+    )
 
 
 def joints_outside(arm: Arm, q: Vector) -> tuple[str, ...]:
