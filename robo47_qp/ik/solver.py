@@ -46,7 +46,7 @@ class IkResult:
     orientation_error: float
     """Angle between the tool and the target [rad]."""
     limit_margin: float
-    """Distance of the joint closest to its limit; negative outside [rad]."""
+    """Distance of the joint closest to its limit; negative outside [rad or m]."""
     iterations: int
     """Steps taken, over all starts."""
     restarts: int = 0
@@ -138,7 +138,7 @@ def is_pose(T_world_target: SE3) -> bool:
 def _outside(arm: Arm, q: Vector) -> str:
     beyond = np.maximum(arm.q_min - q, q - arm.q_max)
     return ", ".join(
-        f"{arm.robot.joints[i]} is {beyond[i]:.3f} rad outside "
+        f"{arm.robot.joints[i]} is {beyond[i]:.3f} {arm.robot.units[i]} outside "
         f"[{arm.q_min[i]:.3f}, {arm.q_max[i]:.3f}]"
         for i in np.flatnonzero(beyond > 0.0)
     )
