@@ -48,7 +48,8 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
         (texts, 2.2),
     ]
     if robot.gripper is not None:
-        left.insert(2, (_grip(robot.gripper), 1.9))
+        left.append((_grip(robot.gripper), 1.9))
+    left.append((texts, 2.2))
     # Joints have one colour everywhere: one legend is enough and covers no other plot.
     right = rrb.Grid(
         _plot(

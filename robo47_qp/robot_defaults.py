@@ -30,8 +30,8 @@ SAG = 0.02
 """How far a joint gives way under a tenth of its torque limit [rad or m], at most as soft."""
 FAINTEST = 0.05
 """Least torque limit where the file has none, per largest limit of its kind [-]."""
-PACE = 0.5
-"""Largest damping rate of the joint impedance times the control period [-]."""
+PACE = 1.0
+"""Largest damping rate of the joint impedance times the control period: no overshoot [-]."""
 _SAMPLES = 64
 
 

@@ -118,13 +118,16 @@ def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robo
     if arm.limit_margin(draft.home) < 0.0:
         ranges = np.column_stack([arm.q_min, arm.q_max]).round(4).tolist()
         raise InvalidValueError("home", draft.home.tolist(), f"inside the joint ranges {ranges}")
-    if known.tau_max is None:
+
+    def given(field: str) -> Vector | None:
+        value = getattr(known, field)
+        return None if value is None else arm.checked_q(field, value)
+
+    tau_max, rates, stiffness = given("tau_max"), given("tau_rate_max"), given("stiffness")
+    if tau_max is None:
         unknown = np.isnan(file_torques)
         tau_max = np.where(unknown, defaults.torque_limits(arm), file_torques)
-    else:
-        tau_max = checked_vector("tau_max", known.tau_max, arm.n)
     rated = known.rated or defaults.rated_profile(arm, tau_max)
-    rates, stiffness = known.tau_rate_max, known.stiffness
     return replace(
         draft,
         rated=rated,

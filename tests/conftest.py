@@ -1,36 +1,22 @@
 """Fixtures for every test: each robot of the package, its arm, and MuJoCo's own view of it."""
 
-import importlib
-import pkgutil
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from robo47_qp import robots
 from robo47_qp.arm import Arm
 from robo47_qp.robot import Robot
 from tests.plain_arm import PlainArm
+from tests.robots import MAKERS, robot_or_skip
 
 # The same examples in every run: a failure of the suite is a fact about the code.
 settings.register_profile("robo47", deadline=None, derandomize=True, database=None, max_examples=40)
 settings.load_profile("robo47")
 
 
-def _discovered() -> Iterator[Robot]:
-    for module in pkgutil.iter_modules(robots.__path__, f"{robots.__name__}."):
-        members = vars(importlib.import_module(module.name)).values()
-        yield from (member for member in members if isinstance(member, Robot))
-
-
-ROBOTS = list(_discovered())
-
-
-@pytest.fixture(scope="session", params=ROBOTS, ids=lambda robot: robot.name)
+@pytest.fixture(scope="session", params=list(MAKERS))
 def robot(request: pytest.FixtureRequest) -> Robot:
-    found: Robot = request.param
-    return found
+    return robot_or_skip(request.param)
 
 
 @pytest.fixture(scope="session")

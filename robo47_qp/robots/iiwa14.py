@@ -37,6 +37,6 @@ def iiwa14() -> Robot:
         profile=MotionProfile(v_max=v_max, a_max=2.0 * v_max, j_max=8.0 * v_max),
         tau_max=tau_max,
         tau_rate_max=tau_max / 0.05,
-        stiffness=np.array([1000.0, 1000.0, 600.0, 600.0, 100.0, 60.0, 10.0]),
+        stiffness=np.array([150.0, 800.0, 75.0, 400.0, 60.0, 60.0, 15.0]),
         menagerie=_MODEL,
     )
