@@ -63,8 +63,6 @@ class Arm:
         self.q_min: Vector = self.model.jnt_range[:, 0].copy()
         self.q_max: Vector = self.model.jnt_range[:, 1].copy()
         self.home = checked_vector("home", robot.home, self.n)
-        self.friction: Vector = self.model.dof_frictionloss.copy()
-        """Dry friction in the joints (n,) [N·m]; no part of `inverse_dynamics`."""
         self._tcp = self.model.site(robot.tcp).id
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()

@@ -40,7 +40,7 @@ def torque_limits(arm: Arm) -> Vector:
     M, g = _inertia_and_gravity(arm)
     # A vertical axis carries nothing: it gets what brings it up to speed in the rated time.
     start = M.diagonal(axis1=1, axis2=2).max(axis=0) * _speeds(arm) / RATED_RISE
-    limits: Vector = LIFTING * g.max(axis=0) + start
+    limits: Vector = LIFTING * g.max(axis=0) + start + _drag(arm)
     slides = np.array(arm.robot.units) == "m"
     for kind in (slides, ~slides):
         if kind.any():
@@ -52,13 +52,14 @@ def torque_limits(arm: Arm) -> Vector:
 def rated_profile(arm: Arm, tau_max: Vector) -> MotionProfile:
     """Speeds by the ranges of the joints, accelerations by what the motors can do.
 
-    With a_i the least of RESERVE (τ_max,i - |g_i|) / M_ii over configurations, all joints are
-    slowed together until Σ_j |M_ij| a_j <= RESERVE (τ_max,i - |g_i|) holds in every one.
+    With a_i the least of RESERVE (τ_max,i - |g_i| - d_i) / M_ii over configurations, d the drag
+    at full speed, all joints are slowed together until Σ_j |M_ij| a_j is no more than
+    RESERVE (τ_max,i - |g_i| - d_i) in every one.
     """
     v_max = _speeds(arm)
     M, g = _inertia_and_gravity(arm)
-    # Where gravity alone needs more than the motor has, a tenth of it is taken to be left.
-    left = RESERVE * np.maximum(tau_max - g, 0.1 * tau_max)
+    # Where the motor has nothing to spare, a tenth of it is taken to be left.
+    left = RESERVE * np.maximum(tau_max - g - _drag(arm), 0.1 * tau_max)
     a_max = (left / M.diagonal(axis1=1, axis2=2)).min(axis=0)
     a_max *= min(1.0, float((left / (np.abs(M) @ a_max)).min()))
     a_max = np.minimum(a_max, v_max / RATED_RISE)
@@ -103,6 +104,12 @@ def _speeds(arm: Arm) -> Vector:
     caps = [SLIDE_SPEED_MAX if unit == "m" else SPEED_MAX for unit in arm.robot.units]
     speeds: Vector = np.minimum((arm.q_max - arm.q_min) / CROSSING, caps)
     return speeds
+
+
+def _drag(arm: Arm) -> Vector:
+    """Torque of damping at full speed and of dry friction (n,) [N·m]."""
+    drag: Vector = arm.model.dof_damping * _speeds(arm) + arm.model.dof_frictionloss
+    return drag
 
 
 @lru_cache(maxsize=4)

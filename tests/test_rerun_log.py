@@ -29,6 +29,7 @@ from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Waypoint, tool_down
 from tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
 
 Table: TypeAlias = dict[str, list[Any]]
 

@@ -9,21 +9,16 @@ from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 
-CRAWL = 0.01
-"""v_0: speed of the reference above which a joint counts as moving [rad/s or m/s]."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class JointImpedance:
     """A spring and a damper in each joint, on top of the arm's own dynamics.
 
     tau = K (q_ref - q) + D (v_ref - v) + M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
-          + f tanh(v_ref / v_0)
 
-    with K the stiffness of the robot times `stiffness_scale`, D_i = 2 ζ √(K_i M_ii) at home,
-    f the dry friction of the joints, and v_0 a crawl, so that friction is met where the
-    reference moves and left alone where it rests. All terms after the first two make the arm
-    follow a_ref without error; what remains for the spring is what the belief does not know (Siciliano et al., Robotics: Modelling, Planning
+    with K the stiffness of the robot times `stiffness_scale` and D_i = 2 ζ √(K_i M_ii) at
+    home. The last four terms make the arm follow a_ref without error; what remains for the
+    spring is what the belief does not know (Siciliano et al., Robotics: Modelling, Planning
     and Control, 2009, sec. 8.5; Albu-Schäffer, Ott and Hirzinger, IJRR 26(1), 2007).
     """
 
@@ -45,17 +40,14 @@ class JointImpedance:
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
-        K, D, friction = _gains(arm, self)
+        K, D = _gains(arm, self)
         tau = arm.inverse_dynamics(state.q, state.v, reference.a)
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)
-        if friction is not None:
-            tau += friction * np.tanh(reference.v / CRAWL)
         return tau
 
 
 @lru_cache(maxsize=16)
-def _gains(arm: Arm, settings: JointImpedance) -> tuple[Vector, Vector, Vector | None]:
+def _gains(arm: Arm, settings: JointImpedance) -> tuple[Vector, Vector]:
     K = settings.stiffness_scale * arm.robot.stiffness
-    D = 2.0 * settings.damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))
-    return K, D, arm.friction if arm.friction.any() else None
+    return K, 2.0 * settings.damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))

@@ -37,6 +37,6 @@ def xarm7() -> Robot:
         profile=MotionProfile.uniform(_N, v=1.5, a=3.0, j=12.0),
         tau_max=tau_max,
         tau_rate_max=tau_max / 0.05,
-        stiffness=np.array([150.0, 300.0, 50.0, 150.0, 50.0, 50.0, 20.0]),
+        stiffness=np.array([150.0, 300.0, 50.0, 200.0, 100.0, 100.0, 100.0]),
         menagerie=_MODEL,
     )
