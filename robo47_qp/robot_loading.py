@@ -15,7 +15,7 @@ from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.menagerie import menagerie_file
 from robo47_qp.robot import Gripper, MotionProfile, Robot, ToolFrame
-from robo47_qp.robot_model import read_spec
+from robo47_qp.robot_model import compiled, read_spec
 from robo47_qp.scene import TIMESTEP
 
 
@@ -67,7 +67,7 @@ def robot_from_mjcf(
     path = Path(mjcf)
     if not path.is_file():
         raise ModelError(f"The robot's model {path} is no file. Give the path of an MJCF file.")
-    spec = read_spec(str(path))
+    spec = read_spec(path)
     site, tool = _tool_frame(spec, tcp)
     chain = _chain(spec, site, tool) if joints is None else tuple(joints)
     kinds = {joint.name: joint.type for joint in spec.joints}
@@ -89,7 +89,8 @@ def robot_from_mjcf(
         stiffness=np.ones(n),
         gripper=gripper,
     )
-    return _rated(draft, Arm(draft), _file_torques(spec, chain), ratings)
+    model, arm = compiled(spec, path), Arm(draft)
+    return _rated(draft, arm, _file_torques(model, chain), ratings)
 
 
 def robot_from_menagerie(
@@ -172,19 +173,18 @@ def _chain(spec: mujoco.MjSpec, site: str, tool: ToolFrame | None) -> tuple[str,
     return tuple(joint.name for joint in chain)
 
 
-def _file_torques(spec: mujoco.MjSpec, joints: Sequence[str]) -> Vector:
+def _file_torques(model: mujoco.MjModel, joints: Sequence[str]) -> Vector:
     """The largest torque that the file's actuators may give each joint; NaN where unlimited."""
     limits = np.full(len(joints), np.nan)
-    compiled = spec.compile()
-    for drive in range(compiled.nu):
-        name = compiled.joint(int(compiled.actuator_trnid[drive, 0])).name
-        on_joint = compiled.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_JOINT
-        if on_joint and name in joints and compiled.actuator_forcelimited[drive]:
-            force = np.abs(compiled.actuator_forcerange[drive]).max()
+    for drive in range(model.nu):
+        name = model.joint(int(model.actuator_trnid[drive, 0])).name
+        on_joint = model.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_JOINT
+        if on_joint and name in joints and model.actuator_forcelimited[drive]:
+            force = np.abs(model.actuator_forcerange[drive]).max()
             i = joints.index(name)
-            limits[i] = np.nanmax([limits[i], force * abs(compiled.actuator_gear[drive, 0])])
+            limits[i] = np.nanmax([limits[i], force * abs(model.actuator_gear[drive, 0])])
     for i, name in enumerate(joints):
-        joint = compiled.joint(name)
-        if compiled.jnt_actfrclimited[joint.id]:
-            limits[i] = np.nanmin([limits[i], np.abs(compiled.jnt_actfrcrange[joint.id]).max()])
+        joint = model.joint(name)
+        if model.jnt_actfrclimited[joint.id]:
+            limits[i] = np.nanmin([limits[i], np.abs(model.jnt_actfrcrange[joint.id]).max()])
     return limits

@@ -11,14 +11,28 @@ from robo47_qp.robot import Robot
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
-def read_spec(mjcf: str) -> mujoco.MjSpec:
+def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
+    """The model of a spec that was read from a file.
+
+    Raises:
+        ModelError: MuJoCo cannot compile it.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(
+            f"MuJoCo cannot compile {mjcf}: {error}. Give it a whole model."
+        ) from error
+
+
+def read_spec(mjcf: Path) -> mujoco.MjSpec:
     """The file as a spec in which every joint has a name.
 
     Raises:
         ModelError: MuJoCo cannot read the file.
     """
     try:
-        spec = mujoco.MjSpec.from_file(mjcf)
+        spec = mujoco.MjSpec.from_file(str(mjcf))
     except ValueError as error:
         raise ModelError(f"MuJoCo cannot read {mjcf}: {error}. Give it an MJCF file.") from error
     for body in spec.bodies:
@@ -34,7 +48,7 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
         ModelError: MuJoCo cannot read the file.
     """
-    spec = read_spec(str(robot.mjcf))
+    spec = read_spec(robot.mjcf)
     known = [joint.name for joint in spec.joints]
     for name in robot.joints:
         if name not in known:

@@ -27,7 +27,7 @@ def with_menagerie_looks(robot: Robot, build_scene: BuildScene) -> BuildScene:
     if robot.menagerie is None:
         raise UnknownNameError("Menagerie model", robot.name, ())
     file = menagerie_file(robot.menagerie)
-    looks = read_spec(str(file))
+    looks = read_spec(file)
 
     def build(spec: mujoco.MjSpec) -> None:
         _dress(spec, looks, file.parent / looks.meshdir)
