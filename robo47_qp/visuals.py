@@ -27,6 +27,8 @@ def with_menagerie_looks(robot: Robot, build_scene: BuildScene) -> BuildScene:
     if robot.menagerie is None:
         raise UnknownNameError("Menagerie model", robot.name, ())
     file = menagerie_file(robot.menagerie)
+    if robot.mjcf == file:
+        return build_scene  # the robot wears them already
     looks = read_spec(file)
 
     def build(spec: mujoco.MjSpec) -> None:

@@ -61,7 +61,7 @@ MODULES = {
     "test_dls": ("panda", "slider6"),
     "test_qp": ("panda", "iiwa14"),
     "test_multistart": ("panda", "hinge6"),
-    "test_joint_impedance": ("panda", "iiwa14", "hinge6"),
+    "test_joint_impedance": ("panda", "hinge6"),
 }
 """Modules whose tests run on these robots alone, to save time; all others run on every one."""
 PREMISES = {

@@ -16,6 +16,7 @@ from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
 from robo47_qp.visuals import with_menagerie_looks
 from tasks.pick_place import PickPlace
+from tests.robots import robot_or_skip
 from tests.runs import make_runner, no_objects, picked_and_placed
 
 installed = pytest.mark.skipif(
@@ -60,6 +61,12 @@ def test_a_place_without_menagerie_is_told(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
     with pytest.raises(ModelError, match=r"franka_emika_panda/panda cannot .*MENAGERIE_ROOT"):
         with_menagerie_looks(PANDA, no_objects)
+
+
+def test_a_robot_that_is_menageries_own_keeps_its_looks() -> None:
+    robot = robot_or_skip("iiwa14")
+    model = Simulation(robot, with_menagerie_looks(robot, no_objects)).model
+    assert model.ngeom == Simulation(robot, no_objects).model.ngeom
 
 
 def test_a_robot_without_a_model_in_menagerie_is_told() -> None:
