@@ -27,7 +27,7 @@ from robo47_qp.task import Program
 from robo47_qp.waypoint import Grip
 from tasks.pick_place import PickPlace
 from tests.plain_arm import PlainArm
-from tests.robots import robot_named
+from tests.robots import MODELS, robot_named
 from tests.runs import Reach, no_objects
 
 DT = 1e-3
@@ -168,13 +168,30 @@ def test_a_job_without_grips_runs_and_is_recorded(robot: Robot, tmp_path: Path) 
     assert {finding.signal for finding in unkept} <= (
         {"LIN measured (tool)"} if friction else set()
     )
-    units = {finding.unit for finding in findings}
-    assert ("m/s" in units or "N" in units) == bool(robot.slides)
+    for finding in findings:
+        joint = finding.signal.rpartition("(")[2].rstrip(")")
+        if joint in robot.joints:
+            slides = joint in robot.slides
+            assert finding.unit.startswith(("m", "N") if slides else ("rad", "N·m"))
+            assert "N·m" not in finding.unit or not slides
     names = {signal.name.split("/")[0] for signal in runner.signals}
     assert ("gripper" in names) == (robot.gripper is not None)
     plot_run(run, tmp_path / "run.png")
     entities = {chunk.entity_path for chunk in rr.chunk.RrdReader(path).stream().to_chunks()}
     assert "/signals" in entities
+
+
+def test_springs_in_the_joints_are_held_from_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "springs.xml"
+    text = (MODELS / "hinge6.xml").read_text()
+    path.write_text(text.replace('name="shoulder"', 'name="shoulder" stiffness="30"'))
+    robot = replace(robot_named("hinge6"), mjcf=path)
+    simulation, arm, still = Simulation(robot, no_objects), Arm(robot), np.zeros(6)
+    held = arm.inverse_dynamics(robot.home, still, still)
+    assert (
+        abs(held[1] - Arm(robot_named("hinge6")).inverse_dynamics(robot.home, still, still)[1]) > 5
+    )
+    np.testing.assert_allclose(simulation.data.ctrl, held, atol=1e-9)
 
 
 BARE = replace(PANDA, name="bare", gripper=None)
