@@ -249,6 +249,25 @@ def test_a_limit_of_a_slide_is_told_in_metres() -> None:
     assert replace(robot, slides=robot.joints).unit("rad", "m") == "m"
 
 
+def test_signals_and_findings_of_slides_have_their_own_units() -> None:
+    robot, task = robot_named("slider6"), Reach()
+    runner = Runner(RunOptions().scenario(robot, task), Simulation(robot, task.build_scene))
+    units = {signal.name: signal.unit for signal in runner.signals}
+    assert units["joints/q_ref"] == units["joints/q"] == units["errors/q"] == "rad or m"
+    assert units["joints/v_ref"] == units["joints/v"] == "rad/s or m/s"
+    assert units["joints/a_ref"] == units["joints/a"] == "rad/s² or m/s²"
+    assert units["joints/tau"] == units["joints/tau_command"] == "N·m or N"
+    run = runner.run()
+    run.rows["joints/v"][7, 3] = run.rows["joints/tau_command"][7, 3] = 99.0
+    run.rows["joints/a_ref"][7, 0] = 99.0
+    found = {finding.signal: finding.unit for finding in audit(run) if not finding.ok}
+    assert found["measured v (yaw)"] == "rad/s"
+    assert found["torque (yaw)"] == "N·m"
+    assert found["torque rate (yaw)"] == "N·m/s"
+    assert found["reference a (rail)"] == "m/s²"
+    assert found["reference jerk (rail)"] == "m/s³"
+
+
 def test_the_bound_on_the_reach_behind_slides_is_kept_and_no_longer_than_the_links() -> None:
     arm = Arm(robot_named("slider6"))
     rng, base = np.random.default_rng(4), np.array([0.0, 0.0, 0.1])
