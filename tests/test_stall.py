@@ -33,9 +33,7 @@ def test_a_fall_of_just_that_share_is_enough() -> None:
 
 
 @given(st.lists(st.floats(1e-12, 10.0), max_size=12), st.integers(1, 5), st.floats(0.01, 0.99))
-def test_a_rise_is_stuck_and_an_end_is_not(
-    history: list[float], steps: int, fall: float
-) -> None:
+def test_a_rise_is_stuck_and_an_end_is_not(history: list[float], steps: int, fall: float) -> None:
     stall = Stall(steps=steps, fall=fall)
     if len(history) >= steps:
         assert stall.stuck([*history, 1.01 * history[-steps]])
@@ -56,5 +54,7 @@ def test_there_must_be_a_step(steps: int) -> None:
 
 @pytest.mark.parametrize("fall", [0.0, 1.0, -0.1, 1.5, float("nan"), float("inf")])
 def test_the_fall_is_a_share(fall: float) -> None:
-    with pytest.raises(InvalidValueError, match=rf"stall fall must be between 0 and 1; found {fall}"):
+    with pytest.raises(
+        InvalidValueError, match=rf"stall fall must be between 0 and 1; found {fall}"
+    ):
         Stall(fall=fall)

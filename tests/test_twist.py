@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from mink import SE3, SO3
@@ -21,9 +21,7 @@ ANGLES = (
 )
 AXES = [*np.eye(3), *-np.eye(3), np.array([2.0, -1.0, 2.0]) / 3.0]
 PLACES = (np.zeros(3), np.array([0.4, -0.7, 0.2]), np.array([-3.0, 0.0, 5.0]))
-CASES = [
-    np.concatenate([p, angle * axis]) for angle in ANGLES for axis in AXES for p in PLACES
-]
+CASES = [np.concatenate([p, angle * axis]) for angle in ANGLES for axis in AXES for p in PLACES]
 
 
 def cross(w: Vector) -> Matrix:
@@ -101,14 +99,28 @@ def test_the_slope_is_how_the_twist_falls(angle: float) -> None:
 def test_it_is_the_logarithm_and_slope_of_mink(rotation: SO3, p: Vector) -> None:
     turn = rotation.log()
     angle = float(np.linalg.norm(turn))
-    # At half a turn and close to none, mink goes its own ways: see the tests beside this one.
-    if not 1e-3 < angle < np.pi - 1e-3:
-        return
+    # Close to none, mink's slope is another: see below. At half a turn, its logarithm is.
+    assume(1e-3 < angle < np.pi - 1e-3)
     pose = SE3.from_rotation_and_translation(rotation, p)
     twist, slope = Twist().towards(np.concatenate([p, turn]))
     assert twist == pytest.approx(pose.log(), abs=1e-9)
     # The slope of the way left is that of the inverse pose's logarithm, of which jlog is one.
     assert np.abs(slope - pose.inverse().jlog()).max() < 1e-7
+
+
+@pytest.mark.parametrize("angle", [1e-7, 1e-6, 9e-6])
+def test_below_1e_5_rad_mink_leaves_half_the_displacement_out_of_its_slope(angle: float) -> None:
+    """A fact about mink 1.3: its jlog jumps to the identity there, and ours does not."""
+    e = np.concatenate([[0.3, -0.5, 0.2], angle * np.array([0.6, 0.0, -0.8])])
+    twist, slope = Twist().towards(e)
+    pose = pose_of(e)
+    assert twist == pytest.approx(pose.log(), abs=1e-12)
+    assert np.abs(slope - np.linalg.inv(left_jacobian(twist))).max() < 1e-14
+    assert np.abs(pose.inverse().jlog() - np.eye(6)).max() < 1e-14
+    assert np.abs(pose.inverse().jlog() - slope).max() == pytest.approx(0.25, abs=1e-5)
+    # Just above, both agree.
+    e[3:] *= 2e-5 / angle
+    assert np.abs(Twist().towards(e)[1] - pose_of(e).inverse().jlog()).max() < 1e-6
 
 
 def test_memory_is_used_again_and_nothing_of_the_last_call_is_left() -> None:
