@@ -212,7 +212,7 @@ def test_a_search_is_given_up_at_the_first_step_at_which_it_is_stuck(
 ) -> None:
     """Predicted from the errors of searches that are not given up."""
     rng = np.random.default_rng(7)
-    limit, stopped, kept = 12, 0, 0
+    limit, stopped = 12, 0
     alone = kind == "lm position"
 
     def solver(count: int, rule: Stall | None) -> LmIk | QpIk:
@@ -237,10 +237,7 @@ def test_a_search_is_given_up_at_the_first_step_at_which_it_is_stuck(
         assert found.iterations == expected.iterations
         assert found.q.tobytes() == expected.q.tobytes()
         stopped += not found.converged and found.iterations < limit
-        kept += found.converged
     assert stopped > 0
-    if not alone:
-        assert not solver(limit, None) == solver(limit, stall)
 
 
 def test_settings_of_one_solver_do_not_leak_into_another(arm: Arm) -> None:
