@@ -102,9 +102,7 @@ def test_more_damping_makes_shorter_steps(arm: Arm) -> None:
 
 @settings(max_examples=25)
 @given(at=fractions, target=poses)
-def test_no_step_ever_leaves_the_limits(
-    arm: Arm, plain: PlainArm, at: Vector, target: SE3
-) -> None:
+def test_no_step_ever_leaves_the_limits(arm: Arm, plain: PlainArm, at: Vector, target: SE3) -> None:
     """To the last bit, wherever the search goes and for whatever target."""
     q_seed = plain.at(at)
     for position_only in (False, True):
