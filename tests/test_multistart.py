@@ -1,4 +1,5 @@
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -287,10 +288,14 @@ def test_where_there_is_no_answer_there_is_one_result_with_its_reason(arm: Arm) 
     ("name", "least"), [("max_restarts", 0), ("library", 1), ("near", 1), ("answers", 1)]
 )
 def test_counts_that_are_too_small_are_refused(name: str, least: int) -> None:
-    message = rf"^{name} must be {least} or more; found {least - 1}\.$"
-    with pytest.raises(InvalidValueError, match=message):
-        replace(MultiStart(solver=QpIk()), **{name: least - 1})
-    assert getattr(replace(MultiStart(solver=QpIk()), **{name: least}), name) == least
+    usual = MultiStart(solver=QpIk())
+    few: dict[str, Any] = {name: least - 1}
+    with pytest.raises(
+        InvalidValueError, match=rf"^{name} must be {least} or more; found {least - 1}\.$"
+    ):
+        replace(usual, **few)
+    enough: dict[str, Any] = {name: least}
+    assert getattr(replace(usual, **enough), name) == least
 
 
 def test_the_time_is_that_of_all_starts(arm: Arm) -> None:
