@@ -26,8 +26,8 @@ class Rows(NamedTuple):
     """How much closer each pair may come (k,) [m]; negative where it has to part."""
     distance: Vector
     """Signed distance of each pair (k,) [m], the smallest first."""
-    names: tuple[tuple[str, str], ...]
-    """What messages call the pairs."""
+    pair: NDArray[np.intp]
+    """Which of the checked pairs each row is (k,); see `Clearance.pairs`."""
 
 
 class Avoidance:
@@ -87,14 +87,13 @@ class Avoidance:
     def rows(self, q: Vector) -> Rows:
         """Rows for the pairs within the detection distance at q, at most `max_rows`."""
         near = self._clearance.nearby(q, self._detection)
-        index, d = near.pair[: self._max_rows], near.distance[: self._max_rows]
+        pair, d = near.pair[: self._max_rows], near.distance[: self._max_rows]
         lacking = d - self._d_min
         upper = np.where(lacking < 0.0, self._recovery * lacking, lacking)
-        A = self._closing(q, index, d, near.segment[: self._max_rows])
-        names = self._clearance.pairs.names
-        return Rows(A, upper, d, tuple(names[i] for i in index))
+        A = self._closing(q, pair, d, near.segment[: self._max_rows])
+        return Rows(A, upper, d, pair)
 
-    def _closing(self, q: Vector, index: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
+    def _closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
         """-n . (J_b - J_a) of each pair (k, n).
 
         A joint that moves both geoms changes nothing; one that moves a geom alone, about an
@@ -107,15 +106,15 @@ class Avoidance:
         n = across / np.where(vague, 1.0, d)[:, None]
         u, o = data.xaxis, data.xanchor
         along = np.where(self._slides, n @ u.T, _cross(p, n) @ u.T - n @ _cross(u, o).T)
-        A: Matrix = -self._sign[index] * along
+        A: Matrix = -self._sign[pair] * along
         for k in np.flatnonzero(vague).tolist():
-            A[k] = self._by_differences(q, int(index[k]))
+            A[k] = self._by_differences(q, int(pair[k]))
         return A
 
-    def _by_differences(self, q: Vector, index: int) -> Vector:
+    def _by_differences(self, q: Vector, pair: int) -> Vector:
         """The same for a pair whose geoms touch, where no segment shows the direction."""
         of, steps = self._clearance.distance_of, _H * np.eye(len(q))
-        change = [of(index, q + step) - of(index, q - step) for step in steps]
+        change = [of(pair, q + step) - of(pair, q - step) for step in steps]
         closing: Vector = np.array(change) / (-2 * _H)
         return closing
 
