@@ -7,15 +7,14 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.stats import qmc
 
 from robo47_qp.arm import Arm
-from robo47_qp.arrays import Matrix
 from robo47_qp.errors import InvalidValueError, ModelError
 from robo47_qp.ik.geom_distance import GeomDistance
+from robo47_qp.ik.spread import spread
 
-_SAMPLE = 8
-"""Binary logarithm of the number of configurations that are looked at."""
+_SAMPLE = 256
+"""Configurations that are looked at, besides home."""
 
 
 class LeftOut(NamedTuple):
@@ -58,8 +57,7 @@ class GeomPairs:
             InvalidValueError: The clearance is negative or not finite.
             ModelError: No pair is left.
         """
-        if not (np.isfinite(clearance) and clearance >= 0.0):
-            raise InvalidValueError("clearance", clearance, "finite and not negative [m]")
+        check_clearance(clearance)
         m, kept, left_out = arm.model, [], []
         candidates = list(_movable(m))
         at_home, farthest = _distances(arm, candidates)
@@ -90,10 +88,14 @@ def pair_names(m: mujoco.MjModel, pair: tuple[int, int]) -> tuple[str, str]:
     return (b, a) if m.geom_bodyid[pair[0]] == 0 else (a, b)
 
 
-def spread_configurations(arm: Arm) -> Matrix:
-    """Home, then configurations spread evenly over the joint ranges (257, n) [rad]."""
-    unit = qmc.Sobol(d=arm.n, scramble=False).random_base2(_SAMPLE)
-    return np.vstack([arm.home, arm.q_min + unit * (arm.q_max - arm.q_min)])
+def check_clearance(clearance: float) -> None:
+    """Check a clearance from outside [m].
+
+    Raises:
+        InvalidValueError: It is negative or not finite.
+    """
+    if not (np.isfinite(clearance) and clearance >= 0.0):
+        raise InvalidValueError("clearance", clearance, "finite and not negative [m]")
 
 
 def _movable(m: mujoco.MjModel) -> Iterator[tuple[int, int]]:
@@ -106,8 +108,8 @@ def _distances(arm: Arm, pairs: list[tuple[int, int]]) -> tuple[list[float], lis
     """Of each pair: at home, and the largest of the sample [m]."""
     m, d = arm.model, mujoco.MjData(arm.model)
     measure = GeomDistance(m, d)
-    seen = np.empty((1 + 2**_SAMPLE, len(pairs)))
-    for k, q in enumerate(spread_configurations(arm)):
+    seen = np.empty((1 + _SAMPLE, len(pairs)))
+    for k, q in enumerate([arm.home, *spread(arm.q_min, arm.q_max, _SAMPLE)]):
         d.qpos[:] = q
         mujoco.mj_kinematics(m, d)
         seen[k] = [measure.between(a, b, np.inf) for a, b in pairs]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.clearance import clearance_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +31,7 @@ class Reason(Enum):
     OUT_OF_REACH = "out of reach"
     JOINT_LIMITS = "outside joint limits"
     NOT_CONVERGED = "not converged"
+    COLLISION = "collision"
 
 
 class Bound(Enum):
@@ -70,7 +72,10 @@ class IkResult:
     joints: tuple[str, ...] = ()
     """Joints that are outside their limits, or would have to be; empty for any other reason."""
     clearance: float | None = None
-    """Distance to the nearest obstacle [m]; None where it was not asked for."""
+    """Smallest distance of the arm from itself and its obstacles, negative where they overlap
+    [m]; None where it was not asked for, or the target not reached."""
+    pair: tuple[str, str] | None = None
+    """What is that close: bodies of the robot, names of obstacles; None with `clearance`."""
 
     @property
     def converged(self) -> bool:
@@ -107,6 +112,7 @@ def judged(
     tolerance: Tolerance,
     iterations: int,
     started: float | None = None,
+    asked: float | None = None,
 ) -> IkResult:
     """Result for a solver that stopped at q, whatever the solver itself thinks of it.
 
@@ -117,6 +123,7 @@ def judged(
         tolerance: How close counts as reached.
         iterations: Steps taken.
         started: When the solver began, by `time.process_time` [s]; None leaves time out.
+        asked: Clearance that an answer must have [m]; None leaves collisions out.
     """
     q = np.array(q, dtype=np.float64)
     position_error, orientation_error = arm.distance_to(T_world_target, q)
@@ -125,10 +132,16 @@ def judged(
     explanation, beyond = "", 0.0
     bound: Bound | None = None
     joints: tuple[str, ...] = ()
+    distance: float | None = None
+    pair: tuple[str, str] | None = None
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
+        if asked is not None:
+            distance, pair = clearance_of(arm, asked).nearest(q)
+            if reason is None and distance < asked:
+                reason, explanation = Reason.COLLISION, too_close(distance, pair, asked)
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
         if beyond > 0.0:
@@ -152,6 +165,8 @@ def judged(
         beyond_reach=beyond,
         bound=bound,
         joints=joints,
+        clearance=distance,
+        pair=pair,
     )
 
 
@@ -172,6 +187,14 @@ def is_pose(T_world_target: SE3) -> bool:
     """True for a finite pose whose quaternion has unit length within 1e-6."""
     pose = T_world_target.wxyz_xyz
     return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
+
+
+def too_close(distance: float, pair: tuple[str, str], asked: float) -> str:
+    """A clearance that is not kept, in words."""
+    a, b = pair
+    if distance < 0.0:
+        return f"{a} and {b} overlap by {-1e3 * distance:.1f} mm; {1e3 * asked:.3g} mm are asked"
+    return f"{a} and {b} are {1e3 * distance:.1f} mm apart; {1e3 * asked:.3g} mm are asked"
 
 
 def joints_outside(arm: Arm, q: Vector) -> tuple[str, ...]:
