@@ -47,10 +47,26 @@ class Clearance:
         self.data = mujoco.MjData(m)
         self._measure = GeomDistance(m, self.data)
         self._broad = BroadPhase(m, self.pairs.kept)
+        weld = m.body_weldid[m.geom_bodyid[np.array(self.pairs.kept)]]
+        tool = m.body_weldid[m.site(arm.robot.tcp).bodyid]
+        self._tool_and_still = (weld == tool).any(axis=1) & (weld == 0).any(axis=1)
 
     def nearest(self, q: Vector) -> tuple[float, tuple[str, str]]:
         """Smallest distance of any pair at q [m], negative where it overlaps, and its names."""
+        distance, which = self._least(self._bounds_at(q))
+        return distance, self.pairs.names[which]
+
+    def nearest_of_tool(self, q: Vector) -> tuple[float, tuple[str, str]]:
+        """The same of what is fixed to the tool, from what stands still.
+
+        The pose of the tool settles it, whatever the joints; infinite where there is no pair.
+        """
         bound = self._bounds_at(q)
+        bound[~self._tool_and_still] = inf
+        distance, which = self._least(bound)
+        return distance, self.pairs.names[which]
+
+    def _least(self, bound: Vector) -> tuple[float, int]:
         best, which = inf, 0
         for i in np.argsort(bound, kind="stable").tolist():
             if bound[i] >= best:
@@ -59,7 +75,7 @@ class Clearance:
             distance = self._measure.between(a, b, best)
             if distance < best:
                 best, which = distance, i
-        return best, self.pairs.names[which]
+        return best, which
 
     def clear(self, q: Vector, margin: float) -> bool:
         """True where all pairs are at least `margin` apart at q [m]."""

@@ -92,7 +92,7 @@ class MultiStart:
                     break
             elif best is None or _rank(result) < _rank(best):
                 best = result
-                if result.reason in _HOPELESS:
+                if result.reason in _HOPELESS or result.inevitable:
                     break
         if not found and best is not None:
             best = replace(best, iterations=iterations, restarts=restarts)

@@ -44,7 +44,7 @@ def searched(
     tolerance, count, stall, clearance = limits
     iterations = descent.run(T_world_target, q_seed, tolerance, count, stall)
     free = judged(arm, T_world_target, descent.q, tolerance, iterations, started, clearance)
-    if clearance is None or free.reason is not Reason.COLLISION:
+    if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
         return free
     avoidance = _avoidance(arm, clearance)
     iterations += descent.run(T_world_target, q_seed, tolerance, count, stall, avoidance)

@@ -34,6 +34,10 @@ class Reason(Enum):
     COLLISION = "collision"
 
 
+_TOOL = 1.0
+"""No point of a tool is further from the tool frame [m]."""
+
+
 class Bound(Enum):
     """What says that a target is out of reach."""
 
@@ -76,6 +80,9 @@ class IkResult:
     [m]; None where it was not asked for, or the target not reached."""
     pair: tuple[str, str] | None = None
     """What is that close: bodies of the robot, names of obstacles; None with `clearance`."""
+    inevitable: bool = False
+    """True where no other configuration can help: the tool itself is too close to something
+    that stands still, at the very pose that is asked for."""
 
     @property
     def converged(self) -> bool:
@@ -134,14 +141,16 @@ def judged(
     joints: tuple[str, ...] = ()
     distance: float | None = None
     pair: tuple[str, str] | None = None
+    inevitable = False
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
         if asked is not None:
-            distance, pair = clearance_of(arm, asked).nearest(q)
+            distance, pair, inevitable = _closest(arm, q, tolerance, asked)
             if reason is None and distance < asked:
                 reason, explanation = Reason.COLLISION, too_close(distance, pair, asked)
+                explanation += " whatever the joints" if inevitable else ""
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
         if beyond > 0.0:
@@ -167,7 +176,22 @@ def judged(
         joints=joints,
         clearance=distance,
         pair=pair,
+        inevitable=inevitable,
     )
+
+
+def _closest(
+    arm: Arm, q: Vector, tolerance: Tolerance, asked: float
+) -> tuple[float, tuple[str, str], bool]:
+    """Smallest distance [m], its pair, and whether the pose of the tool settles that much."""
+    clearance = clearance_of(arm, asked)
+    distance, pair = clearance.nearest(q)
+    if distance < asked and np.isfinite(tolerance.orientation):
+        of_tool, tool_pair = clearance.nearest_of_tool(q)
+        # Within the tolerance the tool may yet move, its outermost point by no more than this.
+        if of_tool < asked - tolerance.position - _TOOL * tolerance.orientation:
+            return of_tool, tool_pair, True
+    return distance, pair, False
 
 
 def rejected(arm: Arm, q_seed: Vector) -> IkResult:
