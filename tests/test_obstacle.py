@@ -39,7 +39,7 @@ def test_the_surface_is_where_the_size_says(
         for way in (axis, -axis):
             direction = PLACED.rotation().as_matrix() @ way
             eye = PLACED.translation() + 2.0 * direction
-            assert mujoco.mj_ray(m, d, eye, -direction, None, 1, -1, hit, None) == pytest.approx(
+            assert mujoco.mj_ray(m, d, eye, -direction, None, True, -1, hit, None) == pytest.approx(
                 2.0 - face, abs=1e-9
             )
 
