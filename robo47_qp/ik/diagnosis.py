@@ -16,6 +16,7 @@ from robo47_qp.ik.solver import (
     Tolerance,
     joints_outside,
     outside_limits,
+    residual,
 )
 from robo47_qp.ik.stall import Stall
 
@@ -46,12 +47,13 @@ def diagnosed(
     """
     if best.reason is not Reason.NOT_CONVERGED:
         return best
+    remains = residual(best.position_error, best.orientation_error, best.iterations)
+    remains = f"{remains} from {best.restarts + 1} starts"
     turned = _without_limits(arm, T_world_target, starts, tolerance)
     if turned is not None:
         outside = joints_outside(arm, turned)
         if not outside:
-            explanation = f"the pose is within reach, but {best.explanation}"
-            return replace(best, explanation=f"{explanation} from {best.restarts + 1} starts")
+            return replace(best, explanation=f"the pose is within reach, but {remains}")
         return replace(
             best,
             reason=Reason.JOINT_LIMITS,
@@ -75,10 +77,7 @@ def diagnosed(
         )
     return replace(
         best,
-        explanation=(
-            "the position is reached, but not with this orientation: "
-            f"{best.explanation} from {best.restarts + 1} starts"
-        ),
+        explanation=f"the position is reached, but not with this orientation: {remains}",
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.ik.clearance import clearance_of
+from robo47_qp.ik.proximity import Proximity, proximity, too_close
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,18 +139,15 @@ def judged(
     explanation, beyond = "", 0.0
     bound: Bound | None = None
     joints: tuple[str, ...] = ()
-    distance: float | None = None
-    pair: tuple[str, str] | None = None
-    inevitable = False
+    near: Proximity | None = None
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
         if asked is not None:
-            distance, pair, inevitable = _closest(arm, q, tolerance, asked)
-            if reason is None and distance < asked:
-                reason, explanation = Reason.COLLISION, too_close(distance, pair, asked)
-                explanation += " whatever the joints" if inevitable else ""
+            near = proximity(arm, q, asked, tolerance.position + _TOOL * tolerance.orientation)
+            if reason is None and near.distance < asked:
+                reason, explanation = Reason.COLLISION, too_close(near, asked)
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
         if beyond > 0.0:
@@ -158,10 +155,7 @@ def judged(
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
         else:
             reason = Reason.NOT_CONVERGED
-            explanation = (
-                f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
-                f"after {iterations} iterations"
-            )
+            explanation = residual(position_error, orientation_error, iterations)
     return IkResult(
         q=q,
         reason=reason,
@@ -174,24 +168,10 @@ def judged(
         beyond_reach=beyond,
         bound=bound,
         joints=joints,
-        clearance=distance,
-        pair=pair,
-        inevitable=inevitable,
+        clearance=None if near is None else near.distance,
+        pair=None if near is None else near.pair,
+        inevitable=near is not None and near.inevitable,
     )
-
-
-def _closest(
-    arm: Arm, q: Vector, tolerance: Tolerance, asked: float
-) -> tuple[float, tuple[str, str], bool]:
-    """Smallest distance [m], its pair, and whether the pose of the tool settles that much."""
-    clearance = clearance_of(arm, asked)
-    distance, pair = clearance.nearest(q)
-    if distance < asked and np.isfinite(tolerance.orientation):
-        of_tool, tool_pair = clearance.nearest_of_tool(q)
-        # Within the tolerance the tool may yet move, its outermost point by no more than this.
-        if of_tool < asked - tolerance.position - _TOOL * tolerance.orientation:
-            return of_tool, tool_pair, True
-    return distance, pair, False
 
 
 def rejected(arm: Arm, q_seed: Vector) -> IkResult:
@@ -213,12 +193,12 @@ def is_pose(T_world_target: SE3) -> bool:
     return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
 
 
-def too_close(distance: float, pair: tuple[str, str], asked: float) -> str:
-    """A clearance that is not kept, in words."""
-    a, b = pair
-    if distance < 0.0:
-        return f"{a} and {b} overlap by {-1e3 * distance:.1f} mm; {1e3 * asked:.3g} mm are asked"
-    return f"{a} and {b} are {1e3 * distance:.1f} mm apart; {1e3 * asked:.3g} mm are asked"
+def residual(position_error: float, orientation_error: float, iterations: int) -> str:
+    """What remains of a pose error, in words."""
+    return (
+        f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
+        f"after {iterations} iterations"
+    )
 
 
 def joints_outside(arm: Arm, q: Vector) -> tuple[str, ...]:
