@@ -60,14 +60,12 @@ class GeomPairs:
         check_clearance(clearance)
         m, kept, left_out = arm.model, [], []
         candidates = list(_movable(m))
-        at_home, farthest = _distances(arm, candidates)
-        for pair, home, far in zip(candidates, at_home, farthest, strict=True):
-            reason = _ruled_out(m, pair)
-            own = not any(_is_obstacle(arm, geom) for geom in pair)
-            if reason is None and own and home < clearance and _are_neighbours(m, pair):
-                reason = f"neighbours, {1e3 * home:.1f} mm apart at home"
-            if reason is None and own and far < clearance:
-                reason = f"never seen further apart than {1e3 * far:.1f} mm"
+        reasons = {pair: _ruled_out(m, pair) for pair in candidates}
+        own = [pair for pair, reason in reasons.items() if reason is None]
+        own = [pair for pair in own if not any(_is_obstacle(arm, geom) for geom in pair)]
+        reasons |= _never_clear(arm, own, clearance)
+        for pair in candidates:
+            reason = reasons[pair]
             if reason is None:
                 kept.append(pair)
             else:
@@ -104,16 +102,27 @@ def _movable(m: mujoco.MjModel) -> Iterator[tuple[int, int]]:
     return ((a, b) for a, b in combinations(solid, 2) if weld[a] != weld[b])
 
 
-def _distances(arm: Arm, pairs: list[tuple[int, int]]) -> tuple[list[float], list[float]]:
-    """Of each pair: at home, and the largest of the sample [m]."""
+def _never_clear(
+    arm: Arm, pairs: list[tuple[int, int]], clearance: float
+) -> dict[tuple[int, int], str]:
+    """Reasons to leave out pairs that are too close at home, or wherever one looks."""
     m, d = arm.model, mujoco.MjData(arm.model)
-    measure = GeomDistance(m, d)
-    seen = np.empty((1 + _SAMPLE, len(pairs)))
+    measure, reasons, farthest = GeomDistance(m, d), {}, dict.fromkeys(pairs, -np.inf)
     for k, q in enumerate([arm.home, *spread(arm.q_min, arm.q_max, _SAMPLE)]):
         d.qpos[:] = q
         mujoco.mj_kinematics(m, d)
-        seen[k] = [measure.between(a, b, np.inf) for a, b in pairs]
-    return seen[0].tolist(), seen.max(axis=0).tolist()
+        for pair in list(farthest):
+            distance = measure.between(pair[0], pair[1], np.inf)
+            if distance >= clearance:
+                del farthest[pair]
+            elif k == 0 and _are_neighbours(m, pair):
+                del farthest[pair]
+                reasons[pair] = f"neighbours, {1e3 * distance:.1f} mm apart at home"
+            else:
+                farthest[pair] = max(farthest[pair], distance)
+    for pair, far in farthest.items():
+        reasons[pair] = f"never seen further apart than {1e3 * far:.1f} mm"
+    return reasons
 
 
 def _ruled_out(m: mujoco.MjModel, pair: tuple[int, int]) -> str | None:
