@@ -35,8 +35,10 @@ REACHED = 1e-6
 class CollisionIkOptions:
     """Options of this scenario."""
 
-    n: int = 300
-    """Targets of each of the two kinds."""
+    n: int = 1000
+    """Targets made of configurations that keep the clearance."""
+    cluttered: int = 200
+    """Targets made of configurations that do not; about a third has another answer."""
     seed: int = 0
     """Seed of the targets."""
     clearance: float = 0.01
@@ -109,9 +111,11 @@ class Judge:
                 quat=pose.rotation().wxyz,
             )
         compiled = spec.compile()
-        for geom in list(spec.geoms):
-            if geom.contype and compiled.geom_type[geom.id] == mujoco.mjtGeom.mjGEOM_CAPSULE:
-                _take_apart(geom, compiled)
+        # Numbers of geoms change as soon as one is added.
+        numbered = [(geom, int(geom.id)) for geom in spec.geoms if geom.contype]
+        for geom, number in numbered:
+            if compiled.geom_type[number] == mujoco.mjtGeom.mjGEOM_CAPSULE:
+                _take_apart(geom, number, compiled)
         for geom in spec.geoms:
             geom.margin = SEEN / 2
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
@@ -140,9 +144,9 @@ class Judge:
         return bool(inside and max(away, np.linalg.norm(turn)) < 1.01 * REACHED)
 
 
-def _take_apart(geom: mujoco.MjsGeom, compiled: mujoco.MjModel) -> None:
-    pos, quat = compiled.geom_pos[geom.id], compiled.geom_quat[geom.id]
-    radius, half, _ = compiled.geom_size[geom.id]
+def _take_apart(geom: mujoco.MjsGeom, number: int, compiled: mujoco.MjModel) -> None:
+    pos, quat = compiled.geom_pos[number], compiled.geom_quat[number]
+    radius, half, _ = compiled.geom_size[number]
     axis = SO3(quat).as_matrix()[:, 2] * half
     cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     geom.parent.add_geom(type=cylinder, size=[radius, half, 0], pos=pos, quat=quat, mass=0)
@@ -155,11 +159,12 @@ def targets(
     arm: Arm, clearance: Clearance, options: CollisionIkOptions, *, clear: bool
 ) -> Iterator[SE3]:
     """Poses of random configurations: of those that are clear, or of those that are not."""
-    rng, count = np.random.default_rng([options.seed, clear]), 0
-    while count < options.n:
+    rng = np.random.default_rng([options.seed, clear])
+    missing = options.n if clear else options.cluttered
+    while missing:
         q = rng.uniform(arm.q_min, arm.q_max)
         if clearance.clear(q, options.clearance) == clear:
-            count += 1
+            missing -= 1
             yield arm.pose(q)
 
 

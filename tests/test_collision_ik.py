@@ -280,3 +280,19 @@ def test_a_narrow_gap_is_found_by_restarts() -> None:
 def test_a_clearance_that_is_none_is_refused(kind: type[LmIk | QpIk], clearance: float) -> None:
     with pytest.raises(InvalidValueError, match="clearance must be finite and not negative"):
         kind(clearance=clearance)
+
+
+@EACH
+def test_of_answers_that_all_collide_the_one_with_most_room_is_told(
+    crowded: Arm, single: LmIk | QpIk
+) -> None:
+    told = 0
+    for target in poses(crowded, 40, clear=False):
+        few = MultiStart(solver=single, max_restarts=3).solve(crowded, target, crowded.home)
+        first = single.solve(crowded, target, crowded.home)
+        if few.reason is first.reason is Reason.COLLISION and not few.inevitable:
+            assert few.clearance is not None
+            assert first.clearance is not None
+            assert few.clearance >= first.clearance
+            told += few.clearance > first.clearance
+    assert told > 0
