@@ -1,0 +1,52 @@
+"""Inverse of a Jacobian that stays bounded near and at singularities."""
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+
+_TINY = 1e-100
+"""Squares of singular values below this are those of a tool that cannot move at all."""
+_LOST = 1e-12
+"""Squares of singular values below this part of the largest count as zero."""
+
+
+class DampedInverse:
+    """J⁺ = Jᵀ U diag(1 / (σ² + λ²(σ))) Uᵀ, with U and σ² of J Jᵀ by eigenvalues.
+
+    Directions with σ above σ0 are inverted exactly. Below, λ grows from 0 to σ0 / 2:
+    λ²(σ) = (σ0² - σ²)² / (4 σ0²), which bounds the gain by 2 / σ0 or less. Only the directions
+    that are nearly lost are damped (Chiaverini, "Singularity-robust task-priority redundancy
+    resolution for real-time kinematic control of robot manipulators", 1997; Maciejewski and
+    Klein, "Numerical filtering for the operation of robotic manipulators through kinematically
+    singular configurations", 1988).
+    """
+
+    def __init__(self, J: Matrix, threshold: float) -> None:
+        """Factor a Jacobian.
+
+        Args:
+            J: Rows in comparable units, shape (rows, n); kept, not copied.
+            threshold: σ0 as a part of the largest singular value [-].
+        """
+        self._J = J
+        squares, self._U = np.linalg.eigh(J @ J.T)
+        np.maximum(squares, 0.0, out=squares)
+        largest = max(squares[-1], _TINY)
+        zero = threshold**2 * largest
+        self.nearest: float = float(np.sqrt(squares[0]))
+        """Smallest singular value, 0 at a singularity."""
+        damping = np.maximum(zero - squares, 0.0)
+        self._inverses = 1.0 / (squares + damping * damping / (4.0 * zero))
+        kept = squares > _LOST * largest
+        self._rows = (self._U[:, kept] / np.sqrt(squares[kept])).T @ J
+
+    def velocities(self, twist: Vector) -> Vector:
+        """Joint velocities (n,) for a twist in the units of the rows of J."""
+        U = self._U
+        out: Vector = ((twist @ U) * self._inverses) @ U.T @ self._J
+        return out
+
+    def null(self, v: Vector) -> Vector:
+        """The part of joint velocities that leaves the tool at rest (n,): not damped."""
+        out: Vector = v - (self._rows @ v) @ self._rows
+        return out
