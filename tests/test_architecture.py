@@ -11,7 +11,7 @@ PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("arrays",),
-    ("robot", "waypoint"),
+    ("obstacle", "robot", "waypoint"),
     ("robots.*", "arm"),
     ("ik.*",),
     ("motion.*",),
