@@ -7,7 +7,8 @@ from mink import SE3, SO3
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.ik.streaming import Event, IkStream, StreamIk, StreamTick
+from robo47_qp.ik.stream_tick import Event, StreamTick
+from robo47_qp.ik.streaming import IkStream, StreamIk
 from robo47_qp.robot import MotionProfile
 from tests.plain_arm import PlainArm
 

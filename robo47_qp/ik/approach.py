@@ -4,8 +4,12 @@ from math import sqrt
 
 import mujoco
 import numpy as np
+from mink import SE3
 
 from robo47_qp.arrays import Vector
+
+_FARTHEST = 1e6
+"""Where coordinates of targets end [m]: beyond it differences overflow."""
 
 
 def approach_rate(way: Vector, v_max: Vector, a_max: Vector, gain: float) -> float:
@@ -75,3 +79,19 @@ class TargetMotion:
         if (np.abs(twist) > fastest).any():
             return np.zeros(6), True
         return twist, False
+
+
+def pose_or_none(T_world_target: object) -> SE3 | None:
+    """The target with its position held within 1000 km of the world's origin, if it is a pose."""
+    if not isinstance(T_world_target, SE3):
+        return None
+    numbers = np.asarray(T_world_target.wxyz_xyz)
+    if numbers.shape != (7,) or numbers.dtype.kind not in "fiu":
+        return None
+    pose = numbers.astype(np.float64)
+    if not np.isfinite(pose).all() or np.abs(pose[:4]).max() > 2.0:
+        return None
+    if abs(pose[:4] @ pose[:4] - 1.0) > 2e-6:
+        return None
+    np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
+    return SE3(pose)

@@ -90,14 +90,17 @@ class Clearance:
 
     def distance_of(self, pair: int, q: Vector) -> float:
         """Signed distance of one of the checked pairs at q [m]."""
-        self.data.qpos[:] = q
-        mujoco.mj_kinematics(self.arm.model, self.data)
+        self.at(q)
         a, b = self.pairs.kept[pair]
         return self._measure.between(a, b, inf)
 
-    def _bounds_at(self, q: Vector) -> Vector:
+    def at(self, q: Vector) -> None:
+        """Put the scratch state `data` at q."""
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.arm.model, self.data)
+
+    def _bounds_at(self, q: Vector) -> Vector:
+        self.at(q)
         return self._broad.bounds(self.data)
 
 

@@ -2,8 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from enum import Enum
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 from mink import SE3
@@ -12,42 +11,15 @@ from numpy.typing import ArrayLike
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.approach import TargetMotion, approach_rate, shortened
-from robo47_qp.ik.box_qp import box_qp
-from robo47_qp.ik.braking import JointBrakes, braked
+from robo47_qp.ik.approach import TargetMotion, approach_rate, pose_or_none, shortened
+from robo47_qp.ik.braking import JointBrakes
+from robo47_qp.ik.clearance import clearance_of
 from robo47_qp.ik.damped_inverse import DampedInverse
+from robo47_qp.ik.separation import Separation
+from robo47_qp.ik.speed_qp import SpeedQp
+from robo47_qp.ik.stream_tick import Event, StreamTick
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.robot import MotionProfile
-
-_FARTHEST = 1e6
-"""Where coordinates of targets end [m]: beyond it differences overflow."""
-
-
-class Event(Enum):
-    """What a tick had to put up with."""
-
-    TARGET_REFUSED = "the target is no finite pose: the arm brakes"
-    TARGET_JUMPED = "the target moved farther than the tool can: its velocity is not followed"
-    RECOVERING = "a joint was outside its limits, or too fast to stop inside: it is brought back"
-    NO_ANSWER = "the QP solver found no answer: the arm brakes"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StreamTick:
-    """The command for the next tick, and how things stood when it was asked for."""
-
-    q: Vector
-    """Position at the next tick (n,) [rad]."""
-    v: Vector
-    """Velocity at the next tick (n,) [rad/s]."""
-    a: Vector
-    """Acceleration until then, constant (n,) [rad/s²]."""
-    position_error: float
-    """Distance of the tool from the target, both now; NaN where the target was refused [m]."""
-    orientation_error: float
-    """Angle between the tool and the target, both now; NaN where it was refused [rad]."""
-    events: tuple[Event, ...]
-    """What this tick had to put up with, in the order of `Event`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +62,16 @@ class StreamIk:
     """Pace of the return home in the null space; 0 for none [1/s]."""
     margin: float = 1e-6
     """Part of every joint limit that is left unused, against rounding."""
+    clearance: float | None = None
+    """Distance to keep between links and from obstacles [m]; None to look at no collisions."""
+    buffer: float = 0.004
+    """More than the clearance is aimed at, by this, against curved motion [m]."""
+    share: float = 0.5
+    """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
+    budget: int = 24
+    """Most pairs of geoms whose distance is measured in a tick."""
+    max_rows: int = 24
+    """Most pairs of geoms that bound the velocity in a tick."""
     backend: str = "daqp"
     """QP solver."""
     profile: MotionProfile | None = None
@@ -131,7 +113,8 @@ class IkStream:
         self.arm = arm
         profile = arm.robot.profile if settings.profile is None else settings.profile
         self.brakes = JointBrakes(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
-        self._solver = box_qp(settings.backend, arm.n)
+        self._qp = SpeedQp(settings.backend, arm.n)
+        self._separation = _separation(settings, arm, self.brakes.a_max)
         self._tool = ToolError(arm)
         self._target = TargetMotion(settings.dt)
         self._units = np.array([1.0, 1.0, 1.0, *[settings.lever] * 3])
@@ -139,6 +122,7 @@ class IkStream:
         self._plain = np.eye(arm.n)
         self._regular = settings.joint_weight * np.eye(arm.n)
         self._v_use, self._a_use = (settings.reserve * b for b in (profile.v_max, profile.a_max))
+        self._least = -inf if settings.clearance is None else settings.clearance
         self._v_home = 0.1 * profile.v_max
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -169,6 +153,8 @@ class IkStream:
         self._v = np.zeros(n) if v is None else checked_vector("v", v, n)
         self._target.forget()
         self._counts.clear()
+        if self._separation is not None:
+            self._separation.reset(self._q)
 
     def tick(self, T_world_target: object) -> StreamTick:
         """Move the command on by one tick, towards where the target is now.
@@ -177,7 +163,7 @@ class IkStream:
             T_world_target: Wanted T_world_tcp (SE3). Anything else brakes the arm.
         """
         events: set[Event] = set()
-        target = _pose_or_none(T_world_target)
+        target = pose_or_none(T_world_target)
         if target is None:
             events.add(Event.TARGET_REFUSED)
             self._target.forget()
@@ -189,7 +175,18 @@ class IkStream:
             squares = self._tool.move(self._q)
             errors = (sqrt(squares[0]), sqrt(squares[1]))
             H, v_ref = self._wanted(target, events)
-        v_next = self._nearest(H, v_ref, events)
+        box = self.brakes.box(self._q, self._v)
+        if box.recovering:
+            events.add(Event.RECOVERING)
+        rows, clearance = None, inf
+        if self._separation is not None:
+            rows = self._separation.rows(self._q, self._v)
+            clearance = self._separation.nearest()
+            if clearance < self._least:
+                events.add(Event.TOO_CLOSE)
+        v_next, told = self._qp.nearest(H, v_ref, box, rows)
+        if told is not None:
+            events.add(told)
         q_next = self.brakes.moved(self._q, self._v, v_next)
         a = (v_next - self._v) / self.settings.dt
         self._q, self._v = q_next, v_next
@@ -200,6 +197,8 @@ class IkStream:
             a=a,
             position_error=errors[0],
             orientation_error=errors[1],
+            clearance=clearance,
+            rows=0 if rows is None else len(rows.upper),
             events=tuple(event for event in Event if event in events),
         )
 
@@ -222,32 +221,16 @@ class IkStream:
             v_ref += inverse.null(np.clip(home, -self._v_home, self._v_home))
         return self._J.T @ self._J + self._regular, v_ref
 
-    def _nearest(self, H: Matrix, v_ref: Vector, events: set[Event]) -> Vector:
-        """The velocity for the next tick: the closest to v_ref of those that may be had."""
-        box = self.brakes.box(self._q, self._v)
-        if box.recovering:
-            events.add(Event.RECOVERING)
-        if (v_ref >= box.low).all() and (v_ref <= box.high).all():
-            return v_ref
-        v_next = self._solver.solve(H, -(H @ v_ref), box.low, box.high)
-        if v_next is None or not np.isfinite(v_next).all():
-            events.add(Event.NO_ANSWER)
-            v_next = braked(self._v, self.brakes.a_max, self.brakes.dt)
-        # QP solvers meet bounds but for rounding; commands meet them exactly.
-        return np.clip(v_next, box.low, box.high)
 
-
-def _pose_or_none(T_world_target: object) -> SE3 | None:
-    """The target with its position held within 1000 km of the world's origin, if it is a pose."""
-    if not isinstance(T_world_target, SE3):
+def _separation(settings: StreamIk, arm: Arm, a_max: Vector) -> Separation | None:
+    if settings.clearance is None:
         return None
-    numbers = np.asarray(T_world_target.wxyz_xyz)
-    if numbers.shape != (7,) or numbers.dtype.kind not in "fiu":
-        return None
-    pose = numbers.astype(np.float64)
-    if not np.isfinite(pose).all() or np.abs(pose[:4]).max() > 2.0:
-        return None
-    if abs(pose[:4] @ pose[:4] - 1.0) > 2e-6:
-        return None
-    np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
-    return SE3(pose)
+    return Separation(
+        clearance_of(arm, settings.clearance),
+        a_max,
+        settings.dt,
+        d_min=settings.clearance + settings.buffer,
+        share=settings.share,
+        budget=settings.budget,
+        max_rows=settings.max_rows,
+    )

@@ -1,0 +1,161 @@
+"""Speed limits that keep pairs of geoms apart, with the room to brake."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.avoidance import Avoidance
+from robo47_qp.ik.braking import fastest
+from robo47_qp.ik.clearance import Clearance
+from robo47_qp.ik.geom_distance import GeomDistance
+from robo47_qp.ik.levers import levers
+
+_AHEAD = 0.1
+"""Beyond what is needed, distances are told apart up to this much further [m]."""
+_NEAR = 0.03
+"""Pairs with less room than this are looked at again at every tick [m]."""
+
+_UNSURE = 0.2
+"""Part of a pair's largest closing rate by which its last row may be wrong until it is renewed."""
+
+
+class SpeedRows(NamedTuple):
+    """A v' <= upper keeps pairs apart, for the joint velocity v' at the next tick."""
+
+    A: Matrix
+    """How fast each pair closes per joint (k, n) [m/rad]."""
+    upper: Vector
+    """How fast each pair may close (k,) [m/s]; negative where it has to part."""
+    room: Vector
+    """Distance of each pair beyond the one to be kept (k,) [m]."""
+    pair: NDArray[np.intp]
+    """Which of the checked pairs each row is (k,)."""
+
+
+class Separation:
+    """Memory of how far apart the pairs of one arm are, and the speeds that this allows.
+
+    A pair with the room d left, that closes at a rate A v and can brake at
+    β Σ_j |A_j| a_max,j, may close at the speed after which it still can stop (`fastest`).
+
+    Measuring all pairs at every tick would take milliseconds. By `levers` L, a distance
+    measured once is a bound from below as long as L |q - q_then| has not used it up, and no
+    joint's braking way v² / (2 β a_max) brings a pair nearer than L times that. Pairs
+    that could need a row by this count are measured, the most urgent first, up to a number that
+    bounds the time of a tick. Those left over keep their last row, with the bound for the
+    distance.
+    """
+
+    def __init__(
+        self,
+        clearance: Clearance,
+        a_max: Vector,
+        dt: float,
+        *,
+        d_min: float,
+        share: float,
+        budget: int,
+        max_rows: int,
+    ) -> None:
+        """Look at the pairs of a clearance.
+
+        Args:
+            clearance: The distances.
+            a_max: Largest joint accelerations (n,) [rad/s²].
+            dt: Length of a tick [s].
+            d_min: Distance to be kept [m].
+            share: β, part of the deceleration of all joints together that is counted on.
+            budget: Most pairs to be measured in a tick.
+            max_rows: Most rows.
+
+        Raises:
+            InvalidValueError: A number is out of its range.
+        """
+        if not 0.0 < share <= 1.0:
+            raise InvalidValueError("share", share, "above 0 and at most 1")
+        if budget < 1 or max_rows < 1:
+            raise InvalidValueError("budget and max_rows", (budget, max_rows), "at least 1 each")
+        self._clearance = clearance
+        self._avoidance = Avoidance(clearance, d_min=d_min, detection=d_min + _AHEAD)
+        self._measure = GeomDistance(clearance.arm.model, clearance.data)
+        self._ends = clearance.pairs.kept
+        self._L = levers(clearance.arm.model, clearance.pairs.kept)
+        self._a, self._dt, self._d_min = share * a_max, dt, d_min
+        self._budget, self._max_rows = budget, max_rows
+        self._A = np.zeros_like(self._L)
+        self._seen = np.zeros(len(self._ends), dtype=np.bool_)
+        self._brake = np.ones(len(self._ends))
+        self._least_brake = _UNSURE * (self._L @ self._a)
+        self._bound = np.zeros(len(self._ends))
+        self._q = np.zeros(clearance.arm.n)
+
+    def reset(self, q: Vector) -> None:
+        """Measure every pair at q."""
+        self._q = q.copy()
+        self._bound[:] = -np.inf
+        self._update(q, np.arange(len(self._ends)), np.full(len(self._ends), np.inf))
+
+    def nearest(self) -> float:
+        """Bound from below for the smallest distance at the last `rows` or `reset` [m]."""
+        return float(self._bound.min())
+
+    def rows(self, q: Vector, v: Vector) -> SpeedRows:
+        """Rows for the next tick.
+
+        Args:
+            q: Position now (n,) [rad].
+            v: Velocity now (n,) [rad/s].
+        """
+        self._bound -= self._L @ np.abs(q - self._q)
+        self._q = q.copy()
+        needed = self._needed(v)
+        spare = self._bound - needed
+        urgent = np.flatnonzero(spare < 0.0)
+        if len(urgent) > self._budget:
+            urgent = urgent[np.argsort(spare[urgent], kind="stable")]
+        if len(urgent):
+            picked = urgent[: self._budget]
+            self._update(q, picked, needed[picked] + _AHEAD)
+        active = urgent[self._bound[urgent] < needed[urgent]]
+        return self._rows_of(active, v)
+
+    def _needed(self, v: Vector) -> Vector:
+        """Distance below which each pair needs a row, or another look (pairs,) [m]."""
+        speed = np.abs(v) + self._a * self._dt
+        ways = speed * (self._dt + speed / (2.0 * self._a))
+        closing = np.maximum(self._A @ v, 0.0) + _UNSURE * (self._L @ speed)
+        known = closing * (self._dt + closing / (2.0 * self._brake))
+        way = np.where(self._seen, known, self._L @ ways)
+        return np.maximum(way, _NEAR) + self._d_min
+
+    def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
+        A, room = self._A[pair], self._bound[pair] - self._d_min
+        a_pair = np.maximum(np.abs(A) @ self._a, 1e-9)
+        upper = fastest(np.abs(room), np.where(room < 0.0, 0.0, A @ v), a_pair, self._dt)
+        lacking = room < 0.0
+        upper[lacking] = -np.minimum(0.3 * upper[lacking], 10.0 * -room[lacking])
+        if len(pair) > self._max_rows:
+            kept = np.argsort(upper - A @ v, kind="stable")[: self._max_rows]
+            return SpeedRows(A[kept], upper[kept], room[kept], pair[kept])
+        return SpeedRows(A, upper, room, pair)
+
+    def _update(self, q: Vector, picked: NDArray[np.intp], cut_off: Vector) -> None:
+        clearance, measure = self._clearance, self._measure
+        clearance.at(q)
+        distance, segment = np.empty(len(picked)), np.empty((len(picked), 6))
+        ends = self._ends
+        for k, (i, far) in enumerate(zip(picked.tolist(), cut_off.tolist(), strict=True)):
+            a, b = ends[i]
+            distance[k] = measure.between(a, b, far)
+            segment[k] = measure.segment
+        self._bound[picked] = distance
+        seen = distance < cut_off
+        self._A[picked[~seen]] = 0.0
+        self._seen[picked] = seen
+        close = picked[seen]
+        self._A[close] = self._avoidance.closing(q, close, distance[seen], segment[seen])
+        rate = np.abs(self._A[close]) @ self._a
+        self._brake[close] = np.maximum(rate, self._least_brake[close])
