@@ -1,6 +1,6 @@
 """How fast to go to a target that moves, jumps or cannot be reached."""
 
-from math import sqrt
+from math import isfinite, sqrt
 
 import mujoco
 import numpy as np
@@ -89,9 +89,12 @@ def pose_or_none(T_world_target: object) -> SE3 | None:
     if numbers.shape != (7,) or numbers.dtype.kind not in "fiu":
         return None
     pose = numbers.astype(np.float64)
-    if not np.isfinite(pose).all() or np.abs(pose[:4]).max() > 2.0:
+    w, x, y, z, *position = pose.tolist()
+    # Chained comparisons are false for NaN; 2 bounds what is squared.
+    if not all(-2.0 < part < 2.0 for part in (w, x, y, z)) or not all(map(isfinite, position)):
         return None
-    if abs(pose[:4] @ pose[:4] - 1.0) > 2e-6:
+    if abs(w * w + x * x + y * y + z * z - 1.0) > 2e-6:
         return None
-    np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
+    if max(map(abs, position)) > _FARTHEST:
+        np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
     return SE3(pose)

@@ -13,6 +13,9 @@ from robo47_qp.arrays import Matrix, Vector, frozen_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.robot import MotionProfile
 
+_ROUNDING = 1e-9
+"""Less than this outside a limit is no reason to recover [rad, rad/s]."""
+
 
 def stopping_distance(v: ArrayLike, a_max: ArrayLike, dt: float) -> Vector:
     """Shortest way to rest at a tick, braking at a_max [rad].
@@ -43,7 +46,7 @@ def fastest(distance: ArrayLike, v: ArrayLike, a_max: ArrayLike, dt: float) -> V
         dt: Length of a tick [s].
     """
     step = np.multiply(a_max, dt)
-    delta = np.maximum(np.divide(distance, step * dt) - np.divide(v, 2.0 * step), 0.0)
+    delta = np.maximum((np.divide(distance, dt) - np.multiply(v, 0.5)) / step, 0.0)
     m = np.floor((np.sqrt(1.0 + 8.0 * delta) - 1.0) / 2.0)
     speed: Vector = step * (m + (delta - m * (m + 1.0) / 2.0) / (m + 1.0))
     return speed
@@ -113,7 +116,7 @@ class JointBrakes:
         """Speeds that are kept [rad/s]."""
         self.a_max: Vector = (1.0 - margin) * frozen_vector("a_max", profile.a_max, n)
         """Accelerations that are kept [rad/s²]."""
-        self._step = self.a_max * dt
+        self._step, self._v_min = self.a_max * dt, -self.v_max
         self._room: Matrix = np.empty((2, n))
         self._ahead: Matrix = np.empty((2, n))
 
@@ -131,19 +134,22 @@ class JointBrakes:
         np.subtract(q, self.q_min, out=room[1])
         ahead[0] = v
         np.negative(v, out=ahead[1])
-        kept = fastest(np.abs(room), np.where(room < 0.0, -ahead, ahead), self.a_max, self.dt)
-        # Outside the range, to go back at this speed is the least that is asked for.
-        kept[room < 0.0] *= -1.0
+        out = room < -_ROUNDING
+        outside = bool(out.any())
+        if outside:
+            kept = fastest(np.abs(room), np.where(out, -ahead, ahead), self.a_max, self.dt)
+            # To go back at this speed is the least that is asked for.
+            kept[out] *= -1.0
+        else:
+            kept = fastest(room, ahead, self.a_max, self.dt)
         np.minimum(kept, self.v_max, out=kept)
-        np.maximum(kept, -self.v_max, out=kept)
+        np.maximum(kept, self._v_min, out=kept)
         low, high = v - self._step, v + self._step
-        recovering = bool((kept[0] < low - 1e-9).any() or (-kept[1] > high + 1e-9).any())
-        recovering = recovering or bool((room < -1e-9).any())
-        high_kept = np.clip(kept[0], low, high)
-        low_kept = np.clip(-kept[1], low, high)
-        return VelocityBox(
-            low=np.minimum(low_kept, high_kept), high=high_kept, recovering=recovering
-        )
+        most, least = kept[0], -kept[1]
+        fits = (most >= low - _ROUNDING).all() and (least <= high + _ROUNDING).all()
+        most = np.minimum(np.maximum(most, low), high)
+        least = np.minimum(np.minimum(np.maximum(least, low), high), most)
+        return VelocityBox(low=least, high=most, recovering=outside or not fits)
 
     def moved(self, q: Vector, v: Vector, v_next: Vector) -> Vector:
         """Position at the next tick [rad]."""

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,9 +16,14 @@ from robo47_qp.ik.levers import levers
 
 _AHEAD = 0.1
 """Beyond what is needed, distances are told apart up to this much further [m]."""
+_FAR = 1e3
+"""Larger than any distance in a cell [m]."""
 _NEAR = 0.03
 """Pairs with less room than this are looked at again at every tick [m]."""
 
+_PARTING, _REGAIN = 0.3, 10.0
+"""A pair that is too close parts at this part of the speed at which it could still stop, and
+regains this part of what it lacks per second."""
 _UNSURE = 0.2
 """Part of a pair's largest closing rate by which its last row may be wrong until it is renewed."""
 
@@ -86,6 +92,10 @@ class Separation:
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
         self._budget, self._max_rows = budget, max_rows
         self._A = np.zeros_like(self._L)
+        self._segment = np.zeros((len(self._ends), 6))
+        self._segments = list(self._segment)
+        self.measured: float = np.inf
+        """Smallest distance that was measured at the last `rows` or `reset` [m]."""
         self._seen = np.zeros(len(self._ends), dtype=np.bool_)
         self._brake = np.ones(len(self._ends))
         self._least_brake = _UNSURE * (self._L @ self._a)
@@ -96,7 +106,7 @@ class Separation:
         """Measure every pair at q."""
         self._q = q.copy()
         self._bound[:] = -np.inf
-        self._update(q, np.arange(len(self._ends)), np.full(len(self._ends), np.inf))
+        self._update(q, np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
     def nearest(self) -> float:
         """Bound from below for the smallest distance at the last `rows` or `reset` [m]."""
@@ -116,6 +126,7 @@ class Separation:
         urgent = np.flatnonzero(spare < 0.0)
         if len(urgent) > self._budget:
             urgent = urgent[np.argsort(spare[urgent], kind="stable")]
+        self.measured = np.inf
         if len(urgent):
             picked = urgent[: self._budget]
             self._update(q, picked, needed[picked] + _AHEAD)
@@ -134,28 +145,38 @@ class Separation:
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
         A, room = self._A[pair], self._bound[pair] - self._d_min
         a_pair = np.maximum(np.abs(A) @ self._a, 1e-9)
-        upper = fastest(np.abs(room), np.where(room < 0.0, 0.0, A @ v), a_pair, self._dt)
+        closing = A @ v
+        upper = fastest(np.abs(room), np.where(room < 0.0, 0.0, closing), a_pair, self._dt)
         lacking = room < 0.0
-        upper[lacking] = -np.minimum(0.3 * upper[lacking], 10.0 * -room[lacking])
+        if lacking.any():
+            upper[lacking] = -np.minimum(_PARTING * upper[lacking], -_REGAIN * room[lacking])
         if len(pair) > self._max_rows:
-            kept = np.argsort(upper - A @ v, kind="stable")[: self._max_rows]
+            kept = np.argsort(upper - closing, kind="stable")[: self._max_rows]
             return SpeedRows(A[kept], upper[kept], room[kept], pair[kept])
         return SpeedRows(A, upper, room, pair)
 
     def _update(self, q: Vector, picked: NDArray[np.intp], cut_off: Vector) -> None:
-        clearance, measure = self._clearance, self._measure
+        clearance, between, ends = self._clearance, self._measure.between, self._ends
         clearance.at(q)
-        distance, segment = np.empty(len(picked)), np.empty((len(picked), 6))
-        ends = self._ends
-        for k, (i, far) in enumerate(zip(picked.tolist(), cut_off.tolist(), strict=True)):
+        m, d, segment = clearance.arm.model, clearance.data, self._segment
+        overlapping = (self._bound[picked] <= 0.0).tolist()
+        found = []
+        pairs = zip(picked.tolist(), cut_off.tolist(), overlapping, self._segments, strict=False)
+        for i, far, perhaps, ends_of_way in pairs:
             a, b = ends[i]
-            distance[k] = measure.between(a, b, far)
-            segment[k] = measure.segment
-        self._bound[picked] = distance
+            if perhaps:
+                found.append(between(a, b, far))
+                ends_of_way[:] = self._measure.segment
+            else:
+                # What cannot overlap needs none of the second looks that `between` takes.
+                found.append(mujoco.mj_geomDistance(m, d, a, b, far, ends_of_way))
+        distance = np.array(found)
+        self._bound[picked] = np.minimum(distance, cut_off)
+        self.measured = float(distance.min())
         seen = distance < cut_off
-        self._A[picked[~seen]] = 0.0
         self._seen[picked] = seen
+        self._A[picked[~seen]] = 0.0
         close = picked[seen]
-        self._A[close] = self._avoidance.closing(q, close, distance[seen], segment[seen])
-        rate = np.abs(self._A[close]) @ self._a
-        self._brake[close] = np.maximum(rate, self._least_brake[close])
+        ways = segment[: len(picked)][seen]
+        self._A[close] = A = self._avoidance.closing(q, close, distance[seen], ways)
+        self._brake[close] = np.maximum(np.abs(A) @ self._a, self._least_brake[close])

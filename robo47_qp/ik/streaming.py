@@ -182,7 +182,7 @@ class IkStream:
         if self._separation is not None:
             rows = self._separation.rows(self._q, self._v)
             clearance = self._separation.nearest()
-            if clearance < self._least:
+            if self._separation.measured < self._least:
                 events.add(Event.TOO_CLOSE)
         v_next, told = self._qp.nearest(H, v_ref, box, rows)
         if told is not None:
