@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import daqp
 import numpy as np
 import osqp
+import qpsolvers
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
@@ -41,7 +42,7 @@ class BoxQp(Protocol):
         A: Matrix | None = None,
         upper: Vector | None = None,
     ) -> Vector | None:
-        """The minimiser; bounds are met within the accuracy of the solver, not to the last bit.
+        """The minimiser; its bounds are met but for rounding.
 
         Args:
             H: Positive definite matrix (n, n).
@@ -128,11 +129,39 @@ class _Osqp:
         x: Vector = problem.solve(raise_error=False).x
         if x is None or not np.isfinite(x).all():
             return None
-        return x
+        return np.minimum(np.maximum(x, low), high)
 
 
-BACKENDS: dict[str, type[_Daqp] | type[_Osqp]] = {"daqp": _Daqp, "osqp": _Osqp}
-"""QP solvers that can be chosen."""
+class _Qpsolvers:
+    """Any other QP solver that is installed, by way of qpsolvers; its cost comes on top."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._sparse = name not in qpsolvers.dense_solvers
+
+    def solve(
+        self,
+        H: Matrix,
+        f: Vector,
+        low: Vector,
+        high: Vector,
+        A: Matrix | None = None,
+        upper: Vector | None = None,
+    ) -> Vector | None:
+        problem = qpsolvers.Problem(H, f, A, upper, None, None, low, high)
+        if self._sparse:
+            problem.P = csc_matrix(problem.P)
+            problem.G = None if A is None else csc_matrix(A)
+        x: Vector | None = qpsolvers.solve_problem(problem, solver=self._name).x
+        if x is None or not np.isfinite(x).all():
+            return None
+        return np.minimum(np.maximum(x, low), high)
+
+
+def backends() -> tuple[str, ...]:
+    """Names of the QP solvers that can be chosen: the two called directly come first."""
+    direct = ("daqp", "osqp")
+    return (*direct, *(name for name in qpsolvers.available_solvers if name not in direct))
 
 
 @lru_cache(maxsize=16)
@@ -140,8 +169,12 @@ def box_qp(backend: str, n: int) -> BoxQp:
     """The QP solver of that name for n unknowns.
 
     Raises:
-        UnknownNameError: `backend` is not one of BACKENDS.
+        UnknownNameError: `backend` is not one of `backends()`.
     """
-    if backend not in BACKENDS:
-        raise UnknownNameError("QP solver", backend, BACKENDS)
-    return BACKENDS[backend](n)
+    if backend == "daqp":
+        return _Daqp(n)
+    if backend == "osqp":
+        return _Osqp(n)
+    if backend not in backends():
+        raise UnknownNameError("QP solver", backend, backends())
+    return _Qpsolvers(backend)
