@@ -93,6 +93,10 @@ class Avoidance:
         A = self.closing(q, pair, d, near.segment[: self._max_rows])
         return Rows(A, upper, d, pair)
 
+    def kept(self, q: Vector) -> bool:
+        """True where every pair has the clearance that the distances were built for."""
+        return self._clearance.clear(q, self._clearance.asked)
+
     def closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
         """-n . (J_b - J_a) of each pair (k, n).
 

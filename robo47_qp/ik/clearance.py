@@ -90,17 +90,14 @@ class Clearance:
 
     def distance_of(self, pair: int, q: Vector) -> float:
         """Signed distance of one of the checked pairs at q [m]."""
-        self.at(q)
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.arm.model, self.data)
         a, b = self.pairs.kept[pair]
         return self._measure.between(a, b, inf)
 
-    def at(self, q: Vector) -> None:
-        """Put the scratch state `data` at q."""
+    def _bounds_at(self, q: Vector) -> Vector:
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.arm.model, self.data)
-
-    def _bounds_at(self, q: Vector) -> Vector:
-        self.at(q)
         return self._broad.bounds(self.data)
 
 

@@ -31,22 +31,25 @@ class DampedInverse:
         self._J = J
         squares, self._U = np.linalg.eigh(J @ J.T)
         np.maximum(squares, 0.0, out=squares)
-        largest = max(squares[-1], _TINY)
+        largest = max(float(squares[-1]), _TINY)
         zero = threshold**2 * largest
-        self.nearest: float = float(np.sqrt(squares[0]))
-        """Smallest singular value, 0 at a singularity."""
         damping = np.maximum(zero - squares, 0.0)
-        self._inverses = 1.0 / (squares + damping * damping / (4.0 * zero))
-        kept = squares > _LOST * largest
-        self._rows = (self._U[:, kept] / np.sqrt(squares[kept])).T @ J
+        damping *= damping
+        damping /= 4.0 * zero
+        self._damped = 1.0 / (squares + damping)
+        self._exact = np.where(squares > _LOST * largest, 1.0 / np.maximum(squares, _TINY), 0.0)
 
     def velocities(self, twist: Vector) -> Vector:
         """Joint velocities (n,) for a twist in the units of the rows of J."""
-        U = self._U
-        out: Vector = ((twist @ U) * self._inverses) @ U.T @ self._J
-        return out
+        return self._inverted(twist, self._damped)
 
     def null(self, v: Vector) -> Vector:
         """The part of joint velocities that leaves the tool at rest (n,): not damped."""
-        out: Vector = v - (self._rows @ v) @ self._rows
+        return v - self._inverted(self._J.dot(v), self._exact)
+
+    def _inverted(self, twist: Vector, inverses: Vector) -> Vector:
+        U = self._U
+        parts = twist.dot(U)
+        parts *= inverses
+        out: Vector = U.dot(parts).dot(self._J)
         return out

@@ -92,6 +92,7 @@ class Separation:
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
         self._budget, self._max_rows = budget, max_rows
         self._A = np.zeros_like(self._L)
+        self._per_joint = np.zeros((3, clearance.arm.n))
         self._segment = np.zeros((len(self._ends), 6))
         self._segments = list(self._segment)
         self.measured: float = np.inf
@@ -119,9 +120,7 @@ class Separation:
             q: Position now (n,) [rad].
             v: Velocity now (n,) [rad/s].
         """
-        self._bound -= self._L @ np.abs(q - self._q)
-        self._q = q.copy()
-        needed = self._needed(v)
+        needed = self._needed(q, v)
         spare = self._bound - needed
         urgent = np.flatnonzero(spare < 0.0)
         if len(urgent) > self._budget:
@@ -133,14 +132,26 @@ class Separation:
         active = urgent[self._bound[urgent] < needed[urgent]]
         return self._rows_of(active, v)
 
-    def _needed(self, v: Vector) -> Vector:
-        """Distance below which each pair needs a row, or another look (pairs,) [m]."""
-        speed = np.abs(v) + self._a * self._dt
-        ways = speed * (self._dt + speed / (2.0 * self._a))
-        closing = np.maximum(self._A @ v, 0.0) + _UNSURE * (self._L @ speed)
-        known = closing * (self._dt + closing / (2.0 * self._brake))
-        way = np.where(self._seen, known, self._L @ ways)
-        return np.maximum(way, _NEAR) + self._d_min
+    def _needed(self, q: Vector, v: Vector) -> Vector:
+        """Let the bounds sink; distance below which each pair needs another look (pairs,) [m]."""
+        per_joint = self._per_joint
+        np.abs(q - self._q, out=per_joint[0])
+        self._q = q.copy()
+        speed = np.abs(v)
+        speed += self._a * self._dt
+        per_joint[1] = speed * (self._dt + speed / (2.0 * self._a))
+        per_joint[2] = _UNSURE * speed
+        moved, unknown, closing = per_joint @ self._L.T
+        self._bound -= moved
+        closing += np.maximum(self._A @ v, 0.0)
+        known = closing / self._brake
+        known += 2.0 * self._dt
+        known *= closing
+        known *= 0.5
+        needed: Vector = np.where(self._seen, known, unknown)
+        np.maximum(needed, _NEAR, out=needed)
+        needed += self._d_min
+        return needed
 
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
         A, room = self._A[pair], self._bound[pair] - self._d_min
@@ -156,9 +167,10 @@ class Separation:
         return SpeedRows(A, upper, room, pair)
 
     def _update(self, q: Vector, picked: NDArray[np.intp], cut_off: Vector) -> None:
-        clearance, between, ends = self._clearance, self._measure.between, self._ends
-        clearance.at(q)
-        m, d, segment = clearance.arm.model, clearance.data, self._segment
+        between, ends, segment = self._measure.between, self._ends, self._segment
+        m, d = self._clearance.arm.model, self._clearance.data
+        d.qpos[:] = q
+        mujoco.mj_kinematics(m, d)
         overlapping = (self._bound[picked] <= 0.0).tolist()
         found = []
         pairs = zip(picked.tolist(), cut_off.tolist(), overlapping, self._segments, strict=False)

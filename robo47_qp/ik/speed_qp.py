@@ -57,7 +57,7 @@ class SpeedQp:
         if v is None or not np.isfinite(v).all():
             v, told = np.zeros(self._n), Event.NO_ANSWER
         # QP solvers meet bounds but for rounding; commands meet them exactly.
-        return np.clip(v, box.low, box.high), told
+        return np.minimum(np.maximum(v, box.low), box.high), told
 
     def _relaxed(self, H: Matrix, f: Vector, box: VelocityBox, rows: SpeedRows) -> Vector | None:
         n = self._n

@@ -64,7 +64,7 @@ class StreamIk:
     """Part of every joint limit that is left unused, against rounding."""
     clearance: float | None = None
     """Distance to keep between links and from obstacles [m]; None to look at no collisions."""
-    buffer: float = 0.004
+    buffer: float = 0.002
     """More than the clearance is aimed at, by this, against curved motion [m]."""
     share: float = 0.5
     """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
@@ -118,11 +118,13 @@ class IkStream:
         self._tool = ToolError(arm)
         self._target = TargetMotion(settings.dt)
         self._units = np.array([1.0, 1.0, 1.0, *[settings.lever] * 3])
+        self._columns = np.repeat(self._units[:, None], arm.n, axis=1)
         self._J = np.zeros((6, arm.n))
         self._plain = np.eye(arm.n)
         self._regular = settings.joint_weight * np.eye(arm.n)
         self._v_use, self._a_use = (settings.reserve * b for b in (profile.v_max, profile.a_max))
         self._least = -inf if settings.clearance is None else settings.clearance
+        self._home = arm.home.copy()
         self._v_home = 0.1 * profile.v_max
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -190,7 +192,8 @@ class IkStream:
         q_next = self.brakes.moved(self._q, self._v, v_next)
         a = (v_next - self._v) / self.settings.dt
         self._q, self._v = q_next, v_next
-        self._counts.update(events)
+        if events:
+            self._counts.update(events)
         return StreamTick(
             q=q_next.copy(),
             v=v_next.copy(),
@@ -199,27 +202,31 @@ class IkStream:
             orientation_error=errors[1],
             clearance=clearance,
             rows=0 if rows is None else len(rows.upper),
-            events=tuple(event for event in Event if event in events),
+            events=tuple(e for e in Event if e in events) if events else (),
         )
 
     def _wanted(self, target: SE3, events: set[Event]) -> tuple[Matrix, Vector]:
         """Weight of joint velocities in the QP (n, n), and the velocity to come close to (n,)."""
         tool, units = self._tool, self._units
         tool.differentiate()
-        np.multiply(tool.J, units[:, None], out=self._J)
+        np.multiply(tool.J, self._columns, out=self._J)
         way = units * tool.e
         way[:3] = shortened(way[:3], self.settings.longest_way)
         inverse = DampedInverse(self._J, self.settings.singular)
-        twist, jumped = self._target.twist(target.wxyz_xyz, np.abs(tool.J) @ self.brakes.v_max)
+        twist, jumped = self._target.twist(target.wxyz_xyz, np.abs(tool.J).dot(self.brakes.v_max))
         if jumped:
             events.add(Event.TARGET_JUMPED)
         X = inverse.velocities(way)
         v_ref = approach_rate(X, self._v_use, self._a_use, self.settings.gain) * X
         v_ref += inverse.velocities(units * twist)
         if self.settings.homing > 0.0:
-            home = self.settings.homing * (self.arm.home - self._q)
-            v_ref += inverse.null(np.clip(home, -self._v_home, self._v_home))
-        return self._J.T @ self._J + self._regular, v_ref
+            home = self.settings.homing * (self._home - self._q)
+            np.minimum(home, self._v_home, out=home)
+            np.maximum(home, -self._v_home, out=home)
+            v_ref += inverse.null(home)
+        H = self._J.T @ self._J
+        H += self._regular
+        return H, v_ref
 
 
 def _separation(settings: StreamIk, arm: Arm, a_max: Vector) -> Separation | None:
