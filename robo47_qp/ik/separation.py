@@ -47,12 +47,13 @@ class Separation:
     A pair with the room d left, that closes at a rate A v and can brake at
     β Σ_j |A_j| a_max,j, may close at the speed after which it still can stop (`fastest`).
 
-    Measuring all pairs at every tick would take milliseconds. By `levers` L, a distance
-    measured once is a bound from below as long as L |q - q_then| has not used it up, and no
-    joint's braking way v² / (2 β a_max) brings a pair nearer than L times that. Pairs
-    that could need a row by this count are measured, the most urgent first, up to a number that
-    bounds the time of a tick. Those left over keep their last row, with the bound for the
-    distance.
+    Measuring all pairs at every tick would take milliseconds. By `levers` L, a pair comes
+    no closer than L |q' - q| between two configurations, and no joint's braking way
+    v² / (2 β a_max) brings it closer than L times that. A pair beyond that needs no row and no
+    look. For a pair once seen close by, its row A says more: it is taken to be right to
+    within a fifth of L until the pair is looked at again. Pairs with little room are looked at in
+    every tick, the most urgent first, up to a number that bounds the time of a tick; those
+    left over keep their last row and what is known of their distance.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Separation:
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
         self._budget, self._max_rows = budget, max_rows
         self._A = np.zeros_like(self._L)
+        self._two_joint = np.zeros((2, clearance.arm.n))
         self._per_joint = np.zeros((3, clearance.arm.n))
         self._segment = np.zeros((len(self._ends), 6))
         self._segments = list(self._segment)
@@ -109,10 +111,6 @@ class Separation:
         self._bound[:] = -np.inf
         self._update(q, np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
-    def nearest(self) -> float:
-        """Bound from below for the smallest distance at the last `rows` or `reset` [m]."""
-        return float(self._bound.min())
-
     def rows(self, q: Vector, v: Vector) -> SpeedRows:
         """Rows for the next tick.
 
@@ -120,38 +118,39 @@ class Separation:
             q: Position now (n,) [rad].
             v: Velocity now (n,) [rad/s].
         """
-        needed = self._needed(q, v)
-        spare = self._bound - needed
-        urgent = np.flatnonzero(spare < 0.0)
+        ways = self._ways(q, v)
+        used = (self._bound - self._d_min) / ways
+        urgent = np.flatnonzero(used < 1.0)
         if len(urgent) > self._budget:
-            urgent = urgent[np.argsort(spare[urgent], kind="stable")]
+            urgent = urgent[np.argsort(used[urgent], kind="stable")]
         self.measured = np.inf
         if len(urgent):
             picked = urgent[: self._budget]
-            self._update(q, picked, needed[picked] + _AHEAD)
-        active = urgent[self._bound[urgent] < needed[urgent]]
+            self._update(q, picked, ways[picked] + (self._d_min + _AHEAD))
+        active = urgent[self._bound[urgent] < ways[urgent] + self._d_min]
         return self._rows_of(active, v)
 
-    def _needed(self, q: Vector, v: Vector) -> Vector:
-        """Let the bounds sink; distance below which each pair needs another look (pairs,) [m]."""
-        per_joint = self._per_joint
-        np.abs(q - self._q, out=per_joint[0])
+    def _ways(self, q: Vector, v: Vector) -> Vector:
+        """Let the bounds sink; room below which each pair needs another look (pairs,) [m]."""
+        per_joint, step = self._per_joint, q - self._q
+        np.abs(step, out=per_joint[0])
         self._q = q.copy()
         speed = np.abs(v)
         speed += self._a * self._dt
         per_joint[1] = speed * (self._dt + speed / (2.0 * self._a))
         per_joint[2] = _UNSURE * speed
         moved, unknown, closing = per_joint @ self._L.T
-        self._bound -= moved
-        closing += np.maximum(self._A @ v, 0.0)
+        self._two_joint[0], self._two_joint[1] = step, v
+        moved_as_known, closing_as_known = np.maximum(self._two_joint @ self._A.T, 0.0)
+        moved_as_known += _UNSURE * moved
+        self._bound -= np.where(self._seen, moved_as_known, moved)
+        closing += closing_as_known
         known = closing / self._brake
         known += 2.0 * self._dt
         known *= closing
         known *= 0.5
-        needed: Vector = np.where(self._seen, known, unknown)
-        np.maximum(needed, _NEAR, out=needed)
-        needed += self._d_min
-        return needed
+        ways: Vector = np.where(self._seen, known, unknown)
+        return np.maximum(ways, _NEAR, out=ways)
 
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
         A, room = self._A[pair], self._bound[pair] - self._d_min

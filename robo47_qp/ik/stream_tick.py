@@ -32,7 +32,7 @@ class StreamTick:
     orientation_error: float
     """Angle between the tool and the target, both now; NaN where it was refused [rad]."""
     clearance: float
-    """No pair of geoms is closer than this now; infinite where none are looked at [m]."""
+    """Smallest distance of the pairs of geoms looked at now; infinite where none was near [m]."""
     rows: int
     """Pairs of geoms that bounded the velocity."""
     events: tuple[Event, ...]

@@ -183,8 +183,8 @@ class IkStream:
         rows, clearance = None, inf
         if self._separation is not None:
             rows = self._separation.rows(self._q, self._v)
-            clearance = self._separation.nearest()
-            if self._separation.measured < self._least:
+            clearance = self._separation.measured
+            if clearance < self._least:
                 events.add(Event.TOO_CLOSE)
         v_next, told = self._qp.nearest(H, v_ref, box, rows)
         if told is not None:
