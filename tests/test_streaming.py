@@ -7,9 +7,11 @@ from mink import SE3, SO3
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.ik.clearance import Clearance
 from robo47_qp.ik.stream_tick import Event, StreamTick
 from robo47_qp.ik.streaming import IkStream, StreamIk
-from robo47_qp.robot import MotionProfile
+from robo47_qp.obstacle import Obstacle, Shape
+from robo47_qp.robot import MotionProfile, Robot
 from tests.plain_arm import PlainArm
 
 DT = 1e-3
@@ -230,6 +232,79 @@ def spare(arm: Arm, q: Vector) -> float:
     J: Matrix = arm.jacobian(q)
     way = arm.home - q
     return float(np.linalg.norm(way - np.linalg.pinv(J) @ J @ way))
+
+
+@pytest.fixture(scope="module")
+def among(robot: Robot) -> Arm:
+    """The arm over a table, with a ball in the way of its tool."""
+    tool = Arm(robot).pose(Arm(robot).home).translation()
+    table = SE3.from_translation(np.array([tool[0], tool[1], tool[2] - 0.25]))
+    ball = SE3.from_translation(tool + np.array([0.0, 0.3, 0.0]))
+    return Arm(
+        robot,
+        obstacles=[
+            Obstacle(name="table", shape=Shape.BOX, size=(0.2, 0.3, 0.02), T_world_obstacle=table),
+            Obstacle(name="ball", shape=Shape.SPHERE, size=(0.08,), T_world_obstacle=ball),
+        ],
+    )
+
+
+def test_clearance_and_limits_hold_whatever_the_target_does(
+    among: Arm, rng: np.random.Generator
+) -> None:
+    clearance = Clearance(among, 0.01)
+    assert len(clearance.pairs.kept) >= 30
+    for profile in (among.robot.rated, among.robot.profile):
+        stream = StreamIk(profile=profile, clearance=0.01).build(among)
+        ticks = commands(stream, hostile(among, rng, 2500))
+        audit(among, ticks, among.home, profile)
+        least = [clearance.nearest(tick.q)[0] for tick in ticks[::3]]
+        assert min(least) >= 0.01
+        assert min(least) < 0.03  # it came close enough to tell
+        assert stream.counts[Event.TOO_CLOSE] == 0
+        assert stream.counts[Event.NO_ANSWER] == 0
+        for event in Event:
+            assert stream.counts[event] == sum(event in tick.events for tick in ticks)
+
+
+@pytest.fixture(scope="module")
+def pressed(among: Arm) -> list[StreamTick]:
+    """Three seconds of a target in the middle of the ball."""
+    return commands(StreamIk(clearance=0.01).build(among), [into_the_ball(among)] * 3000)
+
+
+def into_the_ball(among: Arm) -> SE3:
+    ball = among.obstacles[1].T_world_obstacle.translation()
+    return SE3.from_rotation_and_translation(among.pose(among.home).rotation(), ball)
+
+
+def test_before_a_target_inside_an_obstacle_the_arm_stops(
+    among: Arm, pressed: list[StreamTick]
+) -> None:
+    clearance = Clearance(among, 0.01)
+    distances = [clearance.nearest(tick.q)[0] for tick in pressed[::5]]
+    assert min(distances) >= 0.01
+    assert min(distances) < 0.015
+    blind = commands(StreamIk().build(among), [into_the_ball(among)] * 2000)
+    assert min(clearance.nearest(tick.q)[0] for tick in blind[::20]) < 0.0
+    assert pressed[-1].position_error < pressed[0].position_error
+    assert np.abs(pressed[-1].v / among.robot.profile.v_max).max() < 0.1
+    nearest = clearance.nearest(pressed[-2].q)[0]
+    assert pressed[-1].clearance == pytest.approx(nearest, abs=1e-9)
+    assert pressed[-1].rows > 0
+
+
+def test_a_start_too_close_is_told_and_parted(among: Arm, pressed: list[StreamTick]) -> None:
+    wider = Clearance(among, 0.02)
+    q0 = pressed[-1].q
+    assert wider.nearest(q0)[0] < 0.015
+    stream = StreamIk(clearance=0.02).build(among)
+    stream.reset(q0)
+    ticks = commands(stream, [into_the_ball(among)] * 1500)
+    assert Event.TOO_CLOSE in ticks[0].events
+    assert Event.TOO_CLOSE not in ticks[-1].events
+    assert wider.nearest(ticks[-1].q)[0] >= 0.02
+    audit(among, ticks, q0, among.robot.profile)
 
 
 def test_returned_arrays_are_the_callers_own(arm: Arm) -> None:
