@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from mink import SE3
+from numpy.typing import NDArray
 
 from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.braking import fastest
 from robo47_qp.ik.clearance import Clearance
@@ -122,9 +124,9 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     looked: list[int] = []
     update = made._update
 
-    def counted(q: object, picked: np.ndarray, far: object) -> None:  # type: ignore[type-arg]
+    def counted(q: Vector, picked: NDArray[np.intp], far: Vector) -> None:
         looked.append(len(picked))
-        update(q, picked, far)  # type: ignore[arg-type]
+        update(q, picked, far)
 
     monkeypatch.setattr(made, "_update", counted)
     v = among.robot.rated.v_max

@@ -1,5 +1,8 @@
 """Streaming IK: what is commanded, tick by tick, judged by differences and MuJoCo on its own."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 from mink import SE3, SO3
@@ -17,7 +20,7 @@ from tests.plain_arm import PlainArm
 DT = 1e-3
 
 
-def commands(stream: IkStream, targets: list[object]) -> list[StreamTick]:
+def commands(stream: IkStream, targets: Sequence[object]) -> list[StreamTick]:
     return [stream.tick(target) for target in targets]
 
 
@@ -323,13 +326,15 @@ def test_returned_arrays_are_the_callers_own(arm: Arm) -> None:
         ("gain", np.nan, "gain must be positive and finite"),
         ("gain", 500.0, r"gain must be at most 300 at a tick of 0.001 s, or it oscillates"),
         ("reserve", 1.5, "reserve must be at most 1"),
-        ("homing", -1.0, "homing must be 0 or more"),
+        ("buffer", -1.0, "buffer must be finite and 0 or more"),
+        ("homing", -1.0, "homing must be finite and 0 or more"),
         ("lever", -1.0, "lever must be positive and finite"),
     ],
 )
 def test_settings_without_sense_are_refused(name: str, value: float, message: str) -> None:
+    settings: dict[str, Any] = {name: value}
     with pytest.raises(InvalidValueError, match=message):
-        StreamIk(**{name: value})
+        StreamIk(**settings)
 
 
 def test_a_backend_or_a_start_that_is_none_is_refused(arm: Arm) -> None:
