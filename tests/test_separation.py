@@ -1,5 +1,6 @@
 """Speed limits between geoms: what they let through stops in time, and nothing near is missed."""
 
+import mujoco
 import numpy as np
 import pytest
 from mink import SE3
@@ -10,7 +11,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.braking import fastest
 from robo47_qp.ik.clearance import Clearance
-from robo47_qp.ik.separation import Separation
+from robo47_qp.ik.separation import Separation, SpeedRows
 from robo47_qp.obstacle import Obstacle, Shape
 from robo47_qp.robot import Robot
 
@@ -32,16 +33,33 @@ def among(robot: Robot) -> Arm:
     )
 
 
+class Shown(Separation):
+    """A separation that brings its state up to date itself."""
+
+    def reset(self, q: Vector) -> None:
+        self.show(q)
+        super().reset(q)
+
+    def rows(self, q: Vector, v: Vector) -> SpeedRows:
+        self.show(q)
+        return super().rows(q, v)
+
+    def show(self, q: Vector) -> None:
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+
+
 def separation(arm: Arm, budget: int = 500) -> tuple[Separation, Clearance]:
     clearance = Clearance(arm, KEEP)
-    made = Separation(
+    made = Shown(
         clearance,
+        mujoco.MjData(arm.model),
         arm.robot.rated.a_max,
         DT,
         d_min=KEEP,
         share=0.5,
         budget=budget,
-        max_rows=500,
     )
     return made, clearance
 
@@ -101,14 +119,14 @@ def test_rows_are_rates_of_distances_and_leave_room_to_brake(
 def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm) -> None:
     clearance = Clearance(among, KEEP)
     least = clearance.nearest(among.home)[0]
-    made = Separation(
+    made = Shown(
         clearance,
+        mujoco.MjData(among.model),
         among.robot.rated.a_max,
         DT,
         d_min=least + 1e-3,
         share=0.5,
         budget=50,
-        max_rows=50,
     )
     made.reset(among.home)
     rows = made.rows(among.home, np.zeros(among.n))
@@ -124,9 +142,9 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     looked: list[int] = []
     update = made._update
 
-    def counted(q: Vector, picked: NDArray[np.intp], far: Vector) -> None:
+    def counted(picked: NDArray[np.intp], far: Vector) -> None:
         looked.append(len(picked))
-        update(q, picked, far)
+        update(picked, far)
 
     monkeypatch.setattr(made, "_update", counted)
     v = among.robot.rated.v_max
@@ -144,13 +162,18 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     [
         ({"share": 0.0}, "share must be above 0 and at most 1"),
         ({"share": 1.1}, "share must be above 0 and at most 1"),
-        ({"budget": 0}, "budget and max_rows must be at least 1 each"),
-        ({"max_rows": 0}, "budget and max_rows must be at least 1 each"),
+        ({"budget": 0}, "budget must be at least 1"),
     ],
 )
 def test_settings_without_sense_are_refused(
     among: Arm, change: dict[str, float], message: str
 ) -> None:
-    settings = {"d_min": KEEP, "share": 0.5, "budget": 10, "max_rows": 10} | change
+    settings = {"d_min": KEEP, "share": 0.5, "budget": 10} | change
     with pytest.raises(InvalidValueError, match=message):
-        Separation(Clearance(among, KEEP), among.robot.rated.a_max, DT, **settings)  # type: ignore[arg-type]
+        Separation(
+            Clearance(among, KEEP),
+            mujoco.MjData(among.model),
+            among.robot.rated.a_max,
+            DT,
+            **settings,
+        )  # type: ignore[arg-type]

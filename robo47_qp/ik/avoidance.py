@@ -90,14 +90,10 @@ class Avoidance:
         pair, d = near.pair[: self._max_rows], near.distance[: self._max_rows]
         lacking = d - self._d_min
         upper = np.where(lacking < 0.0, self._recovery * lacking, lacking)
-        A = self.closing(q, pair, d, near.segment[: self._max_rows])
+        A = self._closing(q, pair, d, near.segment[: self._max_rows])
         return Rows(A, upper, d, pair)
 
-    def kept(self, q: Vector) -> bool:
-        """True where every pair has the clearance that the distances were built for."""
-        return self._clearance.clear(q, self._clearance.asked)
-
-    def closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
+    def _closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
         """-n . (J_b - J_a) of each pair (k, n).
 
         A joint that moves both geoms changes nothing; one that moves a geom alone, about an

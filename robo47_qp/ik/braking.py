@@ -117,6 +117,7 @@ class JointBrakes:
         self.a_max: Vector = (1.0 - margin) * frozen_vector("a_max", profile.a_max, n)
         """Accelerations that are kept [rad/s²]."""
         self._step, self._v_min = self.a_max * dt, -self.v_max
+        self._ample = stopping_distance(self.v_max, self.a_max, dt) + self.v_max * dt
         self._room: Matrix = np.empty((2, n))
         self._ahead: Matrix = np.empty((2, n))
 
@@ -134,6 +135,12 @@ class JointBrakes:
         np.subtract(q, self.q_min, out=room[1])
         ahead[0] = v
         np.negative(v, out=ahead[1])
+        if (room >= self._ample).all() and (np.abs(v) <= self.v_max).all():
+            # No limit of position is near enough to matter.
+            low, high = v - self._step, v + self._step
+            np.maximum(low, self._v_min, out=low)
+            np.minimum(high, self.v_max, out=high)
+            return VelocityBox(low=low, high=high, recovering=False)
         out = room < -_ROUNDING
         outside = bool(out.any())
         if outside:

@@ -14,7 +14,7 @@ def levers(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
     lie on one line along the normal, either geom may be taken, so the shorter lever counts.
     Distances along the links bound it in every configuration. Sliding joints have the lever 1.
     """
-    moves = _moves(m)
+    moves = moved_by(m)
     links, far = _links(m), _far_sides(m)
     joint_body = m.jnt_bodyid
     start = np.linalg.norm(m.jnt_pos, axis=1)
@@ -30,7 +30,7 @@ def levers(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
     return out
 
 
-def _moves(m: mujoco.MjModel) -> Matrix:
+def moved_by(m: mujoco.MjModel) -> Matrix:
     """1 where a joint moves a body, else 0 (bodies, n)."""
     moves = np.zeros((m.nbody, m.njnt))
     for body in range(1, m.nbody):

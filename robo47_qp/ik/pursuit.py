@@ -3,6 +3,7 @@
 from math import nan, sqrt
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from mink import SE3
 
@@ -58,12 +59,23 @@ class Pursuit:
         """Start anew: the next target counts as being at rest."""
         self._target.forget()
 
+    def show(self, q: Vector) -> None:
+        """Bring `data` up to date with the arm at q; `wish` does so, too."""
+        self._tool.move(q)
+        self._tool.differentiate()
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's state with kinematics and centres of mass; not to be written to."""
+        return self._tool.data
+
     def wish(self, T_world_target: SE3 | None, q: Vector) -> Wish:
         """What a target asks of the arm at q; to come to rest, where there is none."""
+        tool, units, settings = self._tool, self._units, self._settings
         if T_world_target is None:
             self._target.forget()
+            self.show(q)
             return self._rest
-        tool, units, settings = self._tool, self._units, self._settings
         tool.aim(T_world_target)
         away, turn = tool.move(q)
         tool.differentiate()

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.avoidance import Avoidance
 from robo47_qp.ik.braking import fastest
 from robo47_qp.ik.clearance import Clearance
 from robo47_qp.ik.geom_distance import GeomDistance
-from robo47_qp.ik.levers import levers
+from robo47_qp.ik.levers import levers, moved_by
 
 _AHEAD = 0.1
 """Beyond what is needed, distances are told apart up to this much further [m]."""
+_TOUCH = 1e-7
+"""Points closer than this give no direction [m]."""
 _FAR = 1e3
 """Larger than any distance in a cell [m]."""
 _NEAR = 0.03
@@ -59,39 +60,46 @@ class Separation:
     def __init__(
         self,
         clearance: Clearance,
+        data: mujoco.MjData,
         a_max: Vector,
         dt: float,
         *,
         d_min: float,
         share: float,
         budget: int,
-        max_rows: int,
     ) -> None:
         """Look at the pairs of a clearance.
 
         Args:
-            clearance: The distances.
+            clearance: Which pairs are kept apart.
+            data: State of the arm's model, brought up to date by the caller: `mj_kinematics`
+                and `mj_comPos` at q before each `reset` and `rows`.
             a_max: Largest joint accelerations (n,) [rad/s²].
             dt: Length of a tick [s].
             d_min: Distance to be kept [m].
             share: β, part of the deceleration of all joints together that is counted on.
-            budget: Most pairs to be measured in a tick.
-            max_rows: Most rows.
+            budget: Most pairs to be measured in a tick, and most rows.
 
         Raises:
             InvalidValueError: A number is out of its range.
         """
         if not 0.0 < share <= 1.0:
             raise InvalidValueError("share", share, "above 0 and at most 1")
-        if budget < 1 or max_rows < 1:
-            raise InvalidValueError("budget and max_rows", (budget, max_rows), "at least 1 each")
+        if budget < 1:
+            raise InvalidValueError("budget", budget, "at least 1")
         self._clearance = clearance
-        self._avoidance = Avoidance(clearance, d_min=d_min, detection=d_min + _AHEAD)
-        self._measure = GeomDistance(clearance.arm.model, clearance.data)
+        m = clearance.arm.model
+        self._model, self._data = m, data
+        self._measure = GeomDistance(m, data)
         self._ends = clearance.pairs.kept
-        self._L = levers(clearance.arm.model, clearance.pairs.kept)
+        self._L = levers(m, self._ends)
+        bodies = m.geom_bodyid[np.array(self._ends)]
+        moves = moved_by(m)
+        self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
+        self._root = m.body_rootid[m.jnt_bodyid[0]]
+        self._W = np.zeros((len(self._ends), 6))
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
-        self._budget, self._max_rows = budget, max_rows
+        self._budget = budget
         self._A = np.zeros_like(self._L)
         self._two_joint = np.zeros((2, clearance.arm.n))
         self._per_joint = np.zeros((3, clearance.arm.n))
@@ -109,7 +117,7 @@ class Separation:
         """Measure every pair at q."""
         self._q = q.copy()
         self._bound[:] = -np.inf
-        self._update(q, np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
+        self._update(np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
     def rows(self, q: Vector, v: Vector) -> SpeedRows:
         """Rows for the next tick.
@@ -126,7 +134,7 @@ class Separation:
         self.measured = np.inf
         if len(urgent):
             picked = urgent[: self._budget]
-            self._update(q, picked, ways[picked] + (self._d_min + _AHEAD))
+            self._update(picked, ways[picked] + (self._d_min + _AHEAD))
         active = urgent[self._bound[urgent] < ways[urgent] + self._d_min]
         return self._rows_of(active, v)
 
@@ -160,16 +168,14 @@ class Separation:
         lacking = room < 0.0
         if lacking.any():
             upper[lacking] = -np.minimum(_PARTING * upper[lacking], -_REGAIN * room[lacking])
-        if len(pair) > self._max_rows:
-            kept = np.argsort(upper - closing, kind="stable")[: self._max_rows]
+        if len(pair) > self._budget:
+            kept = np.argsort(upper - closing, kind="stable")[: self._budget]
             return SpeedRows(A[kept], upper[kept], room[kept], pair[kept])
         return SpeedRows(A, upper, room, pair)
 
-    def _update(self, q: Vector, picked: NDArray[np.intp], cut_off: Vector) -> None:
+    def _update(self, picked: NDArray[np.intp], cut_off: Vector) -> None:
         between, ends, segment = self._measure.between, self._ends, self._segment
-        m, d = self._clearance.arm.model, self._clearance.data
-        d.qpos[:] = q
-        mujoco.mj_kinematics(m, d)
+        m, d = self._model, self._data
         overlapping = (self._bound[picked] <= 0.0).tolist()
         found = []
         pairs = zip(picked.tolist(), cut_off.tolist(), overlapping, self._segments, strict=False)
@@ -187,7 +193,26 @@ class Separation:
         seen = distance < cut_off
         self._seen[picked] = seen
         self._A[picked[~seen]] = 0.0
+        # Nearest points that touch show no direction: such a pair keeps its last row.
+        seen &= np.abs(distance) > _TOUCH
         close = picked[seen]
-        ways = segment[: len(picked)][seen]
-        self._A[close] = A = self._avoidance.closing(q, close, distance[seen], ways)
-        self._brake[close] = np.maximum(np.abs(A) @ self._a, self._least_brake[close])
+        self._A[close] = A = self._closing(close, distance[seen], segment[: len(picked)][seen])
+        self._brake[close] = np.maximum(np.abs(A).dot(self._a), self._least_brake[close])
+
+    def _closing(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
+        """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
+
+        MuJoCo's `cdof` holds the twist of each joint about the centre of mass c: it moves a
+        point p along n by n . v + w . ((p - c) x n). The two nearest points lie on one line
+        along n, so either will do for both Jacobians.
+        """
+        W = self._W[: len(pair)]
+        n = (segment[:, 3:] - segment[:, :3]) / distance[:, None]
+        p = segment[:, :3] - self._data.subtree_com[self._root]
+        W[:, 0] = p[:, 1] * n[:, 2] - p[:, 2] * n[:, 1]
+        W[:, 1] = p[:, 2] * n[:, 0] - p[:, 0] * n[:, 2]
+        W[:, 2] = p[:, 0] * n[:, 1] - p[:, 1] * n[:, 0]
+        W[:, 3:] = n
+        A: Matrix = W @ self._data.cdof.T
+        A *= self._sign[pair]
+        return A

@@ -38,10 +38,8 @@ class StreamSettings:
     """More than the clearance is aimed at, by this, against curved motion [m]."""
     share: float = 0.5
     """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
-    budget: int = 24
-    """Most pairs of geoms whose distance is measured in a tick."""
-    max_rows: int = 24
-    """Most pairs of geoms that bound the velocity in a tick."""
+    budget: int = 20
+    """Most pairs of geoms whose distance is measured, and that bound the velocity, in a tick."""
     backend: str = "daqp"
     """QP solver."""
     profile: MotionProfile | None = None

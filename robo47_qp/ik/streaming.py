@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from math import inf
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -44,8 +45,7 @@ class StreamIk(StreamSettings):
 
         Raises:
             UnknownNameError: No QP solver is called `backend`.
-            InvalidValueError: The clearance, margin, share, budget or number of rows is out of
-                range, or the profile is for another number of joints.
+            InvalidValueError: The clearance, margin, share or budget is out of range, or the profile is for another number of joints.
             ModelError: A clearance is asked for and the arm has no geoms to keep apart.
         """
         return IkStream(self, arm)
@@ -63,8 +63,8 @@ class IkStream:
         """Limits of velocity and acceleration that are kept."""
         self.brakes = JointBrakes(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
         self._qp = SpeedQp(settings.backend, arm.n)
-        self._separation = _separation(settings, arm, self.brakes.a_max)
         self._pursuit = Pursuit(settings, arm, profile)
+        self._separation = _separation(settings, arm, self._pursuit.data, self.brakes.a_max)
         self._least = -inf if settings.clearance is None else settings.clearance
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -96,6 +96,7 @@ class IkStream:
         self._pursuit.forget()
         self._counts.clear()
         if self._separation is not None:
+            self._pursuit.show(self._q)
             self._separation.reset(self._q)
 
     def tick(self, T_world_target: object) -> StreamTick:
@@ -136,15 +137,17 @@ class IkStream:
         )
 
 
-def _separation(settings: StreamIk, arm: Arm, a_max: Vector) -> Separation | None:
+def _separation(
+    settings: StreamIk, arm: Arm, data: mujoco.MjData, a_max: Vector
+) -> Separation | None:
     if settings.clearance is None:
         return None
     return Separation(
         clearance_of(arm, settings.clearance),
+        data,
         a_max,
         settings.dt,
         d_min=settings.clearance + settings.buffer,
         share=settings.share,
         budget=settings.budget,
-        max_rows=settings.max_rows,
     )
