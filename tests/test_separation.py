@@ -1,5 +1,7 @@
 """Speed limits between geoms: what they let through stops in time, and nothing near is missed."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -168,12 +170,7 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
 def test_settings_without_sense_are_refused(
     among: Arm, change: dict[str, float], message: str
 ) -> None:
-    settings = {"d_min": KEEP, "share": 0.5, "budget": 10} | change
+    settings: dict[str, Any] = {"d_min": KEEP, "share": 0.5, "budget": 10} | change
+    a_max, data = among.robot.rated.a_max, mujoco.MjData(among.model)
     with pytest.raises(InvalidValueError, match=message):
-        Separation(
-            Clearance(among, KEEP),
-            mujoco.MjData(among.model),
-            among.robot.rated.a_max,
-            DT,
-            **settings,
-        )  # type: ignore[arg-type]
+        Separation(Clearance(among, KEEP), data, a_max, DT, **settings)

@@ -45,7 +45,8 @@ class StreamIk(StreamSettings):
 
         Raises:
             UnknownNameError: No QP solver is called `backend`.
-            InvalidValueError: The clearance, margin, share or budget is out of range, or the profile is for another number of joints.
+            InvalidValueError: The clearance, margin, share or budget is out of range, or the
+                profile is for another number of joints.
             ModelError: A clearance is asked for and the arm has no geoms to keep apart.
         """
         return IkStream(self, arm)
