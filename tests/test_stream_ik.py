@@ -16,7 +16,7 @@ from scenarios.stream_ik import DT, OBSTACLES, StreamOptions
 
 
 def test_a_short_run_keeps_everything_and_tells_it(capsys: pytest.CaptureFixture[str]) -> None:
-    options = StreamOptions(ticks=1200, far=0, json=True)
+    options = StreamOptions(ticks=2500, far=0, json=True)
     assert stream_ik.run(options, Console(quiet=True)) == OK
     figures = json.loads(capsys.readouterr().out)
     assert figures["pairs"] >= 30
