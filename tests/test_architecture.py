@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays",),
+    ("arrays", "files"),
     ("robot", "waypoint"),
     ("robots.*", "arm"),
     ("ik.*",),
@@ -29,6 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("runner",),
     ("options",),
     ("command",),
+    ("ik_benchmark.*",),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
@@ -41,8 +42,10 @@ ONLY_IN = {
         "rerun_log",
         "rerun_scene",
         "rerun_stream",
+        "ik_benchmark.failure_log",
+        "ik_benchmark.failure_pages",
     },
-    "matplotlib": {"plots"},
+    "matplotlib": {"plots", "ik_benchmark.plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"visuals"},

@@ -1,0 +1,37 @@
+"""Files that a scenario writes: claimed before it runs, written when it is done."""
+
+from pathlib import Path
+
+from robo47_qp.errors import RecordingError
+
+
+def claim(path: Path) -> None:
+    """Make sure that a file can be written, before anything moves.
+
+    Raises:
+        RecordingError: It cannot.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
+        with path.open("ab"):
+            pass
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise RecordingError(
+            f"{path} cannot be written: {error.strerror}. Name a file in a folder that you may "
+            "write to."
+        ) from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file that ends with a line break.
+
+    Raises:
+        RecordingError: It cannot be written.
+    """
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
