@@ -1,8 +1,13 @@
 """Files that a scenario writes: claimed before it runs, written when it is done."""
 
+import shutil
+import sys
 from pathlib import Path
 
 from robo47_qp.errors import RecordingError
+
+if sys.platform != "win32":
+    import resource
 
 
 def claim(path: Path) -> None:
@@ -35,3 +40,16 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def room(path: Path) -> float:
+    """Bytes by which a file can still grow, as far as that can be told."""
+    try:
+        left = float(shutil.disk_usage(path.parent).free)
+        if sys.platform != "win32":
+            limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+            if limit != resource.RLIM_INFINITY:
+                left = min(left, limit - path.stat().st_size)
+    except OSError:
+        return float("inf")
+    return left

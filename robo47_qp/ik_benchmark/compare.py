@@ -3,6 +3,8 @@
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -11,7 +13,10 @@ from robo47_qp.command import INTERRUPTED, OK
 from robo47_qp.files import claim, write_text
 from robo47_qp.ik_benchmark.answers import Answers
 from robo47_qp.ik_benchmark.comparison import Comparison
+from robo47_qp.ik_benchmark.failure_log import FailureLog
+from robo47_qp.ik_benchmark.failure_words import figures_markdown
 from robo47_qp.ik_benchmark.options import CompareOptions
+from robo47_qp.ik_benchmark.plots import plot_comparison
 from robo47_qp.ik_benchmark.rows import Question
 from robo47_qp.ik_benchmark.summary import summary
 from robo47_qp.ik_benchmark.terminal import LiveTable, paired_table, reasons_table
@@ -46,18 +51,27 @@ def compare(
                 table.close_field(field)
                 done.append(field)
                 write_text(
-                    files["report"], _text(summary(comparison, done, left_out, complete=False))
+                    files["report"],
+                    _text(summary(comparison, done, questions, left_out, complete=False)),
                 )
         complete = True
     except KeyboardInterrupt:
         console.print("interrupted; what was measured so far is kept")
     figures = summary(comparison, done, questions, left_out, complete=complete)
     write_text(files["report"], _text(figures))
+    if done:
+        plot_comparison(comparison.arm, done, files["plot"])
+        with closing(_log(comparison, files["recording"])) as log:
+            log.write(done, figures_markdown(figures))
     if options.json:
         sys.stdout.write(_text(figures) + "\n")
     else:
         _print_end(figures, options, console)
     return OK if complete else INTERRUPTED
+
+
+def _log(comparison: Comparison, path: Path) -> FailureLog:
+    return FailureLog(path, comparison.arm.robot, list(comparison.solvers))
 
 
 def _text(figures: Mapping[str, Any]) -> str:
