@@ -91,7 +91,7 @@ class FailureLog:
         count = len(failures)
         picked = np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
         self._arm(root, [failures[i] for i in picked])
-        words = [why(*failures[i], f"{i + 1} of {count}") for i in picked]
+        words = [why(failures[i].answers, failures[i].k, failures[i].outcome, f"{i + 1} of {count}") for i in picked]
         self._words(root, words or [f"# {own[0].solver}\n\nNo failures."])
         if failures:
             self._goals(root, [failures[i] for i in picked])
