@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from mink import SE3, SO3
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import ModelError, UnknownNameError
@@ -61,8 +61,14 @@ class Arm:
         self.n = len(robot.joints)
         self.q_min: Vector = self.model.jnt_range[:, 0].copy()
         self.q_max: Vector = self.model.jnt_range[:, 1].copy()
+        self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.home = checked_vector("home", robot.home, self.n)
         self._tcp = self.model.site(robot.tcp).id
+        # The arrays of MjData keep their place: each view is taken once.
+        d = self._data
+        self._q, self._position = d.qpos, d.site_xpos[self._tcp]
+        self._rotation = d.site_xmat[self._tcp].reshape(3, 3)
+        self._quaternion = d.site_xquat[self._tcp]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()
 
@@ -72,20 +78,16 @@ class Arm:
 
     def pose(self, q: Vector) -> SE3:
         """T_world_tcp at q."""
-        d = self._at(q)
-        return SE3.from_rotation_and_translation(
-            SO3.from_matrix(d.site_xmat[self._tcp].reshape(3, 3)), d.site_xpos[self._tcp]
-        )
+        self._at(q)
+        return SE3.from_rotation_and_translation(SO3.from_matrix(self._rotation), self._position)
 
     def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
-        d, target = self._at(q), T_world_target.wxyz_xyz
-        way = np.empty(6)
-        np.dot(
-            target[4:] - d.site_xpos[self._tcp], d.site_xmat[self._tcp].reshape(3, 3), out=way[:3]
-        )
+        self._at(q)
+        target, way = T_world_target.wxyz_xyz, np.empty(6)
+        np.dot(target[4:] - self._position, self._rotation, out=way[:3])
         # mink's logarithm is zero at half a turn; this one is not.
-        mujoco.mju_subQuat(self._turn, target[:4], d.site_xquat[self._tcp])
+        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
         way[3:] = self._turn
         return way
 
@@ -100,7 +102,7 @@ class Arm:
         mujoco.mj_comPos(self.model, d)
         J = self._jacobian
         mujoco.mj_jacSite(self.model, d, J[:3], J[3:], self._tcp)
-        R_tcp_world = d.site_xmat[self._tcp].reshape(3, 3).T
+        R_tcp_world = self._rotation.T
         out = np.empty((6, self.n))
         np.matmul(R_tcp_world, J[:3], out=out[:3])
         np.matmul(R_tcp_world, J[3:], out=out[3:])
@@ -154,10 +156,9 @@ class Arm:
         return points[0].copy(), links + travel
 
     def _at(self, q: Vector) -> mujoco.MjData:
-        d = self._data
-        d.qpos[:] = q
-        mujoco.mj_kinematics(self.model, d)
-        return d
+        self._q[:] = q
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._data
 
 
 def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:

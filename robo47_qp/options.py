@@ -7,9 +7,11 @@ from typing import Literal
 from robo47_qp.controllers.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
+from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.planner import Planner
 from robo47_qp.robot import Robot
 from robo47_qp.run import Scenario
@@ -25,9 +27,10 @@ _SLOWEST = 0.01
 class RunOptions:
     """What can be chosen for one run."""
 
-    ik: Literal["qp", "dls"] = "qp"
-    """Inverse kinematics: a QP inside the joint limits (mink), or damped least squares. Both
-    are restarted from other configurations where they get stuck."""
+    ik: Literal["qp", "lm", "dls"] = "qp"
+    """Inverse kinematics: mink's QP inside the joint limits, the faster Levenberg-Marquardt
+    inside them, or damped least squares. Each is restarted from other configurations where it
+    gets stuck."""
     qp_solver: Literal["daqp", "osqp"] = "daqp"
     """QP solver for --ik qp."""
     seed: int | None = None
@@ -77,7 +80,10 @@ class RunOptions:
         """The IK that was chosen."""
         if self.ik == "dls":
             return MultiStart(solver=DlsIk())
-        return MultiStart(solver=QpIk(backend=self.qp_solver, max_iterations=30))
+        if self.ik == "lm":
+            return MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))
+        qp = QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall())
+        return MultiStart(solver=qp)
 
     def scenario(self, robot: Robot, task: Task) -> Scenario:
         """The scenario that was chosen.

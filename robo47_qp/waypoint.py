@@ -81,13 +81,22 @@ class Waypoint:
     """What the gripper does on arrival; None leaves it as it is."""
     carried: Payload | None = None
     """What the tool holds on the way here."""
+    onward: "tuple[Waypoint, ...]" = ()
+    """Straight motions that are to follow. They are not visited for that; the configuration
+    at a PTP waypoint is chosen so that they can be."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: The pose has NaN, no unit quaternion, or the speed is out of range.
+            InvalidValueError: The pose has NaN, no unit quaternion, the speed is out of range,
+                or what follows is not straight.
         """
+        bent = [waypoint.name for waypoint in self.onward if waypoint.motion is not Motion.LIN]
+        if bent:
+            raise InvalidValueError(
+                f"what follows waypoint {self.name!r}", bent, "waypoints reached by LIN"
+            )
         if isinstance(self.target, SE3):
             _check_pose(f"target of waypoint {self.name!r}", self.target)
         if not 0.0 < self.speed <= 1.0:

@@ -168,10 +168,9 @@ class PickPlace:
     def _approach(self, T_world_cube: SE3) -> list[Waypoint]:
         grasp = self._grasp(T_world_cube)
         squeeze = Grip(width=0.0, force=self.grip_force)
-        return [
-            Waypoint(name="approach", target=self._above(grasp)),
-            Waypoint(name="descend", target=grasp, motion=Motion.LIN, grip=squeeze),
-        ]
+        descend = Waypoint(name="descend", target=grasp, motion=Motion.LIN, grip=squeeze)
+        above = self._above(grasp)
+        return [Waypoint(name="approach", target=above, onward=(descend,)), descend]
 
     def _lift(self, _: Simulation, T_world_tcp: SE3, T_world_cube: SE3) -> Waypoint:
         return Waypoint(
@@ -183,8 +182,12 @@ class PickPlace:
 
     def _carry(self, simulation: Simulation, T_world_tcp: SE3, T_world_cube: SE3) -> Waypoint:
         release = self._release_pose(simulation, T_world_tcp, T_world_cube)
-        payload = self._payload(T_world_tcp, T_world_cube)
-        return Waypoint(name="carry", target=self._above(release), carried=payload)
+        return Waypoint(
+            name="carry",
+            target=self._above(release),
+            carried=self._payload(T_world_tcp, T_world_cube),
+            onward=(self._lower(simulation, T_world_tcp, T_world_cube),),
+        )
 
     def _lower(self, simulation: Simulation, T_world_tcp: SE3, T_world_cube: SE3) -> Waypoint:
         return Waypoint(

@@ -27,6 +27,14 @@ def _discovered() -> Iterator[Robot]:
 ROBOTS = list(_discovered())
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What the package keeps between runs goes to a folder of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session", params=ROBOTS, ids=lambda robot: robot.name)
 def robot(request: pytest.FixtureRequest) -> Robot:
     found: Robot = request.param

@@ -6,9 +6,12 @@ import pkgutil
 from collections.abc import Callable
 
 from robo47_qp import ik
+from robo47_qp.ik.box_qp import backends
 from robo47_qp.ik.dls import DlsIk
-from robo47_qp.ik.qp import BACKENDS, QpIk
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
+from robo47_qp.ik.stall import Stall
 
 Variants = dict[str, IkSolver]
 
@@ -19,8 +22,14 @@ KNOWN: dict[type, Callable[[], Variants]] = {
         "dls-position": DlsIk(position_only=True),
         "dls-position-free": DlsIk(position_only=True, clip=False),
     },
+    LmIk: lambda: {
+        "lm": LmIk(),
+        "lm-free": LmIk(within_limits=False),
+        "lm-position": LmIk(position_only=True),
+        "lm-stall": LmIk(max_iterations=20, stall=Stall()),
+    },
     # Every iteration costs OSQP milliseconds where a target cannot be reached.
-    QpIk: lambda: {f"qp-{name}": QpIk(backend=name, max_iterations=20) for name in BACKENDS},
+    QpIk: lambda: {f"qp-{name}": QpIk(backend=name, max_iterations=20) for name in backends()},
 }
 """Settings worth a test of their own; any other solver is tested under its defaults."""
 
@@ -32,7 +41,9 @@ def discovered() -> list[type]:
         for member in vars(importlib.import_module(module.name)).values():
             if not inspect.isclass(member) or member.__module__ != module.name:
                 continue
-            if hasattr(member, "solve") and not getattr(member, "_is_protocol", False):
+            if member.__name__.startswith("_") or getattr(member, "_is_protocol", False):
+                continue
+            if hasattr(member, "solve"):
                 found.append(member)
     return found
 
@@ -65,4 +76,4 @@ def looks_at_position_only(solver: IkSolver) -> bool:
 def keeps_limits(solver: IkSolver) -> bool:
     """False where a solver was told to ignore the joint limits."""
     inner = getattr(solver, "solver", solver)
-    return bool(getattr(inner, "clip", True))
+    return bool(getattr(inner, "clip", True) and getattr(inner, "within_limits", True))

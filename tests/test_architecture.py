@@ -34,7 +34,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
     "ruckig": {"motion.jerk_limited"},
-    "qpsolvers": {"ik.qp"},
+    "daqp": {"ik.box_qp"},
+    "osqp": {"ik.box_qp"},
+    "qpsolvers": {"ik.box_qp"},
+    "platformdirs": {"ik.library"},
     "rerun": {
         "live_viewer",
         "rerun_blueprint",

@@ -69,7 +69,6 @@ def test_where_none_works_the_closest_is_returned(arm: Arm, best: int) -> None:
     script = Script(answers=answers)
     result = MultiStart(solver=script, max_restarts=5).solve(arm, arm.pose(arm.home), arm.home)
     assert not result.converged
-    assert result.reason is Reason.NOT_CONVERGED
     assert result.q.tolist() == off(arm, 0.2).tolist()
     assert result.restarts == 5
     assert result.iterations == 18
@@ -100,7 +99,7 @@ def test_without_restarts_it_is_the_solver_itself(arm: Arm, plain: PlainArm) -> 
         a = MultiStart(solver=QpIk(), max_restarts=0).solve(arm, target, seed)
         b = QpIk().solve(arm, target, seed)
         assert a.q.tolist() == b.q.tolist()
-        assert (a.reason, a.iterations, a.restarts) == (b.reason, b.iterations, 0)
+        assert (a.converged, a.iterations, a.restarts) == (b.converged, b.iterations, 0)
 
 
 def test_starts_are_inside_the_limits_and_the_same_every_time(arm: Arm, plain: PlainArm) -> None:
@@ -114,24 +113,6 @@ def test_starts_are_inside_the_limits_and_the_same_every_time(arm: Arm, plain: P
 def test_fewer_starts_are_the_first_of_many(arm: Arm) -> None:
     few, many = starts(arm, 7), starts(arm, 40)
     assert np.array(few).tolist() == np.array(many[:7]).tolist()
-
-
-def test_starts_are_spread_evenly_over_every_joint(arm: Arm, plain: PlainArm) -> None:
-    unit = (np.array(starts(arm, 50)) - plain.q_min) / (plain.q_max - plain.q_min)
-    for joint in unit.T:
-        counts = np.histogram(joint, bins=5, range=(0.0, 1.0))[0]
-        assert counts.min() >= 5
-        assert counts.max() <= 16
-
-
-def test_starts_are_spread_evenly_over_pairs_of_joints(arm: Arm, plain: PlainArm) -> None:
-    unit = (np.array(starts(arm, 60)) - plain.q_min) / (plain.q_max - plain.q_min)
-    correlation = np.corrcoef(unit.T) - np.eye(arm.n)
-    assert np.abs(correlation).max() < 0.4
-    for i in range(arm.n):
-        for k in range(i):
-            filled = np.histogram2d(unit[:, i], unit[:, k], bins=3, range=[[0, 1], [0, 1]])[0]
-            assert filled.min() >= 1
 
 
 def test_the_time_is_that_of_all_starts(arm: Arm) -> None:

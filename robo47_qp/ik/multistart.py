@@ -1,30 +1,61 @@
 """Restarts around any IK solver."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from itertools import islice
 from time import process_time
 
 import numpy as np
 from mink import SE3
 
 from robo47_qp.arm import Arm
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.diagnosis import diagnosed
+from robo47_qp.ik.library import feature_of, library_of
+from robo47_qp.ik.preference import Preference
+from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance, is_pose
+
+_HOPELESS = (Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
+_DIAGNOSES = 8
+"""Starts of a diagnosis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MultiStart:
-    """Try the seed, then configurations spread evenly over the joint limits.
+    """Try the seed, then the nearest of a library of configurations, then others of it.
 
-    The starts are an additive recurrence, x_k = frac(½ + k α) with α_i = φ⁻ⁱ and φ the
-    positive root of x^(n+1) = x + 1: the same for every call, evenly spread, no random
-    numbers (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+    The library spreads configurations evenly over the joint limits; those whose tool poses
+    are nearest to the target go first, then the rest in their order. The budget is counted
+    in starts of the solver inside, not in time: the same question has the same answer.
     """
 
     solver: IkSolver
-    """What runs from each start."""
-    max_restarts: int = 50
-    """Starts after the seed before giving up."""
+    """What runs from each start; best with few iterations and a stall test of its own."""
+    max_restarts: int = 140
+    """Starts after the first before giving up."""
+    seed_first: bool = True
+    """Start from the seed; without it, the nearest of the library goes first, which is faster
+    for targets far from the seed and forgets where the arm is."""
+    library: int = 3000
+    """Configurations to choose from."""
+    near: int = 40
+    """Starts chosen for their nearness, before those chosen for their spread."""
+    answers: int = 1
+    """Answers to collect, where there are so many, before the preferred one is taken."""
+    apart: float = 0.3
+    """Two answers differ where a joint differs by this [rad or m]."""
+    preference: Preference = Preference()
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A count is too small.
+        """
+        for name, least in (("max_restarts", 0), ("library", 1), ("near", 1), ("answers", 1)):
+            if getattr(self, name) < least:
+                raise InvalidValueError(name, getattr(self, name), f"{least} or more")
 
     @property
     def tolerance(self) -> Tolerance:
@@ -32,32 +63,69 @@ class MultiStart:
         return self.solver.tolerance
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
-        """See `IkSolver.solve`; the best of all starts where none reaches the target."""
+        """See `IkSolver.solve`; where no start gets there, the best one with the reason."""
+        return self.solve_all(arm, T_world_target, q_seed)[0]
+
+    def solve_all(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> tuple[IkResult, ...]:
+        """Up to `answers` answers that differ, the preferred one first.
+
+        Effort and time are those of the whole search.
+
+        Returns:
+            At least one result; a single one that tells the reason where there is no answer.
+
+        Raises:
+            InvalidValueError: `q_seed` is not a finite vector of shape (n,).
+        """
         started = process_time()
-        best = self.solver.solve(arm, T_world_target, q_seed)
-        iterations, restarts = best.iterations, 0
-        hopeless = (None, Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
-        while best.reason not in hopeless and restarts < self.max_restarts:
-            q_start = _starts(arm, self.max_restarts)[restarts].copy()
+        found: list[IkResult] = []
+        best: IkResult | None = None
+        iterations, restarts = 0, -1
+        for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
             result = self.solver.solve(arm, T_world_target, q_start)
             iterations += result.iterations
             restarts += 1
-            if _rank(result) < _rank(best):
+            if result.converged:
+                if all(np.abs(result.q - other.q).max() > self.apart for other in found):
+                    found.append(result)
+                if len(found) == self.answers:
+                    break
+            elif best is None or _error(result) < _error(best):
                 best = result
+                if result.reason in _HOPELESS:
+                    break
+        if not found and best is not None:
+            best = replace(best, iterations=iterations, restarts=restarts)
+            starts = list(islice(self._starts(arm, T_world_target, q_seed), _DIAGNOSES))
+            found = [diagnosed(arm, T_world_target, best, starts, self.tolerance)]
+        ranked = self.preference.ranked(arm, found, q_seed)
         seconds = process_time() - started
-        return replace(best, iterations=iterations, restarts=restarts, seconds=seconds)
+        return tuple(
+            replace(result, iterations=iterations, restarts=restarts, seconds=seconds)
+            for result in ranked
+        )
+
+    def _starts(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> Iterator[Vector]:
+        """The seed in its place, the nearest of the library, then all others in their order."""
+        known = is_pose(T_world_target)
+        if self.seed_first or not known:
+            yield q_seed
+        if not known:
+            return
+        library, target = library_of(arm, self.library), feature_of(T_world_target)
+        distances = library.distances(target)
+        first = int(distances.argmin())
+        if not self.seed_first:
+            seed = feature_of(arm.pose(arm.checked_q("q_seed", q_seed)))
+            if seed.dot(0.5 * seed - target) <= distances[first]:
+                yield q_seed
+        yield library.q[first]
+        near = library.nearest(distances, min(self.near, len(distances)))
+        for k in near[1:]:
+            yield library.q[k]
+        for k in np.setdiff1d(np.arange(len(distances)), near):
+            yield library.q[k]
 
 
-def _rank(result: IkResult) -> tuple[bool, float]:
-    return not result.converged, result.position_error + result.orientation_error
-
-
-@lru_cache(maxsize=16)
-def _starts(arm: Arm, count: int) -> Matrix:
-    """Configurations of shape (count, n)."""
-    root = 2.0
-    for _ in range(64):
-        root = (1.0 + root) ** (1.0 / (arm.n + 1))
-    alpha = root ** -np.arange(1.0, arm.n + 1)
-    unit = np.mod(0.5 + np.arange(1, count + 1)[:, None] * alpha, 1.0)
-    return arm.q_min + unit * (arm.q_max - arm.q_min)
+def _error(result: IkResult) -> float:
+    return result.position_error + result.orientation_error

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from time import process_time
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +32,15 @@ class Reason(Enum):
     NOT_CONVERGED = "not converged"
 
 
+class Bound(Enum):
+    """What says that a target is out of reach."""
+
+    STRETCHED = "the length of the stretched arm"
+    """No configuration reaches that far, whatever the joint limits."""
+    SEARCH = "the closest position found"
+    """The tool came no closer in any search, its orientation left aside."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IkResult:
     """Where a solver ended, as judged by forward kinematics."""
@@ -53,6 +63,14 @@ class IkResult:
     """Starts after the first."""
     seconds: float = 0.0
     """Processor time spent."""
+    beyond_reach: float = 0.0
+    """How far the target is out of reach [m]; 0 for any other reason."""
+    bound: Bound | None = None
+    """What says so; None for any other reason."""
+    joints: tuple[str, ...] = ()
+    """Joints that are outside their limits, or would have to be; empty for any other reason."""
+    clearance: float | None = None
+    """Distance to the nearest obstacle [m]; None where it was not asked for."""
 
     @property
     def converged(self) -> bool:
@@ -83,28 +101,42 @@ class IkSolver(Protocol):
 
 
 def judged(
-    arm: Arm, T_world_target: SE3, q: ArrayLike, tolerance: Tolerance, iterations: int
+    arm: Arm,
+    T_world_target: SE3,
+    q: ArrayLike,
+    tolerance: Tolerance,
+    iterations: int,
+    started: float | None = None,
 ) -> IkResult:
-    """Result for a solver that stopped at q, whatever the solver itself thinks of it."""
+    """Result for a solver that stopped at q, whatever the solver itself thinks of it.
+
+    Args:
+        arm: The arm.
+        T_world_target: Wanted T_world_tcp.
+        q: Where the solver stopped (n,) [rad].
+        tolerance: How close counts as reached.
+        iterations: Steps taken.
+        started: When the solver began, by `time.process_time` [s]; None leaves time out.
+    """
     q = np.array(q, dtype=np.float64)
     position_error, orientation_error = arm.distance_to(T_world_target, q)
     margin = arm.limit_margin(q)
     reason: Reason | None = None
-    explanation = ""
+    explanation, beyond = "", 0.0
+    bound: Bound | None = None
+    joints: tuple[str, ...] = ()
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
-            reason, explanation = Reason.JOINT_LIMITS, _outside(arm, q)
+            reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
+            joints = joints_outside(arm, q)
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
-        residual = (
-            f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
-            f"after {iterations} iterations"
-        )
         if beyond > 0.0:
-            reason = Reason.OUT_OF_REACH
+            reason, bound = Reason.OUT_OF_REACH, Bound.STRETCHED
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
         else:
-            reason, explanation = Reason.NOT_CONVERGED, residual
+            reason = Reason.NOT_CONVERGED
+            explanation = residual(position_error, orientation_error, iterations)
     return IkResult(
         q=q,
         reason=reason,
@@ -113,6 +145,10 @@ def judged(
         orientation_error=orientation_error,
         limit_margin=margin,
         iterations=iterations,
+        seconds=0.0 if started is None else process_time() - started,
+        beyond_reach=beyond,
+        bound=bound,
+        joints=joints,
     )
 
 
@@ -135,7 +171,22 @@ def is_pose(T_world_target: SE3) -> bool:
     return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
 
 
-def _outside(arm: Arm, q: Vector) -> str:
+def residual(position_error: float, orientation_error: float, iterations: int) -> str:
+    """What remains of a pose error, in words."""
+    return (
+        f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
+        f"after {iterations} iterations"
+    )
+
+
+def joints_outside(arm: Arm, q: Vector) -> tuple[str, ...]:
+    """Names of the joints that are outside their limits at q."""
+    outside = (q < arm.q_min) | (q > arm.q_max)
+    return tuple(arm.robot.joints[i] for i in np.flatnonzero(outside))
+
+
+def outside_limits(arm: Arm, q: Vector) -> str:
+    """Each joint outside its limits at q, in words."""
     beyond = np.maximum(arm.q_min - q, q - arm.q_max)
     return ", ".join(
         f"{arm.robot.joints[i]} is {beyond[i]:.3f} rad outside "

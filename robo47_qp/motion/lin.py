@@ -1,13 +1,14 @@
 """LIN: the tool on a straight line, from rest to rest."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from mink import SE3
 from scipy.interpolate import BSpline, make_interp_spline
 
 from robo47_qp.arm import Arm
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Robo47Error
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.jerk_limited import rest_to_rest
@@ -31,6 +32,11 @@ class LinError(Robo47Error):
         """Tell where on the path and why."""
         super().__init__(f"the straight path fails {100 * fraction:.0f} % of the way: {reason}")
         self.fraction = fraction
+
+
+class _Effort(NamedTuple):
+    iterations: int
+    seconds: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,30 +89,48 @@ class Lin:
                 limits, or no number of knots keeps it on the line.
         """
         line = Line(arm.pose(q_start), T_world_goal)
-        size = max(line.length, line.angle)
-        if size <= min(ik.tolerance.position, ik.tolerance.orientation):
+        if max(line.length, line.angle) <= min(ik.tolerance.position, ik.tolerance.orientation):
             there = judged(arm, T_world_goal, q_start, ik.tolerance, 0)
             if not there.converged:
                 raise LinError(1.0, there.explanation)
             return hold(q_start, 0, dt), there
-        knots = max(8, int(np.ceil(size / self.knot_spacing)))
+        path, effort = self._path(arm, ik, q_start, line)
+        trajectory = self._timed(arm, path, line, joints, dt, speed)
+        end = judged(arm, T_world_goal, trajectory.end.q, ik.tolerance, 0)
+        return trajectory, replace(end, iterations=effort.iterations, seconds=effort.seconds)
+
+    def follow(self, arm: Arm, ik: IkSolver, q_start: Vector, T_world_goal: SE3) -> IkResult:
+        """Where a line ends in the branch in which it starts, without timing the motion.
+
+        Raises:
+            LinError: See `plan`.
+        """
+        line = Line(arm.pose(q_start), T_world_goal)
+        path, effort = self._path(arm, ik, q_start, line)
+        s = np.linspace(0.0, 1.0, 4 * len(path.c))
+        _check_limits(arm, path(s))
+        end = judged(arm, T_world_goal, path(1.0), ik.tolerance, 0)
+        return replace(end, iterations=effort.iterations, seconds=effort.seconds)
+
+    def _path(self, arm: Arm, ik: IkSolver, q_start: Vector, line: Line) -> tuple[BSpline, _Effort]:
+        """Joint path over s in [0, 1] that keeps to the line."""
+        knots = max(8, int(np.ceil(max(line.length, line.angle) / self.knot_spacing)))
         iterations, seconds, off, fraction = 0, 0.0, np.inf, 0.0
         for _ in range(self.doublings + 1):
-            path, results = self._path(arm, ik, q_start, line, knots)
+            q, results = self._solved(arm, ik, q_start, line, knots)
             iterations += sum(result.iterations for result in results)
             seconds += sum(result.seconds for result in results)
+            path = make_interp_spline(np.linspace(0.0, 1.0, knots + 1), q, k=5)
             off, fraction = _worst_deviation(arm, line, path, knots)
             if off <= self.deviation:
-                trajectory = self._timed(arm, path, line, joints, dt, speed)
-                end = judged(arm, T_world_goal, trajectory.end.q, ik.tolerance, iterations)
-                return trajectory, replace(end, seconds=seconds)
+                return path, _Effort(iterations, seconds)
             knots *= 2
         raise LinError(fraction, f"{knots // 2} knots leave the tool {1e6 * off:.0f} µm off")
 
-    def _path(
+    def _solved(
         self, arm: Arm, ik: IkSolver, q_start: Vector, line: Line, knots: int
-    ) -> tuple[BSpline, list[IkResult]]:
-        """Joint path over s in [0, 1], and how each knot was solved."""
+    ) -> tuple[Matrix, list[IkResult]]:
+        """Configurations at the knots (knots + 1, n), and how each was solved."""
         s = np.linspace(0.0, 1.0, knots + 1)
         q, results = [q_start], []
         for fraction in s[1:]:
@@ -119,7 +143,7 @@ class Lin:
                 raise LinError(fraction, f"{joint} would jump by {moved.max():.2f} rad")
             q.append(result.q)
             results.append(result)
-        return make_interp_spline(s, np.array(q), k=5), results
+        return np.array(q), results
 
     def _timed(
         self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, speed: float
@@ -135,11 +159,15 @@ class Lin:
             stretch *= 1.0005 * excess
             if stretch > _MAX_STRETCH:
                 raise LinError(0.0, f"it would have to be {stretch:.0f} times slower")
-        outside = (trajectory.q < arm.q_min) | (trajectory.q > arm.q_max)
-        if outside.any():
-            row, joint = np.argwhere(outside)[0]
-            raise LinError(row / len(outside), f"{arm.robot.joints[joint]} leaves its limits")
+        _check_limits(arm, trajectory.q)
         return trajectory
+
+
+def _check_limits(arm: Arm, q: Matrix) -> None:
+    outside = (q < arm.q_min) | (q > arm.q_max)
+    if outside.any():
+        row, joint = np.argwhere(outside)[0]
+        raise LinError(row / len(outside), f"{arm.robot.joints[joint]} leaves its limits")
 
 
 def _worst_deviation(arm: Arm, line: Line, path: BSpline, knots: int) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """From waypoints to trajectories: IK, then PTP or LIN."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mink import SE3
@@ -7,12 +8,13 @@ from mink import SE3
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
-from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.motion.chain import Chain, tool_target
 from robo47_qp.motion.lin import Lin, LinError
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
-from robo47_qp.waypoint import Motion, Place, Waypoint
+from robo47_qp.waypoint import Motion, Waypoint
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +40,8 @@ class Planner:
     speed: float = 1.0
     """Pace of every motion, in (0, 1]."""
     lin: Lin = Lin()
+    chain: Chain = Chain()
+    """How configurations are chosen."""
 
     def __post_init__(self) -> None:
         """Check the pace.
@@ -51,36 +55,65 @@ class Planner:
         """Plan from rest at q_start to rest at a waypoint.
 
         The goal of a PTP motion is sought near home, so that it does not depend on where
-        the arm comes from; a LIN motion follows the arm from where it is.
+        the arm comes from, and such that the straight motions that are to follow can be
+        followed from it; a LIN motion follows the arm from where it is.
 
         Raises:
             InvalidValueError: `q_start` is not finite.
-            PlanError: The waypoint is not reached by IK, or the way there is not possible.
+            PlanError: The waypoint is not reached by IK, the way there is not possible, or
+                it does not lead on; the waypoint that is in the way is named.
         """
         q_start = arm.checked_q("q_start", q_start)
-        T_world_start = arm.pose(q_start)
-        home = waypoint.target is Place.HOME
-        target = arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
-        pace = self.speed * waypoint.speed
         if waypoint.motion is Motion.LIN:
-            try:
-                profile = self.profile.slowed(pace)
-                trajectory, result = self.lin.plan(arm, self.ik, q_start, target, profile, dt, pace)
-            except LinError as error:
-                raise PlanError(waypoint.name, str(error)) from error
-        else:
-            result = (
-                judged(arm, target, arm.home, self.ik.tolerance, 0)
-                if home
-                else self.ik.solve(arm, target, arm.home)
-            )
-            if not result.converged:
-                raise PlanError(waypoint.name, result.explanation)
-            trajectory = plan_ptp(q_start, result.q, self.profile.slowed(pace), dt)
-        return Leg(
-            waypoint=waypoint,
-            ik=result,
-            trajectory=trajectory,
-            T_world_start=T_world_start,
-            T_world_goal=target,
-        )
+            return self._lin(arm, waypoint, q_start, dt)
+        result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
+        return self._ptp(arm, waypoint, result, q_start, dt)
+
+    def plan_chain(
+        self, arm: Arm, waypoints: Sequence[Waypoint], q_start: Vector, dt: float
+    ) -> list[Leg]:
+        """Plan through waypoints that are all known, their configurations chosen together.
+
+        Raises:
+            InvalidValueError: `q_start` is not finite.
+            PlanError: No choice leads through; the waypoint that rules the chain out is named.
+        """
+        q = arm.checked_q("q_start", q_start)
+        v_max = self.profile.v_max
+        chosen = self.chain.choose(arm, self.ik, self.lin, waypoints, q, v_max)
+        legs: list[Leg] = []
+        for waypoint, result in zip(waypoints, chosen, strict=True):
+            if waypoint.motion is Motion.LIN:
+                legs.append(self._lin(arm, waypoint, q, dt))
+            else:
+                legs.append(self._ptp(arm, waypoint, result, q, dt))
+            q = legs[-1].trajectory.end.q
+        return legs
+
+    def _ptp(
+        self, arm: Arm, waypoint: Waypoint, result: IkResult, q_start: Vector, dt: float
+    ) -> Leg:
+        profile = self.profile.slowed(self.speed * waypoint.speed)
+        trajectory = plan_ptp(q_start, result.q, profile, dt)
+        return _leg(arm, waypoint, result, trajectory, q_start)
+
+    def _lin(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
+        pace = self.speed * waypoint.speed
+        profile, target = self.profile.slowed(pace), tool_target(arm, waypoint)
+        try:
+            trajectory, result = self.lin.plan(arm, self.ik, q_start, target, profile, dt, pace)
+        except LinError as error:
+            raise PlanError(waypoint.name, str(error)) from error
+        return _leg(arm, waypoint, result, trajectory, q_start)
+
+
+def _leg(
+    arm: Arm, waypoint: Waypoint, result: IkResult, trajectory: Trajectory, q_start: Vector
+) -> Leg:
+    return Leg(
+        waypoint=waypoint,
+        ik=result,
+        trajectory=trajectory,
+        T_world_start=arm.pose(q_start),
+        T_world_goal=tool_target(arm, waypoint),
+    )

@@ -1,0 +1,180 @@
+"""A small dense QP inside a box: the one place where QP solvers are called."""
+
+from functools import lru_cache
+from typing import Any, Protocol
+
+import daqp
+import numpy as np
+import osqp
+import qpsolvers
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import UnknownNameError
+
+_RHO = 0.1
+"""Where OSQP's step size starts, its own default."""
+_OSQP_SETTINGS: dict[str, Any] = {
+    "verbose": False,
+    "rho": _RHO,
+    # The default accuracy of 1e-3 leaves steps that are wrong by as much.
+    "eps_abs": 1e-9,
+    "eps_rel": 1e-9,
+    "max_iter": 4000,
+    # Nothing may be left of the problem before, or answers would depend on it; the step size
+    # adapts by iterations, not by time.
+    "scaling": 0,
+    "warm_starting": False,
+    "adaptive_rho": 1,
+}
+
+
+class BoxQp(Protocol):
+    """min over x of ½ xᵀ H x + fᵀ x subject to low <= x <= high and A x <= upper."""
+
+    def solve(
+        self,
+        H: Matrix,
+        f: Vector,
+        low: Vector,
+        high: Vector,
+        A: Matrix | None = None,
+        upper: Vector | None = None,
+    ) -> Vector | None:
+        """The minimiser; its bounds are met but for rounding.
+
+        Args:
+            H: Positive definite matrix (n, n).
+            f: Vector (n,).
+            low: Lower bounds (n,).
+            high: Upper bounds (n,), nowhere below `low`.
+            A: Further rows (m, n).
+            upper: Their upper bounds (m,).
+
+        Returns:
+            x of shape (n,), or None where the solver found none.
+        """
+        ...
+
+
+class _Daqp:
+    """Dual active set: exact in a finite number of steps.
+
+    Arnström, Bemporad and Axehill, "A dual active-set solver for embedded quadratic
+    programming using recursive LDLᵀ updates", 2022.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._no_rows = np.zeros((0, n))
+        self._plain: NDArray[np.int32] = np.zeros(n, dtype=np.int32)
+
+    def solve(
+        self,
+        H: Matrix,
+        f: Vector,
+        low: Vector,
+        high: Vector,
+        A: Matrix | None = None,
+        upper: Vector | None = None,
+    ) -> Vector | None:
+        if A is None or upper is None:
+            x, _, flag, _ = daqp.solve(H, f, self._no_rows, high, low, self._plain)
+        else:
+            above = np.concatenate([high, upper])
+            below = np.concatenate([low, np.full(len(upper), -1e30)])
+            sense = np.zeros(len(above), dtype=np.int32)
+            x, _, flag, _ = daqp.solve(H, f, A, above, below, sense)
+        return x if flag >= 1 else None
+
+
+class _Osqp:
+    """Operator splitting with a polished answer (Stellato et al., "OSQP", 2020).
+
+    The set-up problem is kept and its numbers are replaced. Extra rows change its shape,
+    so a problem that has some is set up anew.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._upper_part = np.triu_indices(n)
+        self._by_column = np.lexsort(self._upper_part)
+        self._problem = osqp.OSQP()
+        free = np.full(n, 1.0)
+        dense = csc_matrix(np.triu(np.ones((n, n))) + n * np.eye(n))
+        self._problem.setup(
+            dense, np.zeros(n), csc_matrix(np.eye(n)), -free, free, **_OSQP_SETTINGS
+        )
+
+    def solve(
+        self,
+        H: Matrix,
+        f: Vector,
+        low: Vector,
+        high: Vector,
+        A: Matrix | None = None,
+        upper: Vector | None = None,
+    ) -> Vector | None:
+        if A is None or upper is None:
+            problem = self._problem
+            problem.update_settings(rho=_RHO)
+            problem.update(Px=H[self._upper_part][self._by_column], q=f, l=low, u=high)
+        else:
+            problem = osqp.OSQP()
+            rows = csc_matrix(np.vstack([np.eye(self._n), A]))
+            below = np.concatenate([low, np.full(len(upper), -np.inf)])
+            above = np.concatenate([high, upper])
+            problem.setup(csc_matrix(np.triu(H)), f, rows, below, above, **_OSQP_SETTINGS)
+        # Short of its accuracy, it is a step all the same: the judge sees where steps lead.
+        x: Vector = problem.solve(raise_error=False).x
+        if x is None or not np.isfinite(x).all():
+            return None
+        return np.minimum(np.maximum(x, low), high)
+
+
+class _Qpsolvers:
+    """Any other QP solver that is installed, by way of qpsolvers; its cost comes on top."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._sparse = name not in qpsolvers.dense_solvers
+
+    def solve(
+        self,
+        H: Matrix,
+        f: Vector,
+        low: Vector,
+        high: Vector,
+        A: Matrix | None = None,
+        upper: Vector | None = None,
+    ) -> Vector | None:
+        problem = qpsolvers.Problem(H, f, A, upper, None, None, low, high)
+        if self._sparse:
+            problem.P = csc_matrix(problem.P)
+            problem.G = None if A is None else csc_matrix(A)
+        x: Vector | None = qpsolvers.solve_problem(problem, solver=self._name).x
+        if x is None or not np.isfinite(x).all():
+            return None
+        return np.minimum(np.maximum(x, low), high)
+
+
+def backends() -> tuple[str, ...]:
+    """Names of the QP solvers that can be chosen: the two called directly come first."""
+    direct = ("daqp", "osqp")
+    return (*direct, *(name for name in qpsolvers.available_solvers if name not in direct))
+
+
+@lru_cache(maxsize=16)
+def box_qp(backend: str, n: int) -> BoxQp:
+    """The QP solver of that name for n unknowns.
+
+    Raises:
+        UnknownNameError: `backend` is not one of `backends()`.
+    """
+    if backend == "daqp":
+        return _Daqp(n)
+    if backend == "osqp":
+        return _Osqp(n)
+    if backend not in backends():
+        raise UnknownNameError("QP solver", backend, backends())
+    return _Qpsolvers(backend)

@@ -1,0 +1,92 @@
+"""The loop that LM and QP share: linearise, solve a QP inside the joint limits, step."""
+
+from typing import Protocol
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.box_qp import BoxQp
+from robo47_qp.ik.solver import Tolerance
+from robo47_qp.ik.stall import Stall
+from robo47_qp.ik.tool_error import ToolError
+
+
+class Objective(Protocol):
+    """What a step minimises: ½ dqᵀ H dq + fᵀ dq, to second order."""
+
+    def expand(
+        self, error: ToolError, squared_error: float, q: Vector, q_seed: Vector
+    ) -> tuple[Matrix, Vector]:
+        """H (n, n), positive definite, and f (n,) at q; valid until the next call."""
+        ...
+
+
+class Descent:
+    """Memory of the searches on one arm; `q` is where the last one ended."""
+
+    def __init__(
+        self, arm: Arm, objective: Objective, qp: BoxQp, *, limited: bool = True, rows: int = 6
+    ) -> None:
+        """Make the memory for an arm.
+
+        Args:
+            arm: The arm.
+            objective: What a step minimises.
+            qp: What solves for a step.
+            limited: False lets joints leave their limits.
+            rows: 3 where the position alone counts, 6 for the pose.
+        """
+        everywhere = np.full(arm.n, np.inf)
+        self._q_min = arm.q_min if limited else -everywhere
+        self._q_max = arm.q_max if limited else everywhere
+        self._turns = rows == 6
+        self._objective, self._qp = objective, qp
+        self._error = ToolError(arm)
+        self._low, self._high = np.empty(arm.n), np.empty(arm.n)
+        self.q: Vector = np.empty(arm.n)
+
+    def run(
+        self,
+        T_world_target: SE3,
+        q_seed: Vector,
+        tolerance: Tolerance,
+        max_iterations: int,
+        stall: Stall | None,
+    ) -> int:
+        """Search from the point inside the limits that is closest to q_seed.
+
+        Returns:
+            The number of steps.
+        """
+        error, q, low, high = self._error, self.q, self._low, self._high
+        error.aim(T_world_target)
+        np.maximum(q_seed, self._q_min, out=q)
+        np.minimum(q, self._q_max, out=q)
+        close = tolerance.position**2
+        aligned = tolerance.orientation**2 if self._turns else np.inf
+        history: list[float] = []
+        for iteration in range(max_iterations + 1):
+            distance2, angle2 = error.move(q)
+            if distance2 <= close and angle2 <= aligned:
+                break
+            squared_error = distance2 + angle2 if self._turns else distance2
+            if stall is not None:
+                history.append(squared_error)
+                if stall.stuck(history):
+                    break
+            if iteration == max_iterations:
+                break
+            error.differentiate()
+            H, f = self._objective.expand(error, squared_error, q, q_seed)
+            np.subtract(self._q_min, q, out=low)
+            np.subtract(self._q_max, q, out=high)
+            dq = self._qp.solve(H, f, low, high)
+            if dq is None:
+                break
+            np.add(q, dq, out=q)
+        # QP solvers meet bounds but for rounding; answers meet them exactly.
+        np.maximum(q, self._q_min, out=q)
+        np.minimum(q, self._q_max, out=q)
+        return iteration

@@ -1,0 +1,118 @@
+"""Why a pose was not reached by any start: what stands in the way, found by taking it away."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.solver import (
+    Bound,
+    IkResult,
+    Reason,
+    Tolerance,
+    joints_outside,
+    outside_limits,
+    residual,
+)
+from robo47_qp.ik.stall import Stall
+
+_STEPS = 50
+"""QPs per start of a diagnosis."""
+
+
+def diagnosed(
+    arm: Arm,
+    T_world_target: SE3,
+    best: IkResult,
+    starts: Sequence[Vector],
+    tolerance: Tolerance,
+) -> IkResult:
+    """The best result of a search that failed, with the reason found by dropping demands.
+
+    Without the joint limits the pose is reached: they are the reason, and the joints that
+    would have to leave them are named. Without the orientation the position is not reached:
+    it is out of reach by the distance left. Else the search did not converge, or nothing
+    reaches the position with this orientation: what remains is told.
+
+    Args:
+        arm: The arm.
+        T_world_target: The pose that was not reached.
+        best: The closest result of the search.
+        starts: Where to search from, each (n,) [rad].
+        tolerance: How close counts as reached.
+    """
+    if best.reason is not Reason.NOT_CONVERGED:
+        return best
+    remains = residual(best.position_error, best.orientation_error, best.iterations)
+    remains = f"{remains} from {best.restarts + 1} starts"
+    turned = _without_limits(arm, T_world_target, starts, tolerance)
+    if turned is not None:
+        outside = joints_outside(arm, turned)
+        if not outside:
+            return replace(best, explanation=f"the pose is within reach, but {remains}")
+        return replace(
+            best,
+            reason=Reason.JOINT_LIMITS,
+            joints=outside,
+            explanation=(
+                "no start reaches the pose inside the joint limits; beyond them it is reached "
+                f"where {outside_limits(arm, turned)}"
+            ),
+        )
+    left = _left_without_orientation(arm, T_world_target, starts, tolerance)
+    if left > tolerance.position:
+        return replace(
+            best,
+            reason=Reason.OUT_OF_REACH,
+            beyond_reach=left,
+            bound=Bound.SEARCH,
+            explanation=(
+                f"the tool comes no closer than {left:.4f} m to the position, "
+                "its orientation left aside"
+            ),
+        )
+    return replace(
+        best,
+        explanation=f"the position is reached, but not with this orientation: {remains}",
+    )
+
+
+def _without_limits(
+    arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
+) -> Vector | None:
+    """A configuration that reaches the pose, as little outside the limits as was found."""
+    free = LmIk(within_limits=False, max_iterations=_STEPS, stall=Stall(), tolerance=tolerance)
+    best, least = None, np.inf
+    for q_start in starts:
+        result = free.solve(arm, T_world_target, q_start)
+        if result.reason in (None, Reason.JOINT_LIMITS):
+            q = _unwound(arm, result.q)
+            outside = float(np.maximum(np.maximum(arm.q_min - q, q - arm.q_max), 0.0).sum())
+            if outside < least:
+                best, least = q, outside
+    return best
+
+
+def _unwound(arm: Arm, q: Vector) -> Vector:
+    """The same pose with each hinge a whole number of turns closer to its range."""
+    middle = 0.5 * (arm.q_min + arm.q_max)
+    turns = np.round((q - middle) / (2.0 * np.pi)) * arm.hinges
+    unwound: Vector = q - 2.0 * np.pi * turns
+    return unwound
+
+
+def _left_without_orientation(
+    arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
+) -> float:
+    """The distance that remains at best within the joint limits [m]."""
+    loose = LmIk(position_only=True, max_iterations=_STEPS, stall=Stall(), tolerance=tolerance)
+    left = np.inf
+    for q_start in starts:
+        left = min(left, loose.solve(arm, T_world_target, q_start).position_error)
+        if left <= tolerance.position:
+            break
+    return left

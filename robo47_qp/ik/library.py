@@ -1,0 +1,120 @@
+"""Seeds for IK: configurations of one arm with the tool poses they give."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from zipfile import BadZipFile
+
+import mujoco
+import numpy as np
+from mink import SE3
+from numpy.typing import NDArray
+from platformdirs import user_cache_path
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix
+from robo47_qp.ik.spread import spread
+
+_TURN = 0.3
+"""Weight of an entry of the rotation matrix beside a metre."""
+_VERSION = 1
+"""Of the features; a library written under another one is made anew."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Library:
+    """Configurations spread evenly over the joint limits, found by their tool poses."""
+
+    q: Matrix
+    """Configurations (count, n) [rad]."""
+    feature: NDArray[np.float32]
+    """Tool position and 0.3 times the rotation matrix, per configuration (count, 12) [m]."""
+    half_square: NDArray[np.float32]
+    """Half the squared length of each feature (count,)."""
+
+    def distances(self, target: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Half the squared distance of each feature to a pose's, but for one constant."""
+        distances: NDArray[np.float32] = self.half_square - self.feature.dot(target)
+        return distances
+
+    def nearest(self, distances: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+        """Places of the `count` least distances, least first; equal ones in their order."""
+        among = np.argpartition(distances, count - 1)[:count]
+        return among[np.lexsort((among, distances[among]))]
+
+
+def feature_of(pose: SE3) -> NDArray[np.float32]:
+    """What poses are compared by (12,): position and weighted rotation matrix."""
+    feature, numbers = np.empty(12), pose.wxyz_xyz
+    feature[:3] = numbers[4:]
+    mujoco.mju_quat2Mat(feature[3:], numbers[:4])
+    feature[3:] *= _TURN
+    return feature.astype(np.float32)
+
+
+def library_of(arm: Arm, count: int) -> Library:
+    """The library of an arm: from memory, from the user's cache folder, or made now.
+
+    What is kept on disk is named after what forward kinematics depends on: another robot,
+    tool frame or joint limit has another name. A file that cannot be read is made anew, and
+    one that cannot be written is made anew in the next process: neither changes an answer.
+    """
+    return _library(arm, count)
+
+
+@lru_cache(maxsize=8)
+def _library(arm: Arm, count: int) -> Library:
+    path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.npz"
+    kept = _read(path, arm, count)
+    if kept is None:
+        kept = _made(arm, count)
+        _write(path, *kept)
+    q, feature = kept
+    half_square = 0.5 * np.einsum("ij,ij->i", feature, feature)
+    for array in (q, feature, half_square):
+        array.setflags(write=False)
+    return Library(q=q, feature=feature, half_square=half_square)
+
+
+def _made(arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]]:
+    q = spread(arm.q_min, arm.q_max, count)
+    feature = np.empty((count, 12), dtype=np.float32)
+    for row, configuration in zip(feature, q, strict=True):
+        row[:] = feature_of(arm.pose(configuration))
+    return q, feature
+
+
+def _digest(arm: Arm, count: int) -> str:
+    m, site = arm.model, arm.model.site(arm.robot.tcp)
+    chain: list[NDArray[np.generic]] = [
+        *(m.body_parentid, m.body_pos, m.body_quat, m.body_jntnum),
+        *(m.jnt_type, m.jnt_pos, m.jnt_axis, m.jnt_range),
+        *(site.bodyid, site.pos, site.quat),
+    ]
+    digest = sha256(f"{_VERSION} {count} {_TURN} {mujoco.__version__} {np.__version__}".encode())
+    for array in chain:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _read(path: Path, arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]] | None:
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            q, feature = kept["q"], kept["feature"]
+    except (OSError, ValueError, KeyError, BadZipFile, EOFError):
+        return None
+    whole = q.shape == (count, arm.n) and feature.shape == (count, 12)
+    return (q, feature) if whole and np.isfinite(feature).all() else None
+
+
+def _write(path: Path, q: Matrix, feature: NDArray[np.float32]) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Under another name first: two processes may write at once.
+        with NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
+            np.savez(file, q=q, feature=feature)
+        Path(file.name).replace(path)
+    except OSError:
+        return

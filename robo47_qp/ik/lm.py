@@ -1,0 +1,84 @@
+"""Levenberg-Marquardt inside the joint limits: the fast path."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from time import process_time
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.box_qp import box_qp
+from robo47_qp.ik.descent import Descent
+from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
+from robo47_qp.ik.stall import Stall
+from robo47_qp.ik.tool_error import ToolError
+
+_FLOOR = 1e-9
+"""Least damping, for the directions in which a redundant arm moves without its tool."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LmIk:
+    """Levenberg-Marquardt steps on the tool pose, each a QP inside the joint limits.
+
+    min over dq of ½ ‖J dq - e‖² + ½ λ ‖dq‖² subject to q_min <= q + dq <= q_max,
+    with e the displacement and the rotation vector to the target, J the Jacobian of the
+    tool and λ = `damping` ‖e‖² (the damping that falls with the squared error: Sugihara,
+    "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", 2011;
+    Yamashita and Fukushima, 2001, for the rate). It is QpIk without its posture, and with
+    the rotation vector in place of the logarithm of the pose: the same minima, fewer
+    operations.
+    """
+
+    position_only: bool = False
+    """Ask for the tool's position alone."""
+    within_limits: bool = True
+    """Keep to the joint limits; without them, each step is the textbook's."""
+    max_iterations: int = 100
+    """QPs before giving up."""
+    damping: float = 0.03
+    """λ per squared error."""
+    stall: Stall | None = None
+    """When a start is given up early; never by default."""
+    tolerance: Tolerance = Tolerance()
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        """See `IkSolver.solve`."""
+        started = process_time()
+        q = arm.checked_q("q_seed", q_seed)
+        if not is_pose(T_world_target):
+            return rejected(arm, q)
+        tolerance = self.tolerance
+        if self.position_only:
+            tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
+        rows = 3 if self.position_only else 6
+        descent = _descent(arm, self.damping, rows, self.within_limits)
+        iterations = descent.run(T_world_target, q, tolerance, self.max_iterations, self.stall)
+        return judged(arm, T_world_target, descent.q, tolerance, iterations, started)
+
+
+class _Damped:
+    """½ ‖J dq - e‖² + ½ λ ‖dq‖²."""
+
+    def __init__(self, n: int, damping: float, rows: int) -> None:
+        self._damping, self._rows = damping, rows
+        self._H, self._f = np.empty((n, n)), np.empty(n)
+        self._diagonal = self._H.reshape(-1)[:: n + 1]
+
+    def expand(
+        self, error: ToolError, squared_error: float, q: Vector, q_seed: Vector
+    ) -> tuple[Matrix, Vector]:
+        J, e = error.J[: self._rows], error.e[: self._rows]
+        np.dot(J.T, J, out=self._H)
+        self._diagonal += self._damping * squared_error + _FLOOR
+        np.dot(e, J, out=self._f)
+        np.negative(self._f, out=self._f)
+        return self._H, self._f
+
+
+@lru_cache(maxsize=16)
+def _descent(arm: Arm, damping: float, rows: int, limited: bool) -> Descent:
+    objective = _Damped(arm.n, damping, rows)
+    return Descent(arm, objective, box_qp("daqp", arm.n), limited=limited, rows=rows)

@@ -1,0 +1,84 @@
+"""Logarithm of a pose and its slope, in place: the error of mink's FrameTask."""
+
+from math import tan
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+
+# Where the entries (v_x, v_y, v_z, w_x, w_y, w_z) of a twist stand in ad(v, w), row by row:
+# [w]× twice on the diagonal, [v]× above it.
+_SKEW = ((0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 0, 1.0, 2), (1, 2, -1.0, 0), (2, 0, -1.0, 1))
+_SKEW_ALL = (*_SKEW, (2, 1, 1.0, 0))
+
+
+class Twist:
+    """Memory for the logarithm; what `towards` returns belongs to its last call."""
+
+    def __init__(self) -> None:
+        """Make the memory."""
+        blocks = [(0, 0, 3), (3, 3, 3), (0, 3, 0)]
+        entries = [
+            (6 * (row + i) + column + k, sign, source + axis)
+            for row, column, source in blocks
+            for i, k, sign, axis in _SKEW_ALL
+        ]
+        self._places = np.array([place for place, _, _ in entries])
+        self._signs = np.array([sign for _, sign, _ in entries])
+        self._sources = np.array([source for _, _, source in entries])
+        self._ad, self._ad2, self._ad4 = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+        self._flat = self._ad.reshape(-1)
+        self._turning = self._ad[:3, :3]
+        self._identity = np.eye(6)
+        self._twist = np.zeros(6)
+
+    def towards(self, e: Vector) -> tuple[Vector, Matrix]:
+        """The steady twist that covers a way in unit time, and how it falls on the way.
+
+        With w the rotation vector and p the displacement, the twist is (v, w), v = A p,
+        A = I - ½ [w]× + c [w]×², c = (1 - (θ/2) cot(θ/2)) / θ², θ = ‖w‖. It falls per twist
+        of the tool by the inverse of the left Jacobian of SE(3),
+        I - ½ ad + c₂ ad² + c₄ ad⁴, ad the matrix of the twist's Lie bracket
+        (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 2012, ch. 10).
+
+        Args:
+            e: Displacement [m] and rotation vector [rad] (6,), in one frame.
+
+        Returns:
+            The twist (6,), linear part first, and its slope (6, 6).
+        """
+        twist, ad = self._twist, self._ad
+        twist[:] = e
+        angle = float(e[3:].dot(e[3:])) ** 0.5
+        c, c2, c4 = _coefficients(angle)
+        self._flat[self._places] = self._signs * twist[self._sources]
+        p = e[:3]
+        across = self._turning.dot(p)
+        twist[:3] = p - 0.5 * across + c * self._turning.dot(across)
+        self._flat[self._places] = self._signs * twist[self._sources]
+        np.dot(ad, ad, out=self._ad2)
+        np.dot(self._ad2, self._ad2, out=self._ad4)
+        slope = self._identity - 0.5 * ad
+        self._ad2 *= c2
+        self._ad4 *= c4
+        slope += self._ad2
+        slope += self._ad4
+        return twist, slope
+
+
+def _coefficients(angle: float) -> tuple[float, float, float]:
+    """c, c₂ and c₄ at an angle in [0, π]; their series where the terms would cancel.
+
+    The slope's even part is h(θ) = (θ/2) cot(θ/2) on the eigenvalues ±iθ of ad, each double:
+    value and derivative give 1 - c₂ θ² + c₄ θ⁴ = h and -2 c₂ θ + 4 c₄ θ³ = h'.
+    """
+    x = angle * angle
+    if x < 1e-2:
+        c = 1 / 12 + x * (1 / 720 + x * (1 / 30240 + x / 1209600))
+        c4 = -1 / 720 - x * (2 / 30240 + x * (3 / 1209600 + x * 4 / 47900160))
+    else:
+        cot = 1.0 / tan(0.5 * angle)
+        c = (1.0 - 0.5 * angle * cot) / x
+        falling = 0.5 * cot - 0.25 * angle * (1.0 + cot * cot)
+        c4 = (falling + 2.0 * angle * c) / (2.0 * x * angle)
+    return c, c + c4 * x, c4

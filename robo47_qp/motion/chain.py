@@ -1,0 +1,204 @@
+"""A chain of waypoints: configurations chosen together, so that straight lines can be followed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import PlanError
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.waypoint import Motion, Place, Waypoint
+
+_TOLD = 3
+"""Branches whose failure is told when all fail."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Branch:
+    """One way through a PTP waypoint and the straight lines that follow it."""
+
+    results: tuple[IkResult, ...]
+    """How each waypoint is reached, in their order."""
+    room: float
+    """Least distance to a joint limit at the waypoints, as a share of half the joint's range."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chain:
+    """Chooses configurations for waypoints. Its fields are settings.
+
+    Only a PTP waypoint leaves a choice: a straight line is followed in the branch in which it
+    starts. So each PTP waypoint is solved for several configurations that differ, each is
+    led along the lines after it, and those that leave the joint limits, do not converge or
+    change branch are dropped. Among what is left, the sequence of least cost is taken: the
+    sum over PTP motions of max_i |Δq_i| / v_max_i [s] and over branches of
+    `crowding` (1 - room) [s], by dynamic programming (Bellman, 1957).
+    """
+
+    candidates: int = 8
+    """Configurations to try per PTP waypoint."""
+    restarts: int = 140
+    """Starts of the IK per PTP waypoint."""
+    crowding: float = 0.5
+    """What it costs to be at a joint limit [s]."""
+
+    def choose(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        lin: Lin,
+        waypoints: Sequence[Waypoint],
+        q_start: Vector,
+        v_max: Vector,
+    ) -> list[IkResult]:
+        """How each waypoint is to be reached.
+
+        Args:
+            arm: The arm.
+            ik: Solves for poses; a `MultiStart` finds several configurations, any other one.
+            lin: Follows the lines.
+            waypoints: The chain.
+            q_start: Configuration at its start (n,) [rad].
+            v_max: Joint speeds that weigh the ways between configurations (n,) [rad/s].
+
+        Raises:
+            PlanError: No sequence of configurations leads through; it names the waypoint that
+                no branch gets past, and what stopped each branch there.
+        """
+        groups = _groups(waypoints)
+        layers = [self._branches(arm, ik, lin, group, q_start) for group in groups]
+        cost = np.zeros(1)
+        ends = [q_start]
+        back: list[list[int]] = []
+        for group, layer in zip(groups, layers, strict=True):
+            reached = [branch.results[0].q for branch in layer]
+            straight = group[0].motion is Motion.LIN
+            ways = np.array([[_way(q, end, v_max, straight) for end in ends] for q in reached])
+            total = ways + cost
+            back.append([int(row.argmin()) for row in total])
+            crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
+            cost = total.min(axis=1) + crowded
+            ends = [branch.results[-1].q for branch in layer]
+        return _traced(layers, back, int(cost.argmin()))
+
+    def leading_on(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult:
+        """The preferred configuration at a PTP waypoint from which its lines can be followed.
+
+        Raises:
+            PlanError: There is none; it names the waypoint that none gets past.
+        """
+        try:
+            usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
+            return self.led_on(arm, ik, lin, usual, waypoint.onward).results[0]
+        except PlanError as error:
+            if error.waypoint == waypoint.name:
+                raise
+        group = [waypoint, *waypoint.onward]
+        return self._branches(arm, ik, lin, group, arm.home)[0].results[0]
+
+    def _branches(
+        self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
+    ) -> list[Branch]:
+        first = group[0]
+        if first.motion is Motion.LIN:
+            # The chain begins on a line: the branch is that of its start.
+            starts = [_line(arm, ik, lin, first, q_start)]
+        else:
+            starts = self.answers(arm, ik, first)
+        branches, failed = [], []
+        for start in starts:
+            try:
+                branches.append(self.led_on(arm, ik, lin, start, group[1:]))
+            except PlanError as error:
+                failed.append(error)
+        if not branches:
+            raise _ruled_out(group, failed)
+        return branches
+
+    def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
+        """Configurations for a PTP waypoint that differ, the preferred one first.
+
+        They are sought near home, so that they do not depend on where the arm comes from.
+
+        Raises:
+            PlanError: There is none.
+        """
+        target = tool_target(arm, waypoint)
+        if isinstance(waypoint.target, Place):
+            found: Sequence[IkResult] = [judged(arm, target, arm.home, ik.tolerance, 0)]
+        elif isinstance(ik, MultiStart):
+            several = replace(ik, answers=self.candidates, max_restarts=self.restarts)
+            found = several.solve_all(arm, target, arm.home)
+        else:
+            found = [ik.solve(arm, target, arm.home)]
+        if not found[0].converged:
+            raise PlanError(waypoint.name, found[0].explanation)
+        return list(found)
+
+    def led_on(
+        self, arm: Arm, ik: IkSolver, lin: Lin, start: IkResult, lines: Sequence[Waypoint]
+    ) -> Branch:
+        """The branch that begins with an answer and follows straight lines.
+
+        Raises:
+            PlanError: One of the lines cannot be followed; it names the waypoint.
+        """
+        results = [start]
+        for waypoint in lines:
+            results.append(_line(arm, ik, lin, waypoint, results[-1].q))
+        span = 0.5 * (arm.q_max - arm.q_min)
+        q = np.array([result.q for result in results])
+        room = float((np.minimum(q - arm.q_min, arm.q_max - q) / span).min())
+        return Branch(results=tuple(results), room=room)
+
+
+def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
+    """T_world_tcp that a waypoint asks for."""
+    return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
+
+
+def _groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
+    """Each PTP waypoint with the LIN waypoints after it."""
+    cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
+    return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
+
+
+def _line(arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
+    try:
+        return lin.follow(arm, ik, q, tool_target(arm, waypoint))
+    except LinError as error:
+        raise PlanError(waypoint.name, str(error)) from error
+
+
+def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:
+    return 0.0 if straight else float((np.abs(q - q_before) / v_max).max())
+
+
+def _traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list[IkResult]:
+    results: list[IkResult] = []
+    for layer, before in zip(reversed(layers), reversed(back), strict=True):
+        results[:0] = layer[last].results
+        last = before[last]
+    return results
+
+
+def _ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
+    """The waypoint that none got past: the furthest that any branch failed at."""
+    order = [waypoint.name for waypoint in group]
+    furthest = max(failed, key=lambda error: order.index(error.waypoint))
+    if len(failed) == 1:
+        return furthest
+    reasons = list(dict.fromkeys(f"{error.waypoint}: {error.reason}" for error in failed))
+    more = f"; and {len(reasons) - _TOLD} more" if len(reasons) > _TOLD else ""
+    return PlanError(
+        furthest.waypoint,
+        f"none of {len(failed)} configurations of {order[0]!r} leads there: "
+        + "; ".join(reasons[:_TOLD])
+        + more,
+    )
