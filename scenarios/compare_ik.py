@@ -1,16 +1,24 @@
 """Inverse kinematics compared: damped least squares, QP, restarts, on paired targets."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 from rich.console import Console
 
 from robo47_qp.arm import Arm
 from robo47_qp.command import main
+from robo47_qp.errors import MissingExtraError
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.peers.drake import DrakeIk
+from robo47_qp.ik.peers.optik import OptikIk
+from robo47_qp.ik.peers.pink import PinkIk
+from robo47_qp.ik.peers.toolbox import ToolboxIk
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver, Tolerance
+from robo47_qp.ik.stall import Stall
 from robo47_qp.ik_benchmark.compare import compare
 from robo47_qp.ik_benchmark.comparison import Comparison, Field
 from robo47_qp.ik_benchmark.judge import Judge
@@ -23,23 +31,28 @@ from tasks.table import add_table
 ROBOT = PANDA
 TOLERANCE = Tolerance()
 """Where every solver may stop."""
-SINGLE, RESTARTS, EACH = 200, 50, 30
-"""Budgets, the same for all: steps of a single start; restarts, and steps of each start."""
+SINGLE, STARTS, EACH = 200, 141, 30
+"""Budgets, the same for all: steps of a single start; starts, and steps of each of them."""
 QUESTIONS = (
     ("dls", "dls-clip"),
     ("dls-clip", "qp-daqp"),
     ("qp-daqp", "qp-osqp"),
+    ("qp-daqp", "lm"),
     ("dls-clip", "dls-clip-multi"),
     ("qp-daqp", "qp-daqp-multi"),
     ("dls-clip-multi", "qp-daqp-multi"),
-    ("qp-daqp-multi", "qp-osqp-multi"),
+    ("qp-daqp-multi", "default"),
+    ("qp-daqp-multi", "fast"),
 )
-"""Do limits help, does the QP, does its solver matter, do restarts, and does it all matter
-once there are restarts?"""
+"""Do limits help, does the QP, does its solver matter, do restarts, does the QP once there are
+restarts, and what does giving up early cost?"""
 
 
 def solvers() -> dict[str, IkSolver]:
-    """All solvers by name: each alone, then with restarts."""
+    """All solvers by name: each alone, each with restarts, and the package's own choices.
+
+    The last two have the same starts; they give a start up once it is stuck.
+    """
 
     def each(steps: int) -> dict[str, IkSolver]:
         dls = DlsIk(max_iterations=steps, tolerance=TOLERANCE)
@@ -50,13 +63,48 @@ def solvers() -> dict[str, IkSolver]:
             "dls-clip": dls,
             "qp-daqp": replace(qp, backend="daqp"),
             "qp-osqp": replace(qp, backend="osqp"),
+            "lm": LmIk(max_iterations=steps, tolerance=TOLERANCE),
         }
 
-    again = {
-        f"{name}-multi": MultiStart(solver=solver, max_restarts=RESTARTS)
+    again: dict[str, IkSolver] = {
+        f"{name}-multi": MultiStart(solver=solver, max_restarts=STARTS - 1)
         for name, solver in each(EACH).items()
     }
-    return each(SINGLE) | again
+    qp = QpIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE)
+    lm = LmIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE)
+    own: dict[str, IkSolver] = {
+        "default": MultiStart(solver=qp, max_restarts=STARTS - 1),
+        "fast": MultiStart(solver=lm, max_restarts=STARTS - 1, seed_first=False),
+    }
+    return each(SINGLE) | again | own
+
+
+def peers() -> tuple[dict[str, IkSolver], dict[str, str]]:
+    """Solvers of other packages by name, and why which are left out.
+
+    Drake and Pink get the same starts as all others; OptIK and Robotics Toolbox have restarts
+    of their own, as many.
+    """
+    makers: dict[str, Callable[[], IkSolver]] = {
+        "drake": lambda: DrakeIk(max_iterations=SINGLE),
+        "pink": lambda: PinkIk(max_iterations=SINGLE, tolerance=TOLERANCE),
+        "drake-multi": lambda: MultiStart(
+            solver=DrakeIk(max_iterations=EACH), max_restarts=STARTS - 1
+        ),
+        "pink-multi": lambda: MultiStart(
+            solver=PinkIk(max_iterations=EACH, tolerance=TOLERANCE), max_restarts=STARTS - 1
+        ),
+        "optik": lambda: OptikIk(max_restarts=STARTS - 1, tolerance=TOLERANCE),
+        "toolbox": lambda: ToolboxIk(max_iterations=EACH, starts=STARTS, tolerance=TOLERANCE),
+    }
+    there: dict[str, IkSolver] = {}
+    left_out: dict[str, str] = {}
+    for name, make in makers.items():
+        try:
+            there[name] = make()
+        except MissingExtraError as error:
+            left_out[name] = str(error)
+    return there, left_out
 
 
 def fields() -> dict[str, Field]:
@@ -74,15 +122,16 @@ def fields() -> dict[str, Field]:
 
 def run(options: CompareOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
+    others, left_out = peers() if options.peers else ({}, {})
     comparison = Comparison(
         arm=Arm(ROBOT),
-        solvers=chosen("solver", solvers(), options.solvers),
+        solvers=chosen("solver", solvers() | others, options.solvers),
         fields=chosen("target set", fields(), options.targets),
         n=options.n,
         seed=options.seed,
         start=options.start_at,
     )
-    return compare(comparison, options, console, left_out={}, questions=QUESTIONS)
+    return compare(comparison, options, console, left_out=left_out, questions=QUESTIONS)
 
 
 if __name__ == "__main__":

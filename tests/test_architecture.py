@@ -53,6 +53,11 @@ ONLY_IN = {
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"visuals"},
     "tyro": {"command"},
+    "pydrake": {"ik.peers.drake"},
+    "pink": {"ik.peers.pink"},
+    "pinocchio": {"ik.peers.pink"},
+    "optik": {"ik.peers.optik"},
+    "roboticstoolbox": {"ik.peers.toolbox"},
 }
 """Modules of the package that may import a library."""
 TASKS_MAY_USE = {"errors", "simulation", "task", "waypoint"}

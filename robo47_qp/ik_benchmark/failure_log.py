@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from robo47_qp.arrays import Vector
-from robo47_qp.ik_benchmark.answers import Answer, Answers
+from robo47_qp.ik_benchmark.answers import Answers
 from robo47_qp.ik_benchmark.failure_pages import FAILURE, FIGURES, pages
 from robo47_qp.ik_benchmark.failure_words import legend, why
 from robo47_qp.ik_benchmark.outcome import COLOURS, GOOD, Outcome, outcomes
@@ -34,9 +34,10 @@ class Failure(NamedTuple):
     outcome: Outcome
 
     @property
-    def answer(self) -> Answer:
-        """What came back."""
-        return self.answers.items[self.k]
+    def q(self) -> Vector | None:
+        """What came back (n,) [rad]; None where that is no configuration."""
+        q = self.answers.items[self.k].q
+        return q if np.isfinite(q).all() else None
 
     @property
     def target(self) -> Vector:
@@ -91,20 +92,20 @@ class FailureLog:
         count = len(failures)
         picked = np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
         self._arm(root, [failures[i] for i in picked])
-        words = [why(failures[i].answers, failures[i].k, failures[i].outcome, f"{i + 1} of {count}") for i in picked]
+        words = [
+            why(failures[i].answers, failures[i].k, failures[i].outcome, f"{i + 1} of {count}")
+            for i in picked
+        ]
         self._words(root, words or [f"# {own[0].solver}\n\nNo failures."])
         if failures:
             self._goals(root, [failures[i] for i in picked])
 
     def _arm(self, root: str, failures: Sequence[Failure]) -> None:
         """The shapes of all bodies, and where they are at each failure; at home if none."""
-        m, d = self._model, self._data
-        qs = [f.answer.q if np.isfinite(f.answer.q).all() else self._home for f in failures]
+        m = self._model
         positions, quaternions = [], []
-        for q in qs or [self._home]:
-            d.qpos[:] = m.qpos0
-            d.qpos[self._q] = q
-            mujoco.mj_kinematics(m, d)
+        for q in [failure.q for failure in failures] or [None]:
+            d = self._at(q)
             positions.append(d.xpos.copy())
             quaternions.append(xyzw(d.xquat))
         index = _index(len(positions))
@@ -122,21 +123,26 @@ class FailureLog:
 
     def _goals(self, root: str, failures: Sequence[Failure]) -> None:
         """The wanted frame, and the way that is left from the tool to it."""
-        m, d = self._model, self._data
         axes = rr.Arrows3D(vectors=_LENGTH * np.eye(3), colors=_AXIS_COLOURS, radii=0.004)
         self._stream.log(f"{root}/goal/axes", axes)
         self._stream.log(f"{root}/gap", rr.LineStrips3D.from_fields(colors=_GAP, radii=0.003))
         targets = np.array([failure.target for failure in failures])
         gaps = []
         for failure, target in zip(failures, targets, strict=True):
-            q = failure.answer.q
-            d.qpos[self._q] = q if np.isfinite(q).all() else self._home
-            mujoco.mj_kinematics(m, d)
-            gaps.append(np.array([d.site_xpos[self._tcp], target[4:]], dtype=np.float32))
+            tool = self._at(failure.q).site_xpos[self._tcp]
+            gaps.append(np.array([tool, target[4:]], dtype=np.float32))
         index = _index(len(failures))
         pose = rr.Transform3D.columns(translation=targets[:, 4:], quaternion=xyzw(targets[:, :4]))
         self._stream.send_at(f"{root}/goal", index, pose)
         self._stream.send_at(f"{root}/gap", index, rr.LineStrips3D.columns(strips=gaps))
+
+    def _at(self, q: Vector | None) -> mujoco.MjData:
+        """The robot at a configuration; at home where there is none."""
+        d = self._data
+        d.qpos[:] = self._model.qpos0
+        d.qpos[self._q] = self._home if q is None else q
+        mujoco.mj_kinematics(self._model, d)
+        return d
 
     def _words(self, root: str, words: Sequence[str]) -> None:
         kinds = [rr.MediaType.MARKDOWN] * len(words)

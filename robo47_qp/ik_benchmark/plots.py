@@ -23,7 +23,7 @@ _PALETTE = (
 )
 _RESTARTED = "-multi"
 """Ending of the names of solvers with restarts: the same colour, a full line."""
-_MAPS_PER_ROW = 6
+_MAPS_PER_ROW = 8
 _SHOWN = (Outcome.COLLIDING, Outcome.OUTSIDE, Outcome.MISSED, Outcome.RAISED)
 
 
@@ -52,11 +52,12 @@ def plot_comparison(arm: Arm, fields: Sequence[Sequence[Answers]], path: Path) -
 
 def _styles(solvers: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Colour and line of each solver."""
+    single = {name.removesuffix(_RESTARTED) for name in solvers if name.endswith(_RESTARTED)}
     kinds = list(dict.fromkeys(name.removesuffix(_RESTARTED) for name in solvers))
     return {
         name: (
             _PALETTE[kinds.index(name.removesuffix(_RESTARTED)) % len(_PALETTE)],
-            "-" if name.endswith(_RESTARTED) else "--",
+            "-" if name.endswith(_RESTARTED) or name not in single else "--",
         )
         for name in solvers
     }
@@ -88,7 +89,7 @@ def _budgets(
     for panel in axes[:, 0]:
         panel.set_ylabel("reached within 1 mm, 0.1°,\ninside the limits [% of targets]")
     lines = [Line2D([], [], color=c, ls=s, label=name) for name, (c, s) in styles.items()]
-    figure.legend(handles=lines, loc="outside upper center", ncols=6, frameon=False)
+    figure.legend(handles=lines, loc="outside upper center", ncols=7, frameon=False)
 
 
 def _curve(axes: Axes, cost: Vector, answers: Answers, colour: str, line: str) -> None:
@@ -113,7 +114,7 @@ def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], 
         foot = arm.model.body(int(arm.model.body_rootid[arm.model.jnt_bodyid[0]])).pos
         across = np.hypot(places[:, 0] - foot[0], places[:, 1] - foot[1])
         good = np.isin(results, [outcome.name for outcome in GOOD])
-        panel.plot(across[good], places[good, 2], ".", color="#dfe3e8", ms=2.5, mew=0)
+        panel.plot(across[good], places[good, 2], ".", color="#ccd2da", ms=2.5, mew=0)
         for outcome in _SHOWN:
             some = results == outcome.name
             panel.plot(across[some], places[some, 2], ".", color=_share(outcome), ms=3.5, mew=0)
