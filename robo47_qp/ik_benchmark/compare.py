@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from robo47_qp.command import INTERRUPTED, OK
 from robo47_qp.files import claim, write_text
@@ -42,7 +43,7 @@ def compare(
     for path in files.values():
         claim(path)
     for name, reason in left_out.items():
-        console.print(f"left out: {name} ({reason})", highlight=False)
+        console.print(f"left out: {name}; {escape(reason)}", highlight=False, soft_wrap=True)
     done: list[Sequence[Answers]] = []
     complete = False
     try:

@@ -119,13 +119,11 @@ def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], 
             some = results == outcome.name
             panel.plot(across[some], places[some, 2], ".", color=_share(outcome), ms=3.5, mew=0)
         failed = int((results != Outcome.COLLIDING.name)[~good].sum())
-        panel.set_title(f"{own[0].solver}: {failed} of {len(results)}", fontsize=10)
+        panel.set_title(f"{own[0].solver}: {failed} of {len(results)}", fontsize=9)
         panel.set_aspect("equal")
         panel.grid(alpha=0.3, lw=0.5)
-    for panel in panels[:, 0]:
-        panel.set_ylabel("height [m]")
-    for panel in panels[-1]:
-        panel.set_xlabel("distance from the axis [m]")
+    figure.supxlabel("distance of the target from the axis of the first joint [m]", fontsize=10)
+    figure.supylabel("height of the target [m]", fontsize=10)
     dots = [
         Line2D([], [], marker="o", ls="", ms=5, color=_share(o), label=o.value) for o in _SHOWN[:3]
     ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 
 _SAMPLES = 2048
-_POLISHED = 8
+_POLISHED = 3
 """Samples from which the farthest points are climbed to."""
 
 
@@ -59,6 +60,7 @@ class _Points:
         return np.asarray(R.T @ (d.xanchor[-1] - d.site_xpos[self._tcp]))
 
 
+@lru_cache(maxsize=16)
 def find_reach(arm: Arm) -> Reach:
     """Search the joint ranges: evenly spread samples, the best of them polished."""
     points = _Points(arm)

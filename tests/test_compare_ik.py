@@ -1,0 +1,126 @@
+"""The scenario, as a user meets it: files, exit codes, messages, and what Ctrl-C leaves."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+import pytest
+from rerun.chunk import RrdReader
+
+from tests.test_command import assert_one_message, posix, run_script
+
+SCRIPT = Path(__file__).resolve().parents[1] / "scenarios" / "compare_ik.py"
+SOLVERS = ("dls-position", "dls-clip", "qp-osqp", "lm-multi", "default", "fast")
+
+
+@pytest.fixture(scope="module")
+def done(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("compare")
+    arguments = ("--n", "5", "--log", "some/new/ik.rrd", "--peers", "--solvers", *SOLVERS)
+    return run_script(*arguments, cwd=folder, script=SCRIPT), folder / "some" / "new"
+
+
+def test_it_leaves_report_plot_and_recording(
+    done: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    process, folder = done
+    assert process.returncode == 0, process.stderr
+    assert process.stderr == ""
+    assert sorted(path.name for path in folder.iterdir()) == ["ik.json", "ik.png", "ik.rrd"]
+    assert (folder / "ik.png").read_bytes()[:4] == b"\x89PNG"
+    assert (folder / "ik.png").stat().st_size > 50_000
+    for words in (*SOLVERS, "uniform: 5 targets", "near_singular", "wrong shape", "ik.json"):
+        assert words in process.stdout
+
+
+def test_the_report_has_a_row_per_solver_and_target_set(
+    done: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    report = json.loads((done[1] / "ik.json").read_text(encoding="utf-8"))
+    assert report["complete"] is True
+    sets = ("uniform", "tabletop", "near_limits", "near_singular", "unreachable", "hostile")
+    found = [(row["targets"], row["solver"]) for row in report["rows"]]
+    assert found == [(name, solver) for name in sets for solver in SOLVERS]
+    by_name = {(row["targets"], row["solver"]): row for row in report["rows"]}
+    assert by_name["uniform", "fast"]["success"] == 1.0
+    assert by_name["uniform", "dls-position"]["position_only"] == 1.0
+    assert by_name["uniform", "dls-position"]["success"] == 0.0
+    assert all(r["success"] == 0.0 for r in report["rows"] if r["targets"] == "hostile")
+
+
+def test_the_recording_has_targets_and_failures_of_each_solver(
+    done: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    # Without its end the reader would warn, and a warning is an error here.
+    chunks = list(RrdReader(done[1] / "ik.rrd").stream())
+    entities = {str(chunk.entity_path).replace("\\", "") for chunk in chunks}
+    for solver in SOLVERS:
+        assert f"/{solver}/targets/uniform" in entities
+        assert f"/{solver}/arm/link7" in entities
+        assert f"/{solver}/why" in entities
+    why = next(c for c in chunks if str(c.entity_path).replace("\\", "") == "/dls-position/why")
+    text = str(why.to_record_batch().to_pydict())
+    assert "Failure 1 of" in text
+    assert "mm" in text
+
+
+def test_the_same_seed_gives_the_same_answers_in_another_process(
+    done: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    choice = ("--solvers", "lm-multi", "fast", "--targets", "tabletop", "hostile")
+    again = run_script("--n", "5", "--json", *choice, cwd=tmp_path, script=SCRIPT, terminal=True)
+    assert again.returncode == 0, again.stderr
+    second: dict[str, Any] = json.loads(again.stdout)
+    first = json.loads((done[1] / "ik.json").read_text(encoding="utf-8"))
+    digests = {(row["targets"], row["solver"]): row["sha256"] for row in first["rows"]}
+    assert len(second["rows"]) == 4
+    for row in second["rows"]:
+        assert row["sha256"] == digests[row["targets"], row["solver"]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--n", "0"), ("--n must be 1 or more",)),
+        (("--seed", "-1"), ("--seed",)),
+        (("--solvers", "magic"), ("magic", "dls-clip", "fast")),
+        (("--targets", "moon"), ("moon", "tabletop")),
+        (("--log", "ik.txt"), ("--log", ".rrd")),
+        (("--log", "/proc/nothing/ik.rrd"), ("/proc/nothing", "cannot be written")),
+    ],
+)
+def test_bad_input_is_one_message(
+    arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: Path
+) -> None:
+    assert_one_message(run_script(*arguments, cwd=tmp_path, script=SCRIPT), *words)
+
+
+@posix
+def test_ctrl_c_keeps_what_was_measured(tmp_path: Path) -> None:
+    arguments = ("--n", "100000", "--solvers", "lm", "fast", "--targets", "tabletop")
+    process = subprocess.Popen(
+        [sys.executable, str(SCRIPT), "--log", "ik.rrd", *arguments],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    end = monotonic() + 60.0
+    sleep(8.0)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=end - monotonic())
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+    report = json.loads((tmp_path / "ik.json").read_text(encoding="utf-8"))
+    assert report["complete"] is False
+    counts = [row["n"] for row in report["rows"]]
+    assert len(counts) == 2
+    assert counts[0] == counts[1] > 0
+    assert (tmp_path / "ik.png").exists()
+    assert (tmp_path / "ik.rrd").stat().st_size > 10_000
