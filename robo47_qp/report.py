@@ -79,7 +79,7 @@ def versions() -> dict[str, str]:
 def plain(value: object) -> Any:
     """A setting as JSON: dataclasses by field with the name of their class.
 
-    JSON has no infinity and no NaN: they become text.
+    JSON has no infinity and no NaN: they become text. Of any other object, the class is told.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
@@ -93,5 +93,7 @@ def plain(value: object) -> Any:
             return value.value
         case tuple() | list():
             return [plain(item) for item in value]
-        case _:
+        case None | bool() | int() | float() | str():
             return value
+        case _:
+            return {"class": type(value).__name__}

@@ -1,17 +1,28 @@
 """The scenario, as a user meets it: files, exit codes, messages, and what Ctrl-C leaves."""
 
 import json
-import signal
 import subprocess
-import sys
+from io import StringIO
 from pathlib import Path
-from time import monotonic, sleep
 from typing import Any
 
 import pytest
+from mink import SE3
 from rerun.chunk import RrdReader
+from rich.console import Console
 
-from tests.test_command import assert_one_message, posix, run_script
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
+from robo47_qp.ik_benchmark.compare import compare
+from robo47_qp.ik_benchmark.comparison import Comparison, Field
+from robo47_qp.ik_benchmark.judge import Judge
+from robo47_qp.ik_benchmark.options import CompareOptions, chosen
+from robo47_qp.ik_benchmark.targets import uniform
+from robo47_qp.robots.panda import PANDA
+from tests.test_command import assert_one_message, run_script
 
 SCRIPT = Path(__file__).resolve().parents[1] / "scenarios" / "compare_ik.py"
 SOLVERS = ("dls-position", "dls-clip", "qp-osqp", "lm-multi", "default", "fast")
@@ -87,11 +98,7 @@ def test_the_same_seed_gives_the_same_answers_in_another_process(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--n", "0"), ("--n must be 1 or more",)),
-        (("--seed", "-1"), ("--seed",)),
         (("--solvers", "magic"), ("magic", "dls-clip", "fast")),
-        (("--targets", "moon"), ("moon", "tabletop")),
-        (("--log", "ik.txt"), ("--log", ".rrd")),
         (("--log", "/proc/nothing/ik.rrd"), ("/proc/nothing", "cannot be written")),
     ],
 )
@@ -101,26 +108,52 @@ def test_bad_input_is_one_message(
     assert_one_message(run_script(*arguments, cwd=tmp_path, script=SCRIPT), *words)
 
 
-@posix
+class Impatient:
+    """Is interrupted at its fourth target."""
+
+    tolerance = Tolerance()
+
+    def __init__(self) -> None:
+        self._solver, self._asked = LmIk(), 0
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        self._asked += 1
+        if self._asked == 5:
+            raise KeyboardInterrupt
+        return self._solver.solve(arm, T_world_target, q_seed)
+
+
 def test_ctrl_c_keeps_what_was_measured(tmp_path: Path) -> None:
-    arguments = ("--n", "100000", "--solvers", "lm", "fast", "--targets", "tabletop")
-    process = subprocess.Popen(
-        [sys.executable, str(SCRIPT), "--log", "ik.rrd", *arguments],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    end = monotonic() + 60.0
-    sleep(8.0)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=end - monotonic())
-    assert process.returncode == 130, output
-    assert "Traceback" not in output
+    fields = {"uniform": Field(make=uniform, judge=Judge(PANDA))}
+    solvers: dict[str, IkSolver] = {"lm": LmIk(), "impatient": Impatient()}
+    comparison = Comparison(arm=Arm(PANDA), solvers=solvers, fields=fields, n=9)
+    console = Console(file=StringIO())
+    options = CompareOptions(n=9, log=tmp_path / "ik.rrd")
+    assert compare(comparison, options, console, left_out={}, questions=()) == 130
     report = json.loads((tmp_path / "ik.json").read_text(encoding="utf-8"))
     assert report["complete"] is False
-    counts = [row["n"] for row in report["rows"]]
-    assert len(counts) == 2
-    assert counts[0] == counts[1] > 0
-    assert (tmp_path / "ik.png").exists()
+    assert [row["n"] for row in report["rows"]] == [3, 3]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ik.json", "ik.png", "ik.rrd"]
     assert (tmp_path / "ik.rrd").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"n": 0}, "--n must be 1 or more"),
+        ({"seed": -1}, "--seed must be 0 or more"),
+        ({"log": Path("ik.txt")}, r"--log must be a file that ends with \.rrd"),
+        ({"plot": Path("ik.gif")}, r"--plot must be a file that ends with \.png"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidValueError, match=words):
+        CompareOptions(**wrong)
+
+
+def test_names_are_chosen_in_the_order_of_all() -> None:
+    known = {"a": 1, "b": 2, "c": 3}
+    assert chosen("solver", known, ()) == known
+    assert list(chosen("solver", known, ("c", "a"))) == ["a", "c"]
+    with pytest.raises(UnknownNameError, match="No solver is called 'd'; known: a, b, c"):
+        chosen("solver", known, ("d",))

@@ -89,8 +89,8 @@ def test_a_row_says_what_the_judge_found_whatever_the_solver_claims() -> None:
 
 
 def test_every_solver_is_asked_the_same_from_the_same_seeds() -> None:
-    home = Scripted(lambda target, seed, k: seed)
-    other = Scripted(lambda target, seed, k: seed)
+    home = Scripted(lambda _target, seed, _k: seed)
+    other = Scripted(lambda _target, seed, _k: seed)
     for start in Start:
         home.asked.clear()
         other.asked.clear()
@@ -110,7 +110,7 @@ def test_a_solver_cannot_spoil_the_question_for_the_next() -> None:
         seed[:] = 0.0
         return FINE
 
-    honest = Scripted(lambda target, seed, k: seed)
+    honest = Scripted(lambda _target, seed, _k: seed)
     run({"spoiler": Scripted(spoil), "honest": honest}, uniform, n=3)
     for _, seed in honest.asked:
         np.testing.assert_array_equal(seed, PANDA.home)
@@ -130,8 +130,8 @@ def test_the_same_seed_gives_the_same_to_the_bit_and_another_does_not() -> None:
 
 
 def test_a_digest_sees_the_last_bit() -> None:
-    nudged = Scripted(lambda target, seed, k: np.nextafter(seed, 4.0))
-    _, (answers,) = run({"a": Scripted(lambda t, seed, k: seed), "b": nudged}, four, n=1)
+    nudged = Scripted(lambda _target, seed, _k: np.nextafter(seed, 4.0))
+    _, (answers,) = run({"a": Scripted(lambda _t, seed, _k: seed), "b": nudged}, four, n=1)
     assert answers[0].digest() != answers[1].digest()
 
 
@@ -157,24 +157,18 @@ def test_an_interruption_keeps_what_is_paired() -> None:
         return FINE
 
     fields = {"four": Field(make=four, judge=JUDGE)}
-    solvers = {"a": Scripted(known), "b": Scripted(stop)}
+    solvers: dict[str, IkSolver] = {"a": Scripted(known), "b": Scripted(stop)}
     comparison = Comparison(arm=ARM, solvers=solvers, fields=fields, n=4)
-    kept: list[Sequence[Answers]] = []
-    with pytest.raises(KeyboardInterrupt):
-        kept.extend(comparison.run(lambda _field, _done: None))
-    kept = []
     iterator = comparison.run(lambda _field, _done: None)
-    for solver in solvers.values():
-        solver.asked.clear()
-    kept.append(next(iterator))
+    kept = next(iterator)
     with pytest.raises(KeyboardInterrupt):
         next(iterator)
-    assert [answers.n for answers in kept[0]] == [2, 2]
+    assert [answers.n for answers in kept] == [2, 2]
 
 
 def test_missed_is_what_another_reached() -> None:
-    first = Scripted(lambda target, seed, k: FINE if k < 1 else FINE + 0.1)
-    second = Scripted(lambda target, seed, k: FINE if k in (-1, 3) else FINE + 0.1)
+    first = Scripted(lambda _target, _seed, k: FINE if k < 1 else FINE + 0.1)
+    second = Scripted(lambda _target, _seed, k: FINE if k in (-1, 3) else FINE + 0.1)
     _, (answers,) = run({"a": first, "b": second}, four, n=4)
     assert [row["reached_by_any"] for row in rows(answers)] == [2, 2]
     assert [row["missed"] for row in rows(answers)] == [1, 1]
@@ -205,7 +199,7 @@ def test_reasons_are_counted_by_class() -> None:
     assert found["too_far"]["said"] == {"OUT_OF_REACH": 2}
     assert found["nan"]["right"] == 3
     assert sum(row["n"] for row in found.values()) == 20
-    claims = Scripted(lambda target, seed, k: FINE)
+    claims = Scripted(lambda _target, _seed, _k: FINE)
     _, (answers,) = run({"liar": claims}, unreachable, n=5)
     assert all(row["right"] == 0 for row in reason_rows(answers[0]))
     assert set(outcomes(answers[0])) == {Outcome.WRONG_REASON}

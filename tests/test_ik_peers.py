@@ -35,9 +35,7 @@ def peer(request: pytest.FixtureRequest) -> tuple[ModuleType, Any]:
 
 def product_of_exponentials(chain: Chain, q: NDArray[np.float64]) -> NDArray[np.float64]:
     T = np.eye(4)
-    for anchor, axis, slides, value in zip(
-        chain.anchors, chain.axes, chain.slides, q, strict=True
-    ):
+    for anchor, axis, slides, value in zip(chain.anchors, chain.axes, chain.slides, q, strict=True):
         twist = np.zeros((4, 4))
         if slides:
             twist[:3, 3] = axis
@@ -46,7 +44,8 @@ def product_of_exponentials(chain: Chain, q: NDArray[np.float64]) -> NDArray[np.
             twist[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
             twist[:3, 3] = -np.cross(axis, anchor)
         T = T @ expm(twist * value)
-    return T @ chain.T_world_tcp.as_matrix()
+    tool: NDArray[np.float64] = T @ chain.T_world_tcp.as_matrix()
+    return tool
 
 
 def test_the_chain_is_the_arm(arm: Arm, rng: np.random.Generator) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.ik.lm import LmIk
@@ -26,7 +27,12 @@ def configurations(make: Make, n: int, monkeypatch: pytest.MonkeyPatch) -> np.nd
     """The configurations behind a set that is made by forward kinematics."""
     seen: list[np.ndarray] = []
     pose = ARM.pose
-    monkeypatch.setattr(ARM, "pose", lambda q: seen.append(q.copy()) or pose(q))
+
+    def noted(q: np.ndarray) -> SE3:
+        seen.append(q.copy())
+        return pose(q)
+
+    monkeypatch.setattr(ARM, "pose", noted)
     made(make, n)
     return np.array(seen)
 

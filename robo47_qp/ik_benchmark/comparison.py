@@ -106,7 +106,7 @@ class Comparison:
     def _row(self, solver: str, targets: TargetSet) -> Answers:
         """No answers yet, after a solve of what needs no step: it builds what is kept."""
         started = process_time()
-        self.solvers[solver].solve(self.arm, self.arm.pose(self.arm.home), self.arm.home)
+        self.solvers[solver].solve(self.arm, self.arm.pose(self.arm.home), self.arm.home.copy())
         return Answers(
             solver=solver,
             targets=targets,
@@ -115,7 +115,7 @@ class Comparison:
         )
 
     def _answer(self, row: Answers, k: int) -> Answer:
-        target, seed = row.targets.targets[k], row.q_seeds[k]
+        target, seed = row.targets.targets[k], row.q_seeds[k].copy()
         judge = self.fields[row.targets.name].judge
         solve = self.solvers[row.solver].solve
         started = process_time()
