@@ -85,14 +85,13 @@ def plain(value: object) -> Any:
         fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"class": type(value).__name__, **fields}
     match value:
-        case np.ndarray():
-            return plain(value.tolist())
         case float() if not isfinite(value):
             return str(value)
         case Enum():
             return value.value
-        case tuple() | list():
-            return [plain(item) for item in value]
+        case np.ndarray() | tuple() | list():
+            items = value.tolist() if isinstance(value, np.ndarray) else value
+            return [plain(item) for item in items]
         case None | bool() | int() | float() | str():
             return value
         case _:

@@ -25,7 +25,7 @@ from robo47_qp.robots.panda import PANDA
 from tests.test_command import assert_one_message, run_script
 
 SCRIPT = Path(__file__).resolve().parents[1] / "scenarios" / "compare_ik.py"
-SOLVERS = ("dls-position", "dls-clip", "qp-osqp", "lm-multi", "default", "fast")
+SOLVERS = ("dls-position", "dls-clip", "lm", "fast")
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_the_recording_has_targets_and_failures_of_each_solver(
 def test_the_same_seed_gives_the_same_answers_in_another_process(
     done: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
-    choice = ("--solvers", "lm-multi", "fast", "--targets", "tabletop", "hostile")
+    choice = ("--solvers", "lm", "fast", "--targets", "tabletop", "hostile")
     again = run_script("--n", "5", "--json", *choice, cwd=tmp_path, script=SCRIPT, terminal=True)
     assert again.returncode == 0, again.stderr
     second: dict[str, Any] = json.loads(again.stdout)

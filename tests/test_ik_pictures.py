@@ -12,6 +12,7 @@ from robo47_qp.arm import Arm
 from robo47_qp.errors import RecordingError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.solver import IkSolver
 from robo47_qp.ik_benchmark import failure_log
 from robo47_qp.ik_benchmark.answers import Answers
 from robo47_qp.ik_benchmark.comparison import Comparison, Field
@@ -27,7 +28,11 @@ from robo47_qp.ik_benchmark.unreachable import hostile, unreachable
 from robo47_qp.robots.panda import PANDA
 
 ARM = Arm(PANDA)
-SOLVERS = {"dls": DlsIk(clip=False, max_iterations=40), "lm": LmIk(), "lm-multi": LmIk()}
+SOLVERS: dict[str, IkSolver] = {
+    "dls": DlsIk(clip=False, max_iterations=40),
+    "lm": LmIk(),
+    "lm-multi": LmIk(),
+}
 
 
 @pytest.fixture(scope="module")

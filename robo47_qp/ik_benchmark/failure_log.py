@@ -84,7 +84,7 @@ class FailureLog:
         failures: list[Failure] = []
         for answers in own:
             found = outcomes(answers)
-            places = [T.translation() for T in answers.targets.targets[: answers.n]]
+            places = answers.targets.positions(answers.n)
             colours = [COLOURS[outcome] for outcome in found]
             points = rr.Points3D(places, colors=colours, radii=rr.Radius.ui_points(2.5))
             self._stream.log(f"{root}/targets/{answers.targets.name}", points)

@@ -109,7 +109,7 @@ def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], 
         panel.set_visible(False)
     for k, panel in enumerate(panels.ravel()[:count]):
         own = [field[k] for field in fields]
-        places = np.array([T.translation() for a in own for T in a.targets.targets[: a.n]])
+        places = np.concatenate([answers.targets.positions(answers.n) for answers in own])
         results = np.array([outcome.name for a in own for outcome in outcomes(a)])
         foot = arm.model.body(int(arm.model.body_rootid[arm.model.jnt_bodyid[0]])).pos
         across = np.hypot(places[:, 0] - foot[0], places[:, 1] - foot[1])

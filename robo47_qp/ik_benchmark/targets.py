@@ -32,6 +32,15 @@ class TargetSet:
     kinds: Sequence[str] = field(default=())
     """Why each target cannot be reached, a key of `unreachable.EXPECTED`; empty where not told."""
 
+    def positions(self, n: int) -> Matrix:
+        """Where the first n targets are (n, 3), NaN for what is no pose [m]."""
+        found = np.full((n, 3), np.nan)
+        for place, target in zip(found, self.targets, strict=False):
+            numbers = np.asarray(getattr(target, "wxyz_xyz", ()))
+            if numbers.shape == (7,):
+                place[:] = numbers[4:]
+        return found
+
     def __len__(self) -> int:
         """Number of targets."""
         return len(self.targets)
