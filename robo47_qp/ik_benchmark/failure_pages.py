@@ -36,7 +36,7 @@ def _page(solver: str) -> rrb.Horizontal:
         background=(24, 27, 32),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=(2.5, -1.9, 1.5), look_target=(0.0, 0.0, 0.4), eye_up=(0, 0, 1)
+            position=(1.9, -1.5, 1.25), look_target=(0.0, 0.0, 0.4), eye_up=(0, 0, 1)
         ),
     )
     why = rrb.TextDocumentView(name="This failure", origin=f"{origin}/why")
