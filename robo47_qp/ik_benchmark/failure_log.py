@@ -17,6 +17,7 @@ from robo47_qp.rerun_columns import xyzw
 from robo47_qp.rerun_scene import body_name, body_shapes
 from robo47_qp.rerun_stream import RerunStream
 from robo47_qp.robot import Robot
+from robo47_qp.robot_model import compiled, robot_spec
 
 MOST = 200
 """Failures of one solver that are drawn; of more, evenly chosen ones."""
@@ -55,7 +56,7 @@ class FailureLog:
             RecordingError: The file cannot be written.
         """
         self._stream = RerunStream(path, f"robo47_qp ik {robot.name}", pages(solvers), None)
-        self._model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+        self._model = compiled(robot_spec(robot), robot.mjcf)
         self._data = mujoco.MjData(self._model)
         self._q = [int(self._model.joint(name).qposadr[0]) for name in robot.joints]
         self._tcp = self._model.site(robot.tcp).id

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.robot import Robot
+from robo47_qp.robot_model import compiled, robot_spec
 from robo47_qp.scene import BuildScene
 
 LOOSE = Tolerance(position=1e-3, orientation=float(np.radians(0.1)))
@@ -59,10 +60,10 @@ class Judge:
 
     def __init__(self, robot: Robot, build_scene: BuildScene | None = None) -> None:
         """Compile the robot's own file, with obstacles around it where they are given."""
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+        spec = robot_spec(robot)
         if build_scene is not None:
             build_scene(spec)
-        self._model = spec.compile()
+        self._model = compiled(spec, robot.mjcf)
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in robot.joints]
         self._q = [int(joint.qposadr[0]) for joint in joints]
