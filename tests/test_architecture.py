@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays",),
+    ("arrays", "files"),
     ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
     ("robots.*", "arm"),
@@ -31,6 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("runner",),
     ("options",),
     ("command",),
+    ("ik_benchmark.*",),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
@@ -46,12 +47,19 @@ ONLY_IN = {
         "rerun_log",
         "rerun_scene",
         "rerun_stream",
+        "ik_benchmark.failure_log",
+        "ik_benchmark.failure_pages",
     },
-    "matplotlib": {"plots"},
+    "matplotlib": {"plots", "ik_benchmark.plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"menagerie"},
     "tyro": {"command"},
+    "pydrake": {"ik.peers.drake"},
+    "pink": {"ik.peers.pink"},
+    "pinocchio": {"ik.peers.pink"},
+    "optik": {"ik.peers.optik"},
+    "roboticstoolbox": {"ik.peers.toolbox"},
 }
 """Modules of the package that may import a library."""
 TASKS_MAY_USE = {"errors", "simulation", "task", "waypoint"}
