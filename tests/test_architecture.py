@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays",),
+    ("arrays", "comparison", "json_file"),
     ("robot", "waypoint"),
     ("robots.*", "arm"),
     ("ik.*",),
@@ -19,7 +19,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
-    ("metrics", "audit", "plots"),
+    ("metrics", "audit", "plots", "settling", "comparison_page"),
     ("report",),
     ("observer",),
     ("body_poses", "live_viewer", "rerun_columns", "rerun_scene", "rerun_stream"),
@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rerun_log",),
     ("pacing", "terminal", "video"),
     ("runner",),
-    ("options",),
+    ("options", "settling_study"),
     ("command",),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
