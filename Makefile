@@ -36,7 +36,7 @@ fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRE
 	  echo "Not committed, so not in the clone: $$(git status --porcelain | cut -c4- | xargs)"
 	@set -e; folder="$(abspath $(FRESH))"; temporary=; \
 	  if [ -z "$$folder" ]; then temporary=$$(mktemp -d); folder="$$temporary/clone"; fi; \
-	  trap 'test -z "$$temporary" || rm -rf "$$temporary"' EXIT; \
+	  trap 'exit 130' INT TERM; trap 'test -z "$$temporary" || rm -rf "$$temporary"' EXIT; \
 	  echo "Cloning $$(git rev-parse --short HEAD) into $$folder"; \
 	  git clone --quiet "$(CURDIR)" "$$folder"; \
 	  $(AGAIN) -C "$$folder" install; \
