@@ -66,7 +66,7 @@ def test_the_linearisation_is_that_of_the_textbook(model: mujoco.MjModel) -> Non
 
 def test_the_gain_is_that_of_value_iteration(model: mujoco.MjModel, gain: Matrix) -> None:
     A, B = linearised(model)
-    P = np.zeros((4, 4))
+    P, K = np.zeros((4, 4)), np.zeros((1, 4))
     for _ in range(20000):
         K = np.linalg.inv(R + B.T @ P @ B) @ (B.T @ P @ A)
         P, before = Q + A.T @ P @ (A - B @ K), P

@@ -71,6 +71,10 @@ def test_only_the_last_time_outside_counts() -> None:
     assert settling_time(errors, 0.1, 0.05) == pytest.approx(0.095)
 
 
+def test_the_band_is_that_of_the_start_and_not_of_the_largest_error() -> None:
+    assert settling_time(np.array([1.0, 5.0, 0.04, 0.0, 0.0]), 1.0) == pytest.approx(2.5)
+
+
 def test_on_the_band_is_inside() -> None:
     assert settling_time(np.array([1.0, 0.5, 0.5]), 1.0, 0.5) == pytest.approx(1.0)
 
