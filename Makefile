@@ -84,6 +84,7 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 
 clean: ## Remove caches, builds and logs
+	@rm -f RETRO.md
 	@rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -path ./.venv -prune -o -path ./.git -prune -o -name __pycache__ -type d \
 	  -prune -exec rm -rf {} +

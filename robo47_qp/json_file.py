@@ -14,7 +14,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         RecordingError: The file cannot be written, or holds NaN or infinity.
     """
     try:
-        text = json.dumps(content, indent=2, allow_nan=False)
+        text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
     except ValueError as error:
         raise RecordingError(f"{path} must hold finite numbers: {error}.") from error
     try:

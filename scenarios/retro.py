@@ -127,7 +127,9 @@ def run(options: RetroOptions, console: Console) -> int:
         raise RecordingError(f"{options.out} cannot be written: {error.strerror}.") from error
     bad = [entry for entry in compared if not entry.verdict.good]
     for entry in bad:
-        console.print(f"[bold red]not reproduced[/]  {escape(row(entry))}", highlight=False)
+        console.print(
+            f"[bold red]not reproduced[/]  {escape(row(entry))}", highlight=False, soft_wrap=True
+        )
     console.print(f"{outcome(compared)}\n  comparison  {options.out}", soft_wrap=True)
     return FAILED if bad else OK
 
