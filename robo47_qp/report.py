@@ -14,7 +14,7 @@ from robo47_qp import __version__
 from robo47_qp.audit import Finding
 from robo47_qp.run import Run
 
-_PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "rerun-sdk")
+_PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "scipy", "rerun-sdk")
 
 
 def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays", "files"),
+    ("arrays", "comparison", "files", "json_file"),
     ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
     ("robots.*", "arm"),
@@ -21,7 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("robot_loading", "simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
-    ("metrics", "audit", "plots"),
+    ("metrics", "audit", "plots", "settling", "comparison_page"),
     ("report",),
     ("observer",),
     ("body_poses", "live_viewer", "rerun_columns", "rerun_scene", "rerun_stream"),
@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rerun_log",),
     ("pacing", "terminal", "video"),
     ("runner",),
-    ("options",),
+    ("options", "settling_study"),
     ("command",),
     ("ik_benchmark.*",),
 )
