@@ -31,7 +31,7 @@ from tasks.table import add_table
 ROBOT = PANDA
 TOLERANCE = Tolerance()
 """Where every solver may stop."""
-SINGLE, STARTS, EACH = 200, 141, 30
+SINGLE, STARTS, EACH = 200, 101, 30
 """Budgets, the same for all: steps of a single start; starts, and steps of each of them."""
 CLEARANCE = 0.005
 """What one of the solvers keeps between the links [m]."""

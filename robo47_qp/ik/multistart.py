@@ -41,7 +41,7 @@ class MultiStart:
 
     solver: IkSolver
     """What runs from each start; best with few iterations and a stall test of its own."""
-    max_restarts: int = 140
+    max_restarts: int = 100
     """Starts after the first before giving up."""
     seed_first: bool = True
     """Start from the seed; without it, the nearest of the library goes first, which is faster
