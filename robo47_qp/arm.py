@@ -66,7 +66,8 @@ class Arm:
         self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
-        self._q, self._position = d.qpos, d.site_xpos[self._tcp]
+        self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
+        self._position = d.site_xpos[self._tcp]
         self._rotation = d.site_xmat[self._tcp].reshape(3, 3)
         self._quaternion = d.site_xquat[self._tcp]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
@@ -125,12 +126,22 @@ class Arm:
         recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008,
         ch. 5) as implemented by MuJoCo's `mj_inverse`.
         """
-        d = self._data
-        d.qpos[:] = q
-        d.qvel[:] = v
-        d.qacc[:] = a
-        mujoco.mj_inverse(self.model, d)
-        return d.qfrc_inverse.copy()
+        self._q[:] = q
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverse(self.model, self._data)
+        return self._tau.copy()
+
+    @property
+    def tool_site(self) -> int:
+        """Id of the tool frame in `model`."""
+        return int(self._tcp)
+
+    @property
+    def scratch(self) -> mujoco.MjData:
+        """MuJoCo's state of the last call: what `inverse_dynamics` leaves there spares others
+        the kinematics and the factor of M. Any call overwrites it."""
+        return self._data
 
     def limit_margin(self, q: Vector) -> float:
         """Distance of the joint closest to one of its limits; negative outside [rad]."""

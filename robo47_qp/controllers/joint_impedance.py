@@ -1,6 +1,7 @@
 """Joint impedance control with the full dynamics of the arm as feed-forward."""
 
 from dataclasses import dataclass
+from enum import Enum
 from functools import lru_cache
 
 import numpy as np
@@ -8,6 +9,19 @@ import numpy as np
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
+
+
+class FeedForward(Enum):
+    """How much of its dynamics the arm is fed forward; each member adds to the one before."""
+
+    NONE = "none"
+    """Nothing: spring and damper alone."""
+    GRAVITY = "gravity"
+    """g(q): the arm is held up."""
+    CORIOLIS = "coriolis"
+    """c(q, v) and the friction and damping of the joints."""
+    FULL = "full"
+    """M(q) a_ref: the arm follows its reference without an error of the spring."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +40,8 @@ class JointImpedance:
     """Factor on the stiffness that the robot's description names [-]."""
     damping_ratio: float = 1.0
     """ζ: 1 is critically damped at home [-]."""
+    feed_forward: FeedForward = FeedForward.FULL
+    """Which of the arm's dynamics are added to spring and damper."""
 
     def __post_init__(self) -> None:
         """Check the gains.
@@ -40,14 +56,27 @@ class JointImpedance:
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
-        K, D = _gains(arm, self)
-        tau = arm.inverse_dynamics(state.q, state.v, reference.a)
+        K, D = _gains(arm, self.stiffness_scale, self.damping_ratio)
+        tau = _feed_forward(arm, self.feed_forward, reference, state)
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)
         return tau
 
 
+def _feed_forward(
+    arm: Arm, terms: FeedForward, reference: JointReference, state: JointState
+) -> Vector:
+    if terms is FeedForward.FULL:
+        return arm.inverse_dynamics(state.q, state.v, reference.a)
+    still = np.zeros(arm.n)
+    if terms is FeedForward.CORIOLIS:
+        return arm.inverse_dynamics(state.q, state.v, still)
+    if terms is FeedForward.GRAVITY:
+        return arm.inverse_dynamics(state.q, still, still)
+    return still
+
+
 @lru_cache(maxsize=16)
-def _gains(arm: Arm, settings: JointImpedance) -> tuple[Vector, Vector]:
-    K = settings.stiffness_scale * arm.robot.stiffness
-    return K, 2.0 * settings.damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))
+def _gains(arm: Arm, stiffness_scale: float, damping_ratio: float) -> tuple[Vector, Vector]:
+    K = stiffness_scale * arm.robot.stiffness
+    return K, 2.0 * damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))
