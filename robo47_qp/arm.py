@@ -10,13 +10,14 @@ from mink import SE3, SO3
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Matrix, Vector, checked_vector
-from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.errors import ModelError
 from robo47_qp.robot import Robot
+from robo47_qp.robot_model import robot_spec, without_looks
 from robo47_qp.waypoint import Payload
 
 
 class JointState(NamedTuple):
-    """What the joints do at one instant."""
+    """What the joints do at one instant; for those that slide read m for rad."""
 
     q: Vector
     """Position (n,) [rad]."""
@@ -50,7 +51,7 @@ class Arm:
             payload: A body held by the tool, part of the belief.
 
         Raises:
-            UnknownNameError: The MJCF lacks a joint or the tool frame.
+            UnknownNameError: See `robot_spec`.
             ModelError: The MJCF does not compile to the n joints of the robot, or a joint
                 has no position limits.
         """
@@ -144,7 +145,7 @@ class Arm:
         return self._data
 
     def limit_margin(self, q: Vector) -> float:
-        """Distance of the joint closest to one of its limits; negative outside [rad]."""
+        """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
         return float(min((q - self.q_min).min(), (self.q_max - q).min()))
 
     def beyond_reach(self, position: Vector) -> float:
@@ -160,11 +161,13 @@ class Arm:
 
     def _shoulder_and_reach(self) -> tuple[Vector, float]:
         m, d = self.model, self._at(self.home)
-        points = [*d.xanchor, d.site_xpos[self._tcp]]
-        links = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
+        points, reach = [*d.xanchor, d.site_xpos[self._tcp]], 0.0
         slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-        travel = float((m.jnt_range[slides, 1] - m.jnt_range[slides, 0]).sum())
-        return points[0].copy(), links + travel
+        for i, (a, b) in enumerate(pairwise(points)):
+            # A link behind a slide is longest at one of its ends.
+            travel = [q[i] - self.home[i] if slides[i] else 0.0 for q in (self.q_min, self.q_max)]
+            reach += max(float(np.linalg.norm(b - a + t * d.xaxis[i])) for t in travel)
+        return points[0].copy(), reach
 
     def _at(self, q: Vector) -> mujoco.MjData:
         self._q[:] = q
@@ -173,30 +176,20 @@ class Arm:
 
 
 def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
-    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
-    known = [joint.name for joint in spec.joints]
-    for name in robot.joints:
-        if name not in known:
-            raise UnknownNameError("joint", name, known)
-    tcp = spec.site(robot.tcp)
-    if tcp is None:
-        raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
+    spec = robot_spec(robot)
+    tcp: Any = spec.site(robot.tcp)
     drives: list[Any] = [
         *spec.actuators,
         *spec.sensors,
         *spec.tendons,
         *spec.equalities,
-        *spec.keys,
     ]
     for element in drives:
         spec.delete(element)
     for joint in list(spec.joints):
         if joint.name not in robot.joints:
             spec.delete(joint)
-    for geom in list(spec.geoms):
-        drawn_only = geom.contype == 0 and geom.conaffinity == 0
-        if drawn_only and geom.parent.explicitinertial:
-            spec.delete(geom)
+    without_looks(spec)
     if payload is not None:
         # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
         # however the site's orientation is written.
@@ -219,6 +212,13 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
         raise ModelError(
             f"Robot {robot.name!r} names the joints {robot.joints}; its model has {order} "
             "in that order once all others are welded. List them from base to tip."
+        )
+    sliding = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)
+    slides = tuple(order[i] for i in sliding)
+    if set(slides) != set(robot.slides):
+        raise ModelError(
+            f"Robot {robot.name!r} says that of its joints {robot.slides} slide; in its model "
+            f"{slides} do. List those as `slides`."
         )
     if not model.jnt_limited.all():
         free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]

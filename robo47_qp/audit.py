@@ -43,15 +43,21 @@ def audit(run: Run) -> list[Finding]:
     robot, joints = scenario.robot, scenario.robot.joints
     profile = scenario.planner.profile.slowed(scenario.planner.speed)
     tau, a_ref = rows["joints/tau_command"], rows["joints/a_ref"]
+    unit = robot.units
+    efforts = ["N" if u == "m" else "N·m" for u in unit]
+    v, a, jerk, rate = (
+        [u + per for u in units]
+        for units, per in ((unit, "/s"), (unit, "/s²"), (unit, "/s³"), (efforts, "/s"))
+    )
     findings = [
-        *_within("reference q", joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
-        _bounded("reference v", "rad/s", joints, rows["joints/v_ref"], profile.v_max),
-        _bounded("reference a", "rad/s²", joints, a_ref, profile.a_max),
-        _bounded("reference jerk", "rad/s³", joints, _rate(a_ref), profile.j_max),
-        *_within("measured q", joints, rows["joints/q"], arm.q_min, arm.q_max),
-        _bounded("measured v", "rad/s", joints, rows["joints/v"], robot.rated.v_max),
-        _bounded("torque", "N·m", joints, tau, robot.tau_max),
-        _bounded("torque rate", "N·m/s", joints, _rate(tau), robot.tau_rate_max),
+        *_within("reference q", unit, joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
+        _bounded("reference v", v, joints, rows["joints/v_ref"], profile.v_max),
+        _bounded("reference a", a, joints, a_ref, profile.a_max),
+        _bounded("reference jerk", jerk, joints, _rate(a_ref), profile.j_max),
+        *_within("measured q", unit, joints, rows["joints/q"], arm.q_min, arm.q_max),
+        _bounded("measured v", v, joints, rows["joints/v"], robot.rated.v_max),
+        _bounded("torque", efforts, joints, tau, robot.tau_max),
+        _bounded("torque rate", rate, joints, _rate(tau), robot.tau_rate_max),
     ]
     for signal, column, limit in (
         ("LIN commanded", "tool/pose_ref", LIN_COMMANDED),
@@ -59,19 +65,19 @@ def audit(run: Run) -> list[Finding]:
     ):
         off = _off_line(run.phases, rows[column][:, :3])
         if off is not None:
-            findings.append(_bounded(signal, "m", ("tool",), off, np.array([limit])))
+            findings.append(_bounded(signal, ["m"], ("tool",), off, np.array([limit])))
     return findings
 
 
 def _bounded(
-    signal: str, unit: str, names: Sequence[str], values: Matrix, bound: Vector
+    signal: str, units: Sequence[str], names: Sequence[str], values: Matrix, bound: Vector
 ) -> Finding:
     """The column that uses most of its symmetric bound."""
     use = np.abs(values) / bound
     row, column = divmod(int(np.argmax(use)), use.shape[1])
     return Finding(
         signal=f"{signal} ({names[column]})",
-        unit=unit,
+        unit=units[column],
         limit=float(bound[column]),
         extreme=float(np.abs(values[row, column])),
         time=row * TIMESTEP,
@@ -80,7 +86,12 @@ def _bounded(
 
 
 def _within(
-    signal: str, names: Sequence[str], values: Matrix, low: Vector, high: Vector
+    signal: str,
+    units: Sequence[str],
+    names: Sequence[str],
+    values: Matrix,
+    low: Vector,
+    high: Vector,
 ) -> list[Finding]:
     """The columns that come closest to their lower and to their upper bound."""
     findings = []
@@ -89,7 +100,7 @@ def _within(
         findings.append(
             Finding(
                 signal=f"{signal} {side} ({names[column]})",
-                unit="rad",
+                unit=units[column],
                 limit=float(bound[column]),
                 extreme=float(values[row, column]),
                 time=row * TIMESTEP,

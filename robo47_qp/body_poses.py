@@ -24,8 +24,10 @@ class BodyPoses:
         objects = free_bodies(model)
         self._sources: list[tuple[str, list[int]]] = [
             ("joints/q", [_address(model, name) for name in robot.joints]),
-            ("gripper/fingers", [_address(model, name) for name in robot.gripper.joints]),
         ]
+        if robot.gripper is not None:
+            fingers = [_address(model, name) for name in robot.gripper.joints]
+            self._sources.append(("gripper/fingers", fingers))
         for name in objects:
             first = int(model.jnt_qposadr[model.body(name).jntadr[0]])
             self._sources.append((f"objects/{name}", list(range(first, first + 7))))

@@ -37,6 +37,37 @@ class ModelError(Robo47Error):
     """A robot description that cannot be compiled into the model it promises."""
 
 
+class MenagerieError(ModelError):
+    """A model of MuJoCo Menagerie that cannot be had.
+
+    Attributes:
+        model: Directory and file that were asked for.
+        looked_in: Where it was looked for.
+    """
+
+    def __init__(self, model: str, looked_in: str, why: str) -> None:
+        """Tell what was asked, where it was looked for, and why that failed."""
+        super().__init__(
+            f"Menagerie's {model} cannot be loaded from {looked_in}: {why}. Set MENAGERIE_ROOT "
+            "to a checkout of MuJoCo Menagerie (github.com/google-deepmind/mujoco_menagerie); "
+            "without it the package mujoco-menagerie fetches the model at first use."
+        )
+        self.model = model
+        self.looked_in = looked_in
+
+
+class NoGripperError(Robo47Error):
+    """A gripper was asked for and the robot has none."""
+
+    def __init__(self, robot: str, wanted: str) -> None:
+        """Name the robot and what needs a gripper."""
+        super().__init__(
+            f"Robot {robot!r} has no gripper, and {wanted} needs one. Choose a robot with a "
+            "gripper, or a task without grips."
+        )
+        self.robot = robot
+
+
 class PlanError(Robo47Error):
     """A waypoint that cannot be reached, or a motion that cannot be planned to it.
 

@@ -25,16 +25,18 @@ def plot_run(run: Run, path: Path) -> None:
     axes = figure.subplot_mosaic(
         [["above", "joint"], ["above", "tool"], ["side", "torque"]], width_ratios=[1.0, 1.6]
     )
-    rows, t = run.rows, run.rows["time"][:, 0]
+    robot, rows, t = run.scenario.robot, run.rows, run.rows["time"][:, 0]
     _tool_path(axes["above"], rows, run, (0, 1))
     _tool_path(axes["side"], rows, run, (1, 2))
     axes["above"].legend(loc="upper right", frameon=False)
-    for i, joint in enumerate(run.scenario.robot.joints):
+    for i, joint in enumerate(robot.joints):
         axes["joint"].plot(t, 1e3 * rows["errors/q"][:, i], lw=0.8, label=joint)
-        use = rows["joints/tau"][:, i] / run.scenario.robot.tau_max[i]
+        use = rows["joints/tau"][:, i] / robot.tau_max[i]
         axes["torque"].plot(t, 100 * use, lw=0.8)
-    axes["joint"].set_ylabel("joint error [mrad]")
-    axes["joint"].legend(ncols=7, frameon=False, fontsize=8, loc="upper center", borderpad=0)
+    axes["joint"].set_ylabel(f"joint error [{robot.unit('mrad', 'mm')}]")
+    axes["joint"].legend(
+        ncols=len(robot.joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
+    )
     axes["joint"].margins(y=0.25)
     axes["tool"].plot(t, 1e3 * rows["errors/tool_position"][:, 0], lw=0.8, color=_BLUE)
     axes["tool"].set_ylabel("tool error [mm]")

@@ -9,7 +9,7 @@ from rerun.blueprint.encodings import TimelineColumn, VisualizerComponentMapping
 
 from robo47_qp.rerun_columns import component
 from robo47_qp.rerun_stream import TIMELINE
-from robo47_qp.robot import Robot
+from robo47_qp.robot import Gripper, Robot
 
 SIGNALS, LIMITS, PHASES, EVENTS, SUMMARY = "signals", "limits", "phases", "events", "summary"
 """Entities outside the 3-D scene."""
@@ -34,9 +34,62 @@ _RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 
 def blueprint(robot: Robot) -> rrb.Blueprint:
     """The layout: the scene and what happened on the left, plots on the right."""
-    joints, gripper = robot.joints, robot.gripper
-    wide, strong = _rounded_up(gripper.width_max), _rounded_up(float(robot.tau_max.max()))
-    grip = rrb.Horizontal(
+    joints, unit = robot.joints, robot.unit
+    strong = _rounded_up(float(robot.tau_max.max()))
+    texts = rrb.Horizontal(
+        rrb.TextLogView(name="Events", origin=EVENTS, columns=_event_columns()),
+        rrb.TextDocumentView(name="Summary", origin=SUMMARY),
+        column_shares=[3, 2],
+    )
+    phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
+    left: list[tuple[rrb.View | rrb.Container, float]] = [
+        (_scene(), 4.6),
+        (phases, 0.95),
+        (texts, 2.2),
+    ]
+    if robot.gripper is not None:
+        left.append((_grip(robot.gripper), 1.9))
+    left.append((texts, 2.2))
+    # Joints have one colour everywhere: one legend is enough and covers no other plot.
+    right = rrb.Grid(
+        _plot(
+            f"Joint position [{unit('rad', 'm')}]",
+            "joints/q",
+            joints,
+            under="joints/q_ref",
+            limits="limits/q",
+        ),
+        _plot(f"Joint velocity [{unit('rad/s', 'm/s')}]", "joints/v", joints, limits="limits/v"),
+        _plot(
+            f"Joint torque [{unit('N·m', 'N')}]",
+            "joints/tau",
+            joints,
+            limits="limits/tau",
+            span=(-1.1 * strong, 1.1 * strong),
+            legend=_RIGHT_TOP,
+        ),
+        _plot(f"Joint tracking error [{unit('rad', 'm')}]", "errors/q", joints),
+        _plot("Tool position error [m]", "errors/tool_position", ("distance",)),
+        _plot("Tool angle error [rad]", "errors/tool_angle", ("angle",)),
+        grid_columns=2,
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(*(view for view, _ in left), row_shares=[share for _, share in left]),
+            right,
+            column_shares=[1, 1],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _grip(gripper: Gripper) -> rrb.Container:
+    wide = _rounded_up(gripper.width_max)
+    return rrb.Horizontal(
         _plot(
             "Gripper width [m]",
             "gripper/width",
@@ -46,38 +99,6 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
             legend=_RIGHT_BOTTOM,
         ),
         _plot("Finger force [N]", "gripper/force", gripper.fingers, legend=_RIGHT_TOP),
-    )
-    texts = rrb.Horizontal(
-        rrb.TextLogView(name="Events", origin=EVENTS, columns=_event_columns()),
-        rrb.TextDocumentView(name="Summary", origin=SUMMARY),
-        column_shares=[3, 2],
-    )
-    phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
-    left = rrb.Vertical(_scene(), phases, grip, texts, row_shares=[4.6, 0.95, 1.9, 2.2])
-    # Joints have one colour everywhere: one legend is enough and covers no other plot.
-    right = rrb.Grid(
-        _plot("Joint position [rad]", "joints/q", joints, under="joints/q_ref", limits="limits/q"),
-        _plot("Joint velocity [rad/s]", "joints/v", joints, limits="limits/v"),
-        _plot(
-            "Joint torque [N·m]",
-            "joints/tau",
-            joints,
-            limits="limits/tau",
-            span=(-1.1 * strong, 1.1 * strong),
-            legend=_RIGHT_TOP,
-        ),
-        _plot("Joint tracking error [rad]", "errors/q", joints),
-        _plot("Tool position error [m]", "errors/tool_position", ("distance",)),
-        _plot("Tool angle error [rad]", "errors/tool_angle", ("angle",)),
-        grid_columns=2,
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[1, 1]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
-        auto_layout=False,
-        auto_views=False,
     )
 
 

@@ -67,10 +67,9 @@ class RerunLog(Observer):
         page = layout.blueprint(robot)
         self._stream = RerunStream(path, f"robo47_qp {robot.name}", page, viewer)
         self._poses = BodyPoses(model, robot)
-        contacts = {f"gripper/{finger}_contact" for finger in robot.gripper.fingers}
-        left_out = {"time", "phase", "gripper/fingers", *contacts}
-        self._columns = [SignalColumn(signal) for signal in signals if signal.name not in left_out]
+        self._columns = [SignalColumn(signal) for signal in signals if _is_shown(signal.name)]
         self._limits = limit_columns(model, robot)
+        self._unit = robot.unit("rad", "m")
         self._markers: dict[str, Vector] = {}
         self._last_frame, self._last_tool = -1.0, np.empty((0, 3))
         self._now = self._next_flush = 0.0
@@ -122,7 +121,7 @@ class RerunLog(Observer):
             f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
             f"{ik.iterations} steps, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, off by "
             f"{1e6 * ik.position_error:.2g} µm and {1e6 * ik.orientation_error:.2g} µrad, "
-            f"{ik.limit_margin:.2f} rad from a joint limit",
+            f"{ik.limit_margin:.2f} {self._unit} from a joint limit",
         )
 
     def phase(self, time: float, name: str) -> None:
@@ -218,6 +217,11 @@ class RerunLog(Observer):
             strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
             lines = rr.LineStrips3D.columns(strips=strips)
             self._stream.send(layout.PATH, times[-len(strips) :], list(lines))
+
+
+def _is_shown(signal: str) -> bool:
+    """Not what only helps to compute others: the contact forces' parts, the fingers alone."""
+    return signal not in {"time", "phase", "gripper/fingers"} and not signal.endswith("_contact")
 
 
 def _frame(T: Matrix) -> rr.Arrows3D:

@@ -8,7 +8,7 @@ import numpy as np
 from robo47_qp import signals
 from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix
-from robo47_qp.errors import PlanError
+from robo47_qp.errors import NoGripperError, PlanError
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.observer import Observer
@@ -60,9 +60,13 @@ class Runner:
 
         Raises:
             PlanError: One of them cannot be reached.
+            NoGripperError: One of them asks for a grip and the robot has no gripper.
         """
         legs, q = [], self._reference
+        robot = self.scenario.robot
         for waypoint in self.scenario.task.outlook(self._sim):
+            if waypoint.grip is not None and robot.gripper is None:
+                raise NoGripperError(robot.name, f"waypoint {waypoint.name!r}")
             legs.append(self.scenario.planner.plan(self._arm, waypoint, q, TIMESTEP))
             q = legs[-1].trajectory.end.q
         return legs
@@ -77,7 +81,8 @@ class Runner:
         Raises:
             RecordingError: A sink could not keep the recording.
         """
-        derive = _Derive(self.scenario.robot.gripper.fingers)
+        gripper = self.scenario.robot.gripper
+        derive = _Derive(() if gripper is None else gripper.fingers)
         self._recording = Recording(self.signals, sinks=(derive, *sinks))
         self._observers = tuple(observers)
         task = self.scenario.task

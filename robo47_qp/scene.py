@@ -1,12 +1,14 @@
 """Scene: robot, task objects and physics options compiled into one MuJoCo model."""
 
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robot import Robot
+from robo47_qp.robot_model import robot_spec
 
 TIMESTEP = 1e-3
 """Period of control and physics [s]."""
@@ -25,7 +27,7 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
         UnknownNameError: The robot's model lacks a name that the description uses.
         ModelError: The joints or motors of the robot do not lie side by side.
     """
-    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    spec = robot_spec(robot)
     _check_names(robot, spec)
     option = spec.option
     option.timestep = TIMESTEP
@@ -35,7 +37,7 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10.0
     option.noslip_iterations = 5
-    for finger in robot.gripper.fingers:
+    for finger in () if robot.gripper is None else robot.gripper.fingers:
         spec.add_sensor(
             name=contact_sensor(finger),
             type=mujoco.mjtSensor.mjSENS_CONTACT,
@@ -76,14 +78,17 @@ def mocap_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def _check_names(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """What `robot_spec` has not looked for: motors, and all of the gripper."""
+    wanted: list[tuple[str, tuple[str, ...], Any]] = [("motor", robot.motors, spec.actuators)]
     gripper = robot.gripper
-    for kind, wanted, elements in (
-        ("joint", robot.joints + gripper.joints, spec.joints),
-        ("motor", (*robot.motors, gripper.actuator), spec.actuators),
-        ("body", gripper.fingers, spec.bodies),
-        ("site", (robot.tcp,), spec.sites),
-    ):
+    if gripper is not None:
+        wanted += [
+            ("joint", gripper.joints, spec.joints),
+            ("motor", (gripper.actuator,), spec.actuators),
+            ("body", gripper.fingers, spec.bodies),
+        ]
+    for kind, names, elements in wanted:
         known = [element.name for element in elements]
-        for name in wanted:
+        for name in names:
             if name not in known:
                 raise UnknownNameError(kind, name, known)

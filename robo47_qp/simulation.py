@@ -8,16 +8,10 @@ from mink import SE3
 
 from robo47_qp.arm import JointState
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.robot import Robot
-from robo47_qp.scene import (
-    TIMESTEP,
-    BuildScene,
-    compile_scene,
-    contact_sensor,
-    free_bodies,
-    mocap_bodies,
-)
+from robo47_qp.errors import InvalidValueError, NoGripperError, UnknownNameError
+from robo47_qp.robot import Gripper, Robot
+from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene, free_bodies, mocap_bodies
+from robo47_qp.simulated_gripper import SimulatedGripper
 from robo47_qp.waypoint import Grip
 
 
@@ -44,42 +38,38 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self.objects = free_bodies(self.model)
         self.markers = mocap_bodies(self.model)
-        m, d, n, gripper = self.model, self.data, len(robot.joints), robot.gripper
+        m, d, n = self.model, self.data, len(robot.joints)
         # The arrays of MjData keep their place: each view is taken once.
         first, motor = m.joint(robot.joints[0]), m.actuator(robot.motors[0]).id
         q, dof = first.qposadr[0], first.dofadr[0]
         self._q, self._v, self._a = d.qpos[q : q + n], d.qvel[dof : dof + n], d.qacc[dof : dof + n]
-        self._bias = d.qfrc_bias[dof : dof + n]
+        self._bias, self._passive = d.qfrc_bias[dof : dof + n], d.qfrc_passive[dof : dof + n]
         self._ctrl, self._tau = d.ctrl[motor : motor + n], d.qfrc_actuator[dof : dof + n]
         tcp = m.site(robot.tcp).id
         self._tcp_position, self._tcp_quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
-        left, right = (m.joint(name) for name in gripper.joints)
-        self._left, self._right = d.qpos[left.qposadr[0] :], d.qpos[right.qposadr[0] :]
-        self._left_v, self._right_v = d.qvel[left.dofadr[0] :], d.qvel[right.dofadr[0] :]
-        self._servo = m.actuator(gripper.actuator).id
-        self._forces = [d.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
+        hand = None if robot.gripper is None else SimulatedGripper(robot.gripper, m, d)
+        self._hand = hand
         self._poses = {name: d.qpos[_free_joint(m, name).qposadr[0] :][:7] for name in self.objects}
         self._twists = {name: d.qvel[_free_joint(m, name).dofadr[0] :][:6] for name in self.objects}
         self._views_now = (
             *(self._q, self._v, self._tcp_position, self._tcp_quaternion),
-            *(self._left[:1], self._right[:1], d.ctrl[self._servo : self._servo + 1]),
+            *(() if hand is None else hand.views_now),
             *self._poses.values(),
         )
-        self._views_last = (self._a, self._tau, *self._forces)
+        self._views_last = (self._a, self._tau, *(() if hand is None else hand.views_last))
         self._tau_step = robot.tau_rate_max * TIMESTEP
         self._tau_low, self._tau_high = np.empty(n), np.empty(n)
-        self._grip = Grip(width=gripper.width_max, force=gripper.force_max)
         self.reset()
 
     def reset(self) -> None:
         """Robot at home, at rest, held against gravity; gripper open; objects as built."""
         mujoco.mj_resetData(self.model, self.data)
-        gripper = self.robot.gripper
         self._q[:] = self.robot.home
-        self._left[0] = self._right[0] = gripper.width_max / 2
-        self.command_grip(Grip(width=gripper.width_max, force=gripper.force_max))
+        if self._hand is not None:
+            self._hand.reset()
         mujoco.mj_forward(self.model, self.data)
-        np.clip(self._bias, -self.robot.tau_max, self.robot.tau_max, out=self._ctrl)
+        limit = self.robot.tau_max
+        np.clip(self._bias - self._passive, -limit, limit, out=self._ctrl)
         mujoco.mj_step1(self.model, self.data)
 
     def step(self, tau: Vector) -> None:
@@ -103,28 +93,28 @@ class Simulation:
         np.minimum(ctrl, high, out=ctrl)
         np.minimum(ctrl, limit, out=ctrl)
         np.maximum(ctrl, -limit, out=ctrl)
-        self._move_servo()
+        if self._hand is not None:
+            self._hand.move()
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
+
+    @property
+    def gripper(self) -> Gripper:
+        """The robot's gripper.
+
+        Raises:
+            NoGripperError: It has none.
+        """
+        return self._needed("the task").gripper
 
     def command_grip(self, grip: Grip) -> None:
         """Let the fingers move to a width, at the gripper's speed and with a bounded force.
 
         Raises:
             InvalidValueError: Width or force are outside what the gripper can do.
+            NoGripperError: The robot has no gripper.
         """
-        gripper = self.robot.gripper
-        if not 0.0 <= grip.width <= gripper.width_max:
-            expected = f"between 0 and {gripper.width_max} [m]"
-            raise InvalidValueError("grip width", grip.width, expected)
-        if not 0.0 < grip.force <= gripper.force_max:
-            expected = f"above 0 and at most {gripper.force_max} [N]"
-            raise InvalidValueError("grip force", grip.force, expected)
-        self._grip = grip
-        # The servo's target lies beyond an object that it squeezes: a new move starts here.
-        self.data.ctrl[self._servo] = min(max(self.width(), 0.0), gripper.width_max)
-        limit = grip.force * gripper.force_gain
-        self.model.actuator_forcerange[self._servo] = (-limit, limit)
+        self._needed("a grip").command(grip)
 
     @property
     def time(self) -> float:
@@ -149,22 +139,19 @@ class Simulation:
 
     def width(self) -> float:
         """Opening width of the gripper now [m]."""
-        return float(self._left[0] + self._right[0])
+        return self._needed("its width").width()
 
     def width_speed(self) -> float:
         """Rate of the opening width now [m/s]."""
-        return float(self._left_v[0] + self._right_v[0])
+        return self._needed("its width").width_speed()
 
     def width_command(self) -> float:
         """Opening width that the gripper's servo holds to now [m]."""
-        return float(self.data.ctrl[self._servo])
+        return self._needed("its width").width_command()
 
     def grip_settled(self) -> bool:
         """True once the fingers stand still, at the width asked for or at the full force."""
-        force = float(self.data.actuator_force[self._servo]) / self.robot.gripper.force_gain
-        towards = force if self._grip.width > self.width() else -force
-        there = self.width_command() == self._grip.width or towards > 0.99 * self._grip.force
-        return there and abs(self.width_speed()) < 1e-3
+        return self._needed("a grip").settled()
 
     def last_acceleration(self) -> Vector:
         """Joint accelerations in the last period (n,) [rad/s²]."""
@@ -176,7 +163,7 @@ class Simulation:
 
     def last_finger_forces(self) -> Vector:
         """Size of the net contact force on each finger in the last period (2,) [N]."""
-        return np.array([np.sqrt(force @ force) for force in self._forces])
+        return self._needed("the force of its fingers").forces()
 
     def object_pose(self, name: str) -> SE3:
         """T_world_object now.
@@ -237,12 +224,10 @@ class Simulation:
             raise UnknownNameError("object", name, self.objects)
         return name
 
-    def _move_servo(self) -> None:
-        ctrl, wanted = self.data.ctrl, self._grip.width
-        now = float(ctrl[self._servo])
-        if now != wanted:
-            step = self.robot.gripper.speed_max * TIMESTEP
-            ctrl[self._servo] = min(max(wanted, now - step), now + step)
+    def _needed(self, wanted: str) -> SimulatedGripper:
+        if self._hand is None:
+            raise NoGripperError(self.robot.name, wanted)
+        return self._hand
 
 
 def _free_joint(model: mujoco.MjModel, body: str) -> mujoco._structs._MjModelJointViews:

@@ -1,13 +1,13 @@
 """Looks: MuJoCo Menagerie's meshes in place of a robot's primitive shapes."""
 
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import mujoco
 
-from robo47_qp.errors import MissingExtraError, ModelError, UnknownNameError
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.menagerie import menagerie_file
 from robo47_qp.robot import Robot
+from robo47_qp.robot_model import read_spec
 from robo47_qp.scene import BuildScene
 
 _VISUAL_GROUP = 2
@@ -22,27 +22,17 @@ def with_menagerie_looks(robot: Robot, build_scene: BuildScene) -> BuildScene:
 
     Raises:
         UnknownNameError: The robot has no model in Menagerie.
-        MissingExtraError: The package that provides Menagerie is not installed.
-        ModelError: Menagerie's files cannot be fetched.
+        MissingExtraError, ModelError: See `menagerie_file`.
     """
     if robot.menagerie is None:
         raise UnknownNameError("Menagerie model", robot.name, ())
-    directory, entry = robot.menagerie.split("/")
-    try:
-        menagerie: Any = import_module("mujoco_menagerie")
-    except ImportError as error:
-        raise MissingExtraError("--visuals menagerie", "mujoco-menagerie", "visuals") from error
-    try:
-        meshes = Path(menagerie.get(directory).path())
-        looks = mujoco.MjSpec.from_file(str(meshes / f"{entry}.xml"))
-    except (menagerie.MenagerieError, OSError, ValueError) as error:
-        raise ModelError(
-            f"Menagerie's {directory} cannot be loaded: {error}. It is fetched at first use; "
-            "without network, set MENAGERIE_ROOT to a checkout of MuJoCo Menagerie."
-        ) from error
+    file = menagerie_file(robot.menagerie)
+    if robot.mjcf == file:
+        return build_scene  # the robot wears them already
+    looks = read_spec(file)
 
     def build(spec: mujoco.MjSpec) -> None:
-        _dress(spec, looks, meshes / looks.meshdir)
+        _dress(spec, looks, file.parent / looks.meshdir)
         build_scene(spec)
 
     return build

@@ -86,7 +86,7 @@ def _replay(done: Run) -> float:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     task.reset(simulation, None)
-    simulation.command_grip(Grip(width=PANDA.gripper.width_max, force=task.grip_force))
+    simulation.command_grip(Grip(width=simulation.gripper.width_max, force=task.grip_force))
     m, d = simulation.model, simulation.data
     controls = np.hstack([done.rows["joints/tau"], done.rows["gripper/width_command"]])
     started = perf_counter()
@@ -120,7 +120,7 @@ def _columns(done: Run) -> float:
         simulation.write_last(row_last)
     for first in range(0, len(rows), 400):
         block = Rows(rows.signals, rows.values[first : first + 400])
-        signals.derive(block, PANDA.gripper.fingers)
+        signals.derive(block, simulation.gripper.fingers)
     return perf_counter() - started
 
 

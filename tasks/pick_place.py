@@ -131,7 +131,7 @@ class PickPlace:
             )
             return Failure(cause=Cause.PLACE, evidence=evidence)
         away = float(np.abs(simulation.state().q - simulation.robot.home).max())
-        open_width = simulation.robot.gripper.width_max - 1e-3
+        open_width = simulation.gripper.width_max - 1e-3
         if away > 0.01 or simulation.width() < open_width:
             evidence = (
                 f"a joint is {away:.3f} rad from home, the gripper is open "
@@ -210,7 +210,7 @@ class PickPlace:
         return Waypoint(name="back off", target=target, motion=Motion.LIN, grip=grip)
 
     def _open(self, simulation: Simulation) -> Grip:
-        return Grip(width=simulation.robot.gripper.width_max, force=self.grip_force)
+        return Grip(width=simulation.gripper.width_max, force=self.grip_force)
 
     def _not_held(self, simulation: Simulation) -> str | None:
         """What speaks against the cube being between the fingers; None where it is."""

@@ -1,30 +1,33 @@
 """Fixtures for every test: each robot of the package, its arm, and MuJoCo's own view of it."""
 
-import importlib
-import pkgutil
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from robo47_qp import robots
 from robo47_qp.arm import Arm
 from robo47_qp.robot import Robot
 from tests.plain_arm import PlainArm
+from tests.robots import MAKERS, is_meant_for, robot_or_skip
 
 # The same examples in every run: a failure of the suite is a fact about the code.
 settings.register_profile("robo47", deadline=None, derandomize=True, database=None, max_examples=40)
 settings.load_profile("robo47")
 
 
-def _discovered() -> Iterator[Robot]:
-    for module in pkgutil.iter_modules(robots.__path__, f"{robots.__name__}."):
-        members = vars(importlib.import_module(module.name)).values()
-        yield from (member for member in members if isinstance(member, Robot))
-
-
-ROBOTS = list(_discovered())
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out tests on robots that they are not meant for."""
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        name = item.callspec.params.get("robot") if hasattr(item, "callspec") else None
+        test = getattr(item, "originalname", item.name)
+        fits = name is None or is_meant_for(item.path.stem, test, name)
+        (kept if fits else left_out).append(item)
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = kept
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -35,10 +38,9 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", params=ROBOTS, ids=lambda robot: robot.name)
+@pytest.fixture(scope="session", params=list(MAKERS))
 def robot(request: pytest.FixtureRequest) -> Robot:
-    found: Robot = request.param
-    return found
+    return robot_or_skip(request.param)
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ class PlainArm:
         self.full = mujoco.MjModel.from_xml_path(str(robot.mjcf))
         self.welded = mujoco.MjModel.from_xml_string(_welded(robot, payload))
         self._full, self._welded = mujoco.MjData(self.full), mujoco.MjData(self.welded)
-        joints = [self.full.joint(name) for name in robot.joints]
+        joints = [_joint(self.full, name) for name in robot.joints]
         self._q = [int(joint.qposadr[0]) for joint in joints]
         dofs = [int(joint.dofadr[0]) for joint in joints]
         self.n = len(joints)
@@ -46,8 +46,13 @@ class PlainArm:
 
     def tool(self, q: Vector) -> tuple[Vector, Matrix]:
         """Position and rotation matrix of the tool in the world."""
-        site = self._at(q).site(self.robot.tcp)
-        return site.xpos.copy(), site.xmat.reshape(3, 3).copy()
+        data, tool = self._at(q), self.robot.tool
+        if tool is None:
+            site = data.site(self.robot.tcp)
+            return site.xpos.copy(), site.xmat.reshape(3, 3).copy()
+        body = data.body(tool.body)
+        R, T_body_tcp = body.xmat.reshape(3, 3), tool.T_body_tcp.as_matrix()
+        return body.xpos + R @ T_body_tcp[:3, 3], R @ T_body_tcp[:3, :3]
 
     def errors(self, q: Vector, T_world_target: SE3) -> tuple[float, float]:
         """Distance [m] and angle [rad] of the tool from a target."""
@@ -141,6 +146,13 @@ class PlainArm:
         return bodies
 
 
+def _joint(model: mujoco.MjModel, name: str) -> mujoco._structs._MjModelJointViews:
+    """A joint without a name in the file goes by that of its body."""
+    if name.endswith("_joint0"):
+        return model.joint(int(model.body(name.removesuffix("_joint0")).jntadr[0]))
+    return model.joint(name)
+
+
 def welded_file(robot: Robot, folder: Path) -> Path:
     """The welded model as a file, to be changed by a test."""
     path = folder / "welded.xml"
@@ -150,12 +162,19 @@ def welded_file(robot: Robot, folder: Path) -> Path:
 
 def _welded(robot: Robot, payload: Payload | None) -> str:
     root = ET.parse(robot.mjcf).getroot()
+    for compiler in root.findall("compiler"):
+        if "meshdir" in compiler.attrib:
+            compiler.set("meshdir", str(robot.mjcf.parent / compiler.attrib["meshdir"]))
     for tag in ("actuator", "tendon", "equality", "sensor", "keyframe"):
         for section in root.findall(tag):
             root.remove(section)
     for body in root.iter("body"):
+        if robot.tool is not None and body.get("name") == robot.tool.body:
+            pose = robot.tool.T_body_tcp.wxyz_xyz
+            ET.SubElement(body, "site", name=robot.tcp, pos=_text(pose[4:]), quat=_text(pose[:4]))
         for joint in body.findall("joint"):
-            if joint.get("name") not in robot.joints:
+            # A joint without a name goes by that of its body.
+            if joint.get("name", f"{body.get('name')}_joint0") not in robot.joints:
                 body.remove(joint)
         if payload is not None and any(site.get("name") == robot.tcp for site in body):
             body.append(_held(body, robot.tcp, payload))

@@ -12,11 +12,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("arrays",),
     ("robot", "waypoint"),
+    ("menagerie", "robot_model"),
     ("robots.*", "arm"),
     ("ik.*",),
     ("motion.*",),
     ("controllers.*", "scene"),
-    ("simulation", "visuals"),
+    ("robot_defaults", "simulated_gripper"),
+    ("robot_loading", "simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
     ("metrics", "audit", "plots"),
@@ -48,7 +50,7 @@ ONLY_IN = {
     "matplotlib": {"plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
-    "mujoco_menagerie": {"visuals"},
+    "mujoco_menagerie": {"menagerie"},
     "tyro": {"command"},
 }
 """Modules of the package that may import a library."""

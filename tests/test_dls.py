@@ -71,7 +71,10 @@ def test_without_clipping_an_answer_outside_the_limits_is_named(arm: Arm, plain:
     result = DlsIk(clip=False).solve(arm, arm.pose(q), q)
     joint, low, high = arm.robot.joints[0], plain.q_min[0], plain.q_max[0]
     assert result.reason is Reason.JOINT_LIMITS
-    assert result.explanation == f"{joint} is 0.200 rad outside [{low:.3f}, {high:.3f}]"
+    assert (
+        result.explanation
+        == f"{joint} is 0.200 {arm.robot.units[0]} outside [{low:.3f}, {high:.3f}]"
+    )
     assert result.limit_margin == pytest.approx(-0.2)
 
 
@@ -80,7 +83,7 @@ def test_every_joint_outside_its_limits_is_named(arm: Arm, plain: PlainArm) -> N
     q[0], q[-1] = plain.q_min[0] - 0.1, plain.q_max[-1] + 0.4
     result = DlsIk(clip=False).solve(arm, arm.pose(q), q)
     first, last = result.explanation.split("], ")
-    assert first.startswith(f"{arm.robot.joints[0]} is 0.100 rad outside")
+    assert first.startswith(f"{arm.robot.joints[0]} is 0.100 {arm.robot.units[0]} outside")
     assert last.startswith(f"{arm.robot.joints[-1]} is 0.400 rad outside")
     assert result.limit_margin == pytest.approx(-0.4)
 

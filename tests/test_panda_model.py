@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.robots.panda import PANDA
+from tests.robots import GRIPPER
 
 ARM = Arm(PANDA)
 # Craig's convention: a [m], d [m], alpha [rad] of each link, by the control parameters page.
@@ -102,7 +103,7 @@ def test_the_file_has_a_torque_motor_with_the_rated_torque_for_every_joint() -> 
 def test_the_fingers_close_on_the_tool_point_from_both_sides() -> None:
     model = mujoco.MjModel.from_xml_path(str(PANDA.mjcf))
     data = mujoco.MjData(model)
-    gripper = PANDA.gripper
+    gripper = GRIPPER
     for width in (0.0, 0.03, gripper.width_max):
         for joint in gripper.joints:
             data.qpos[model.joint(joint).qposadr[0]] = width / 2
@@ -119,7 +120,7 @@ def test_the_fingers_close_on_the_tool_point_from_both_sides() -> None:
 
 def test_the_gripper_is_described_as_it_is_modelled() -> None:
     model = mujoco.MjModel.from_xml_path(str(PANDA.mjcf))
-    gripper = PANDA.gripper
+    gripper = GRIPPER
     assert gripper.width_max == sum(model.joint(joint).range[1] for joint in gripper.joints)
     servo = model.actuator(gripper.actuator)
     assert servo.ctrlrange.tolist() == [0.0, gripper.width_max]

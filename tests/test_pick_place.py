@@ -20,6 +20,7 @@ from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause
 from robo47_qp.waypoint import Grip, Motion, Place, Waypoint
 from tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
 from tests.runs import Meddler, Witness, carry_out, moves_cube, picked_and_placed
 
 ELSEWHERE = (0.50, 0.10)
@@ -300,7 +301,7 @@ def test_a_cube_in_motion_is_not_placed(done: tuple[PickPlace, Simulation]) -> N
 
 def test_a_closed_gripper_is_not_the_end(done: tuple[PickPlace, Simulation]) -> None:
     task, simulation = done
-    for finger in PANDA.gripper.joints:
+    for finger in GRIPPER.joints:
         simulation.data.joint(finger).qpos[0] = 0.039
     failure = task.verdict(simulation)
     assert failure is not None

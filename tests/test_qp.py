@@ -1,7 +1,9 @@
 from itertools import pairwise
 
+import mink
 import numpy as np
 import pytest
+import qpsolvers
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mink import SE3
@@ -11,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import UnknownNameError
-from robo47_qp.ik.box_qp import backends
-from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.box_qp import backends, box_qp
+from robo47_qp.ik.qp import QpIk, _TwistAndPosture
 from robo47_qp.ik.solver import Reason, Tolerance
-from tests.examples import fractions, inner_fractions, rates, shifted, turned
+from robo47_qp.ik.tool_error import ToolError
+from tests.examples import fractions, inner_fractions, poses, rates, shifted, turned
 from tests.plain_arm import PlainArm
 
 BACKENDS = backends()
@@ -83,6 +86,73 @@ def test_one_step_is_the_bounded_least_squares_step(
     )
     expected = best_step(plain, target, q, q, solver)
     assert solver.solve(arm, target, q).q - q == pytest.approx(expected, abs=2e-5)
+
+
+def step_of_mink(arm: Arm, target: SE3, q_seed: Vector, q: Vector, solver: QpIk) -> Vector:
+    """mink's own problem at q, solved by qpsolvers."""
+    frame = mink.FrameTask(arm.robot.tcp, "site", 1.0, 1.0, lm_damping=solver.lm_damping)
+    frame.set_target(target)
+    configuration = mink.Configuration(arm.model, q=q)
+    size = float(np.linalg.norm(frame.compute_error(configuration)))
+    posture = mink.PostureTask(arm.model, cost=solver.posture_cost * size)
+    posture.set_target(q_seed)
+    limits = [mink.ConfigurationLimit(arm.model, gain=1.0)]
+    problem = mink.build_ik(configuration, [frame, posture], 1.0, damping=1e-9, limits=limits)
+    step: Vector | None = qpsolvers.solve_problem(problem, solver="daqp").x
+    assert step is not None
+    return step
+
+
+@settings(max_examples=150)
+@given(
+    at=fractions,
+    seed=fractions,
+    target=st.one_of(poses, rates),
+    costs=st.tuples(st.floats(1e-3, 0.3), st.floats(1e-3, 0.3)),
+)
+def test_a_step_is_that_of_mink(
+    arm: Arm,
+    plain: PlainArm,
+    at: Vector,
+    seed: Vector,
+    target: SE3 | Vector,
+    costs: tuple[float, float],
+) -> None:
+    """Anywhere inside the limits and on them, to targets far, near, and out of reach."""
+    q, q_seed = plain.at(at), plain.at(seed)
+    if not isinstance(target, SE3):
+        target = arm.pose(q + 0.5 * target[: plain.n])
+    # mink's own logarithm is another one beyond: see test_twist.py.
+    assume(1e-3 < plain.errors(q, target)[1] < np.pi - 1e-3)
+    solver = QpIk(lm_damping=costs[0], posture_cost=costs[1])
+    error = ToolError(arm)
+    error.aim(target)
+    distance2, angle2 = error.move(q)
+    error.differentiate()
+    objective = _TwistAndPosture(arm.n, solver.lm_damping, solver.posture_cost)
+    H, f = objective.expand(error, distance2 + angle2, q, q_seed)
+    step = box_qp("daqp", arm.n).solve(H, f, plain.q_min - q, plain.q_max - q)
+    expected = step_of_mink(arm, target, q_seed, q, solver)
+    assert step == pytest.approx(expected, abs=1e-8)
+    first = QpIk(max_iterations=1, lm_damping=costs[0], posture_cost=costs[1])
+    moved = first.solve(arm, target, q).q - q
+    assert moved == pytest.approx(step_of_mink(arm, target, q, q, first), abs=1e-8)
+
+
+def test_a_whole_search_is_that_of_mink(arm: Arm, plain: PlainArm) -> None:
+    """Step after step with the posture at the seed, to the end."""
+    rng = np.random.default_rng(12)
+    for _ in range(8):
+        q_seed = rng.uniform(plain.q_min, plain.q_max)
+        target = arm.pose(np.clip(q_seed + rng.uniform(-0.5, 0.5, arm.n), plain.q_min, plain.q_max))
+        q = q_seed.copy()
+        for count in range(4):
+            solver = QpIk(max_iterations=count)
+            result = solver.solve(arm, target, q_seed)
+            assert result.q == pytest.approx(q, abs=1e-7)
+            if result.converged:
+                break
+            q = np.clip(q + step_of_mink(arm, target, q_seed, q, solver), plain.q_min, plain.q_max)
 
 
 def test_a_tight_limit_stops_the_step(arm: Arm, plain: PlainArm) -> None:

@@ -29,6 +29,7 @@ from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Waypoint, tool_down
 from tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
 
 Table: TypeAlias = dict[str, list[Any]]
 
@@ -138,7 +139,7 @@ def test_bodies_are_where_mujoco_has_them(log: RerunLog, path: Path, world: Simu
         strict=True,
     ):
         row = round(1e-9 * instant / TIMESTEP)
-        for names, name in ((PANDA.joints, "joints/q"), (PANDA.gripper.joints, "gripper/fingers")):
+        for names, name in ((PANDA.joints, "joints/q"), (GRIPPER.joints, "gripper/fingers")):
             for joint, value in zip(names, rows[name][row], strict=True):
                 data.joint(joint).qpos = value
         data.qpos[world.model.jnt_qposadr[world.model.body("cube").jntadr[0]] :][:7] = rows[
@@ -152,7 +153,7 @@ def test_bodies_are_where_mujoco_has_them(log: RerunLog, path: Path, world: Simu
         np.testing.assert_allclose(position[0], expected, atol=1e-6)
         np.testing.assert_allclose(np.roll(xyzw[0], 1), wxyz, atol=1e-6)
         seen.add((row, child[0]))
-    moving = {"tool", "cube", "hand", *PANDA.gripper.fingers, *(f"link{i}" for i in range(1, 8))}
+    moving = {"tool", "cube", "hand", *GRIPPER.fingers, *(f"link{i}" for i in range(1, 8))}
     instants = {row for row, _ in seen}
     assert seen == {(row, name) for row in instants for name in moving}
     assert max(np.diff(sorted(instants))) == 17  # 60 Hz

@@ -11,6 +11,7 @@ from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.scene import TIMESTEP, compile_scene, contact_sensor, free_bodies, mocap_bodies
 from tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
 from tests.runs import no_objects
 
 
@@ -54,7 +55,7 @@ def test_gravity_is_the_earths(model: mujoco.MjModel) -> None:
 def test_the_sensor_of_a_finger_is_the_sum_of_its_contact_forces(model: mujoco.MjModel) -> None:
     """A ball pressed against one finger; the force from MuJoCo, contact by contact."""
     data = mujoco.MjData(model)
-    finger = PANDA.gripper.fingers[0]
+    finger = GRIPPER.fingers[0]
     data.qpos[: len(PANDA.home)] = PANDA.home
     data.joint("finger_joint1").qpos = 0.02
     mujoco.mj_forward(model, data)
@@ -74,7 +75,7 @@ def test_the_sensor_of_a_finger_is_the_sum_of_its_contact_forces(model: mujoco.M
     assert np.linalg.norm(total) > 1.0
     measured = data.sensor(contact_sensor(finger)).data
     assert np.linalg.norm(measured) == pytest.approx(np.linalg.norm(total), rel=1e-6)
-    assert not data.sensor(contact_sensor(PANDA.gripper.fingers[1])).data.any()
+    assert not data.sensor(contact_sensor(GRIPPER.fingers[1])).data.any()
 
 
 def test_the_actuator_limits_of_the_model_are_those_of_the_description(
@@ -90,9 +91,9 @@ def test_the_actuator_limits_of_the_model_are_those_of_the_description(
         ({"joints": (*PANDA.joints[:-1], "elbow")}, "joint"),
         ({"motors": (*PANDA.motors[:-1], "elbow")}, "motor"),
         ({"tcp": "elbow"}, "site"),
-        ({"gripper": replace(PANDA.gripper, joints=("finger_joint1", "elbow"))}, "joint"),
-        ({"gripper": replace(PANDA.gripper, fingers=("elbow", "right_finger"))}, "body"),
-        ({"gripper": replace(PANDA.gripper, actuator="elbow")}, "motor"),
+        ({"gripper": replace(GRIPPER, joints=("finger_joint1", "elbow"))}, "joint"),
+        ({"gripper": replace(GRIPPER, fingers=("elbow", "right_finger"))}, "body"),
+        ({"gripper": replace(GRIPPER, actuator="elbow")}, "motor"),
     ],
 )
 def test_a_name_that_the_model_lacks_is_told_with_those_it_has(

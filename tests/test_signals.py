@@ -15,9 +15,10 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Grip
 from tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
 from tests.runs import Holder
 
-FINGERS = PANDA.gripper.fingers
+FINGERS = GRIPPER.fingers
 OBJECTS = ("cube", "die")
 ALL = signals.all_signals(PANDA, OBJECTS)
 WIDTH = sum(len(signal.labels) for signal in ALL)
@@ -167,7 +168,7 @@ def test_what_is_written_for_now_is_what_the_model_says_by_name(busy: Simulation
     np.testing.assert_array_equal(rows["tool/pose"][0, :3], site.xpos)
     turn = Rotation.from_quat(rows["tool/pose"][0, [4, 5, 6, 3]])
     np.testing.assert_allclose(turn.as_matrix().ravel(), site.xmat, atol=1e-12)
-    for i, joint in enumerate(PANDA.gripper.joints):
+    for i, joint in enumerate(GRIPPER.joints):
         assert rows["gripper/fingers"][0, i] == data.joint(joint).qpos[0]
     assert rows["gripper/width_command"][0, 0] == data.actuator("gripper").ctrl[0]
     for name in ("cube", "die"):

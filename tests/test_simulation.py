@@ -17,6 +17,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Grip
+from tests.robots import GRIPPER
 from tests.runs import ZEROS, Holder, no_objects
 
 N = len(PANDA.joints)
@@ -204,7 +205,7 @@ def test_what_was_read_does_not_change_any_more(shelved: Simulation) -> None:
 
 
 def test_the_gripper_opens_and_closes_no_faster_than_its_speed(arm_alone: Simulation) -> None:
-    holder, gripper = Holder(arm_alone), PANDA.gripper
+    holder, gripper = Holder(arm_alone), GRIPPER
     commands, speeds = [arm_alone.width_command()], []
 
     def look() -> None:
@@ -438,7 +439,7 @@ def test_the_start_is_home_at_rest_with_an_open_gripper(shelved: Simulation) -> 
     np.testing.assert_array_equal(shelved.state().q, PANDA.home)
     assert not shelved.state().v.any()
     assert shelved.time == 0.0
-    assert shelved.width() == PANDA.gripper.width_max
+    assert shelved.width() == GRIPPER.width_max
     assert shelved.width_speed() == 0.0
     assert shelved.grip_settled()
 

@@ -16,6 +16,7 @@ from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
 from robo47_qp.visuals import with_menagerie_looks
 from tasks.pick_place import PickPlace
+from tests.robots import robot_or_skip
 from tests.runs import make_runner, no_objects, picked_and_placed
 
 installed = pytest.mark.skipif(
@@ -56,11 +57,16 @@ def test_meshes_take_the_place_of_all_primitive_looks(checkout: Path) -> None:
         np.testing.assert_array_equal(getattr(model, name), getattr(plain, name))
 
 
-@installed
 def test_a_place_without_menagerie_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
-    with pytest.raises(ModelError, match=r"franka_emika_panda cannot be loaded: .*MENAGERIE_ROOT"):
+    with pytest.raises(ModelError, match=r"franka_emika_panda/panda cannot .*MENAGERIE_ROOT"):
         with_menagerie_looks(PANDA, no_objects)
+
+
+def test_a_robot_that_is_menageries_own_keeps_its_looks() -> None:
+    robot = robot_or_skip("iiwa14")
+    model = Simulation(robot, with_menagerie_looks(robot, no_objects)).model
+    assert model.ngeom == Simulation(robot, no_objects).model.ngeom
 
 
 def test_a_robot_without_a_model_in_menagerie_is_told() -> None:
@@ -69,6 +75,7 @@ def test_a_robot_without_a_model_in_menagerie_is_told() -> None:
 
 
 def test_a_missing_package_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MENAGERIE_ROOT", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
     with pytest.raises(MissingExtraError, match=r"needs the package mujoco-menagerie.*\[visuals\]"):
         with_menagerie_looks(PANDA, no_objects)

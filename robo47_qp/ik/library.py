@@ -1,11 +1,11 @@
 """Seeds for IK: configurations of one arm with the tool poses they give."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from zipfile import BadZipFile
 
 import mujoco
 import numpy as np
@@ -19,8 +19,10 @@ from robo47_qp.ik.spread import spread
 
 _TURN = 0.3
 """Weight of an entry of the rotation matrix beside a metre."""
-_VERSION = 1
-"""Of the features; a library written under another one is made anew."""
+_VERSION = 2
+"""Of the features and the file; a library written under another one is made anew."""
+_CHECKSUM = 32
+"""Bytes of the checksum at the start of a file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,8 +43,9 @@ class Library:
 
     def nearest(self, distances: NDArray[np.float32], count: int) -> NDArray[np.intp]:
         """Places of the `count` least distances, least first; equal ones in their order."""
-        among = np.argpartition(distances, count - 1)[:count]
-        return among[np.lexsort((among, distances[among]))]
+        # More than `count` where the last of them has equals.
+        among = np.flatnonzero(distances <= np.partition(distances, count - 1)[count - 1])
+        return among[np.argsort(distances[among], kind="stable")][:count]
 
 
 def feature_of(pose: SE3) -> NDArray[np.float32]:
@@ -58,15 +61,16 @@ def library_of(arm: Arm, count: int) -> Library:
     """The library of an arm: from memory, from the user's cache folder, or made now.
 
     What is kept on disk is named after what forward kinematics depends on: another robot,
-    tool frame or joint limit has another name. A file that cannot be read is made anew, and
-    one that cannot be written is made anew in the next process: neither changes an answer.
+    tool frame or joint limit has another name. A file that cannot be read, or is not to the
+    bit what was written, is made anew, and one that cannot be written is made anew in the
+    next process: neither changes an answer.
     """
     return _library(arm, count)
 
 
 @lru_cache(maxsize=8)
 def _library(arm: Arm, count: int) -> Library:
-    path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.npz"
+    path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.bin"
     kept = _read(path, arm, count)
     if kept is None:
         kept = _made(arm, count)
@@ -88,10 +92,14 @@ def _made(arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]]:
 
 def _digest(arm: Arm, count: int) -> str:
     m, site = arm.model, arm.model.site(arm.robot.tcp)
+    # From the tool to the world: neither what it holds nor what hangs on other bodies moves it.
+    bodies = [int(site.bodyid[0])]
+    while bodies[-1] > 0:
+        bodies.append(int(m.body_parentid[bodies[-1]]))
     chain: list[NDArray[np.generic]] = [
-        *(m.body_parentid, m.body_pos, m.body_quat, m.body_jntnum),
-        *(m.jnt_type, m.jnt_pos, m.jnt_axis, m.jnt_range),
-        *(site.bodyid, site.pos, site.quat),
+        *(m.body_pos[bodies], m.body_quat[bodies], m.body_jntadr[bodies], m.body_jntnum[bodies]),
+        *(m.jnt_type, m.jnt_pos, m.jnt_axis, m.jnt_range, m.qpos0),
+        *(site.pos, site.quat),
     ]
     digest = sha256(f"{_VERSION} {count} {_TURN} {mujoco.__version__} {np.__version__}".encode())
     for array in chain:
@@ -99,22 +107,38 @@ def _digest(arm: Arm, count: int) -> str:
     return digest.hexdigest()[:32]
 
 
+def _checksum(path: Path, kept: bytes) -> bytes:
+    """Of what is kept and of its name: a file that was renamed is another robot's."""
+    return sha256(path.name.encode() + kept).digest()
+
+
 def _read(path: Path, arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]] | None:
+    """What `_write` left there; None where it is not that to the bit."""
     try:
-        with np.load(path, allow_pickle=False) as kept:
-            q, feature = kept["q"], kept["feature"]
-    except (OSError, ValueError, KeyError, BadZipFile, EOFError):
+        data = path.read_bytes()
+    except OSError:
         return None
-    whole = q.shape == (count, arm.n) and feature.shape == (count, 12)
-    return (q, feature) if whole and np.isfinite(feature).all() else None
+    checksum, kept = data[:_CHECKSUM], data[_CHECKSUM:]
+    ends = 8 * count * arm.n
+    if len(kept) != ends + 4 * count * 12 or checksum != _checksum(path, kept):
+        return None
+    q = np.frombuffer(kept[:ends], dtype=np.float64).reshape(count, arm.n).copy()
+    feature = np.frombuffer(kept[ends:], dtype=np.float32).reshape(count, 12).copy()
+    return q, feature
 
 
 def _write(path: Path, q: Matrix, feature: NDArray[np.float32]) -> None:
+    kept = q.tobytes() + feature.tobytes()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Under another name first: two processes may write at once.
-        with NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
-            np.savez(file, q=q, feature=feature)
-        Path(file.name).replace(path)
+        with NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+            part = Path(file.name)
     except OSError:
         return
+    try:
+        part.write_bytes(_checksum(path, kept) + kept)
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink()

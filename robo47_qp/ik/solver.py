@@ -56,7 +56,7 @@ class IkResult:
     orientation_error: float
     """Angle between the tool and the target [rad]."""
     limit_margin: float
-    """Distance of the joint closest to its limit; negative outside [rad]."""
+    """Distance of the joint closest to its limit; negative outside [rad or m]."""
     iterations: int
     """Steps taken, over all starts."""
     restarts: int = 0
@@ -189,7 +189,7 @@ def outside_limits(arm: Arm, q: Vector) -> str:
     """Each joint outside its limits at q, in words."""
     beyond = np.maximum(arm.q_min - q, q - arm.q_max)
     return ", ".join(
-        f"{arm.robot.joints[i]} is {beyond[i]:.3f} rad outside "
+        f"{arm.robot.joints[i]} is {beyond[i]:.3f} {arm.robot.units[i]} outside "
         f"[{arm.q_min[i]:.3f}, {arm.q_max[i]:.3f}]"
         for i in np.flatnonzero(beyond > 0.0)
     )

@@ -1,0 +1,120 @@
+"""Every robot that the contracts are tested on: those of the package, found by looking, and two
+from files that know nothing of the package."""
+
+import importlib
+import inspect
+import os
+import pkgutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp import robots
+from robo47_qp.menagerie import ROOT_VARIABLE
+from robo47_qp.robot import Gripper, Robot, ToolFrame
+from robo47_qp.robot_loading import robot_from_mjcf
+from robo47_qp.robots.panda import PANDA
+
+MODELS = Path(__file__).parent / "models"
+SLIDER_TOOL = SE3.from_rotation_and_translation(
+    SO3.from_y_radians(0.3), np.array([0.01, -0.02, 0.13])
+)
+
+
+def hinge6() -> Robot:
+    """Six joints that turn, servos with force ranges, a site."""
+    return robot_from_mjcf(
+        MODELS / "hinge6.xml", tcp="pointer", home=[0.0, -0.4, -1.6, 0.0, -1.2, 0.0]
+    )
+
+
+def slider6() -> Robot:
+    """Two joints that slide and four that turn, no actuators, no site."""
+    return robot_from_mjcf(
+        MODELS / "slider6.xml",
+        tcp=ToolFrame(body="wrist3", T_body_tcp=SLIDER_TOOL),
+        home=[0.0, 0.3, 0.4, 0.2, 0.5, 0.0],
+    )
+
+
+def _discovered() -> dict[str, Callable[[], Robot]]:
+    found: dict[str, Callable[[], Robot]] = {}
+    for module in pkgutil.iter_modules(robots.__path__, f"{robots.__name__}."):
+        for name, member in vars(importlib.import_module(module.name)).items():
+            if isinstance(member, Robot):
+                found[member.name] = lambda member=member: member  # type: ignore[misc]
+            elif inspect.isfunction(member) and member.__annotations__.get("return") is Robot:
+                found[name] = member
+    return found
+
+
+MAKERS = {**_discovered(), "hinge6": hinge6, "slider6": slider6}
+TURNING = ("panda", "iiwa14", "xarm7", "hinge6")
+MODULES = {
+    "test_lin": ("panda", "slider6"),
+    "test_planner": ("panda", "slider6"),
+    "test_ptp": ("panda", "slider6"),
+    "test_dls": ("panda", "slider6"),
+    "test_qp": ("panda", "iiwa14"),
+    "test_multistart": ("panda", "hinge6"),
+    "test_joint_impedance": ("panda", "hinge6"),
+}
+"""Modules whose tests run on these robots alone, to save time; all others run on every one."""
+PREMISES = {
+    # Their examples start from poses, sizes or texts of one arm.
+    "test_bodies_that_are_only_drawn_keep_their_mass": ("panda",),
+    "test_a_joint_without_a_range_is_refused": ("panda",),
+    "test_a_payload_is_held_in_the_tool_frame_however_that_is_turned": ("panda",),
+    "test_beyond_the_stretched_arm_nothing_breaks": ("panda",),
+    "test_a_joint_at_its_limit_is_inside": ("panda",),
+    "test_damping_calms_the_step_at_a_singularity": ("panda",),
+    "test_near_the_end_it_converges_quadratically": ("panda",),
+    "test_a_path_that_cannot_be_kept_is_refused": ("panda",),
+    "test_knots_are_doubled_until_the_line_is_kept": ("panda",),
+    "test_a_joint_that_leaves_its_limits_is_named": ("panda",),
+    "test_it_reaches_most_targets_from_home": ("panda",),
+    "test_a_ptp_motion_is_straight_in_joint_space_and_lin_in_the_world": ("panda",),
+    # The iiwa's limits keep it far from the ground; behind a slide the bound is loose.
+    "test_the_bound_on_the_reach_is_of_use": ("panda", "xarm7", "hinge6"),
+    # The iiwa's file has no damping.
+    "test_damping_takes_torque_in_proportion_to_the_speed": ("panda", "xarm7", "hinge6", "slider6"),
+    # Distances in radians, joints and sites that the description names itself, an unlimited
+    # solver that lets a rail run on for ever.
+    "test_a_joint_that_the_model_lacks_is_named": TURNING,
+    "test_a_tool_frame_that_the_model_lacks_is_named": TURNING,
+    "test_a_joint_named_twice_is_refused": TURNING,
+    "test_a_seed_outside_the_limits_is_a_start_like_any_other": TURNING,
+    "test_a_target_out_of_reach_is_a_result_with_its_distance": TURNING,
+    "test_a_robot_whose_home_is_outside_its_limits_cannot_go_home": TURNING,
+}
+"""Tests whose premise holds for these robots alone."""
+
+
+def is_meant_for(module: str, test: str, robot: str) -> bool:
+    """True where a test is to be run on a robot."""
+    everywhere = tuple(MAKERS)
+    return robot in MODULES.get(module, everywhere) and robot in PREMISES.get(test, everywhere)
+
+
+@cache
+def robot_named(name: str) -> Robot:
+    return MAKERS[name]()
+
+
+def robot_or_skip(name: str) -> Robot:
+    """A robot, the same object every time; no file is fetched for it."""
+    if name not in ("panda", "hinge6", "slider6") and ROOT_VARIABLE not in os.environ:
+        pytest.skip(f"{ROOT_VARIABLE} names no checkout of MuJoCo Menagerie with the {name}")
+    return robot_named(name)
+
+
+def the_gripper(robot: Robot) -> Gripper:
+    assert robot.gripper is not None
+    return robot.gripper
+
+
+GRIPPER = the_gripper(PANDA)
