@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import ModelError
 from robo47_qp.robot import Robot
-from robo47_qp.robot_model import robot_spec, without_looks
+from robo47_qp.robot_model import add_payload, robot_spec, without_looks
 from robo47_qp.waypoint import Payload
 
 
@@ -64,6 +64,7 @@ class Arm:
         self.q_max: Vector = self.model.jnt_range[:, 1].copy()
         self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.home = checked_vector("home", robot.home, self.n)
+        self.dry_friction: Vector = self.model.dof_frictionloss.copy()
         self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
@@ -140,8 +141,10 @@ class Arm:
 
     @property
     def scratch(self) -> mujoco.MjData:
-        """MuJoCo's state of the last call: what `inverse_dynamics` leaves there spares others
-        the kinematics and the factor of M. Any call overwrites it."""
+        """MuJoCo's state of the last call, which any call overwrites.
+
+        What `inverse_dynamics` leaves there spares others the kinematics and the factor of M.
+        """
         return self._data
 
     def limit_margin(self, q: Vector) -> float:
@@ -177,7 +180,6 @@ class Arm:
 
 def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
     spec = robot_spec(robot)
-    tcp: Any = spec.site(robot.tcp)
     drives: list[Any] = [
         *spec.actuators,
         *spec.sensors,
@@ -191,19 +193,7 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
             spec.delete(joint)
     without_looks(spec)
     if payload is not None:
-        # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
-        # however the site's orientation is written.
-        site = spec.compile().site(robot.tcp)
-        T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
-        tcp.parent.add_body(
-            name="payload",
-            pos=T_body_com.translation(),
-            quat=T_body_com.rotation().wxyz,
-            mass=payload.mass,
-            ipos=np.zeros(3),
-            inertia=np.asarray(payload.inertia),
-            explicitinertial=True,
-        )
+        add_payload(spec, robot, payload, "payload")
     # No contacts and no joint stops: inverse dynamics of the free arm.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model = spec.compile()

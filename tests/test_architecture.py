@@ -18,7 +18,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("motion.*",),
     ("controllers.*", "scene"),
     ("robot_defaults", "simulated_gripper"),
-    ("robot_loading", "simulation", "visuals"),
+    ("disturbance", "robot_loading", "simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
     ("metrics", "audit", "plots"),

@@ -9,6 +9,7 @@ import numpy as np
 
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.controllers.dry_friction import add_dry_friction
 from robo47_qp.controllers.tool_space import ToolSpace, tool_space
 from robo47_qp.errors import InvalidValueError
 
@@ -17,16 +18,18 @@ from robo47_qp.errors import InvalidValueError
 class CartesianImpedance:
     """A spring and a damper between the tool and its reference, on top of the arm's dynamics.
 
-    tau = M(q) a_ref + C(q, v) v_ref + g(q) - tau_passive(v)
+    tau = M(q) a_ref + c(q, v_ref) + g(q) - tau_passive(v_ref)
           + Jᵀ (f(e) + D J (v_ref - v)) + N M (ω² (q_ref - q) + d (v_ref - v))
 
     The tool's reference is that of the joints. A force F on the tool displaces it by F/K along
     each axis and the inertia that it meets is the arm's own: no inertia is shaped, so no force
     sensor is needed and nothing is inverted on the way from spring to torque (Albu-Schäffer,
     Ott, Frese and Hirzinger, ICRA 2003; Ott, Cartesian Impedance Control of Redundant and
-    Flexible-Joint Robots, 2008, ch. 3). With C v_ref instead of c(q, v) the arm stores
-    ½ vᵀMv + U(e) and nothing gains energy at a reference at rest while ω = 0 (Paden and Panja,
-    Int. J. Control 47(6), 1988). U(e) = ½ eᵀKe, for rotations 2 εᵀKε with ε the vector part of
+    Flexible-Joint Robots, 2008, ch. 3). Coriolis and friction terms are those of the reference:
+    what the arm does beyond it meets its own. So at a reference at rest the stored energy
+    ½ vᵀMv + U(e) only falls, by D, d and the friction of the joints, while ω = 0 (Takegaki and
+    Arimoto, J. Dynamic Systems, Measurement and Control 103(2), 1981). U(e) = ½ eᵀKe, for
+    rotations 2 εᵀKε with ε the vector part of
     the error's quaternion (Caccavale, Siciliano and Villani, IEEE/ASME Trans. Mechatronics
     4(3), 1999): its torque falls to zero at half a turn instead of jumping there.
 
@@ -82,6 +85,7 @@ class CartesianImpedance:
         wrench = self._spring_and_damper(space, space.J.dot(e_v), in_tool=in_tool)
         wrench -= space.inertia.dot(space.J.dot(posture))
         tau += space.J_T.dot(wrench)
+        add_dry_friction(tau, arm, reference.v)
         return tau
 
     def _spring_and_damper(self, space: ToolSpace, twist: Vector, *, in_tool: bool) -> Vector:

@@ -8,6 +8,7 @@ import numpy as np
 
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
+from robo47_qp.controllers.dry_friction import add_dry_friction
 from robo47_qp.errors import InvalidValueError
 
 
@@ -58,6 +59,8 @@ class JointImpedance:
         """See `Controller.torque`."""
         K, D = _gains(arm, self.stiffness_scale, self.damping_ratio)
         tau = _feed_forward(arm, self.feed_forward, reference, state)
+        if self.feed_forward in _WITH_FRICTION:
+            add_dry_friction(tau, arm, reference.v)
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)
         return tau
@@ -74,6 +77,9 @@ def _feed_forward(
     if terms is FeedForward.GRAVITY:
         return arm.inverse_dynamics(state.q, still, still)
     return still
+
+
+_WITH_FRICTION = (FeedForward.CORIOLIS, FeedForward.FULL)
 
 
 @lru_cache(maxsize=16)

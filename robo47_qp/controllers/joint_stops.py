@@ -50,7 +50,7 @@ class JointStops:
         middle, inner, spread = _edges(arm, self.margin)
         np.subtract(q, middle, out=spread)
         np.abs(spread, out=spread)
-        if not (spread > inner).any():
+        if True not in (spread > inner).tolist():
             return
         width = self.margin * (arm.q_max - arm.q_min)
         low = np.maximum(np.minimum(arm.q_min + width, q_ref), arm.q_min)

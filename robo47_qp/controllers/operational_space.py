@@ -7,6 +7,7 @@ import numpy as np
 
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
+from robo47_qp.controllers.dry_friction import add_dry_friction
 from robo47_qp.controllers.tool_space import tool_space
 from robo47_qp.errors import InvalidValueError
 
@@ -71,6 +72,7 @@ class OperationalSpace:
         a += space.jacobian_rate_times(e_v)
         a -= space.J.dot(posture)
         tau += space.J_T.dot(space.inertia.dot(a))
+        add_dry_friction(tau, arm, reference.v)
         return tau
 
     @cached_property

@@ -54,7 +54,7 @@ class ToolSpace:
         """Λ (6, 6) [kg, kg·m, kg·m²]."""
         self.inertias: Vector = self.inertia.reshape(-1, order="A")[::7]
         """Its diagonal (6,)."""
-        self._unit = np.eye(6)
+        self._columns, self._unit = self._inverse.T, np.eye(6, order="F")
         self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
         self._use: list[float] = self._lightest.tolist()
         self._back, self._turn = np.zeros(4), np.zeros(4)
@@ -77,14 +77,10 @@ class ToolSpace:
             rows = self._turned
         self.J, self.J_T = rows.whole, rows.transposed
         mujoco.mj_solveM(m, d, self._J_over_M, self.J)
-        np.dot(self._J_over_M, self.J_T, out=self._inverse)
-        regular = self._invert()
-        heaviest = max(map(mul, self.inertias.tolist(), self._use))
-        if not regular:
-            heaviest = inf
+        regular = self._invert(0.0)
+        heaviest = max(map(mul, self.inertias.tolist(), self._use)) if regular else inf
         if heaviest > 1.0:
-            self._pivots += (1.0 - 1.0 / heaviest) ** 2 * self._lightest
-            self._invert()
+            self._invert((1.0 - 1.0 / heaviest) ** 2)
 
     def turn(self, *, in_tool: bool) -> Vector:
         """Unit quaternion (4,), w >= 0, that turns the tool into its reference; overwritten."""
@@ -104,13 +100,18 @@ class ToolSpace:
         mujoco.mj_jacDot(
             self._model, self._data, rows.linear, rows.angular, self.position, self._body
         )
-        return rows.whole.dot(v)
+        product: Vector = rows.whole.dot(v)
+        return product
 
-    def _invert(self) -> bool:
-        """False where Λ⁻¹ is singular."""
+    def _invert(self, damping: float) -> bool:
+        """Λ = (J M⁻¹ Jᵀ + ε I)⁻¹; False where it does not exist."""
+        np.dot(self._J_over_M, self.J_T, out=self._inverse)
+        if damping:
+            self._pivots += damping * self._lightest
         np.copyto(self.inertia, self._unit)
-        # Solved in place: the inertia's views stay valid.
-        return bool(lapack.dposv(self._inverse, self.inertia, overwrite_b=1)[2] == 0)
+        # In place: the views of both matrices stay valid.
+        failed = lapack.dposv(self._columns, self.inertia, overwrite_a=1, overwrite_b=1)[2]
+        return not failed
 
 
 class _Rows:
