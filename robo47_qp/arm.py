@@ -15,6 +15,8 @@ from robo47_qp.robot import Robot
 from robo47_qp.robot_model import add_payload, robot_spec, without_looks
 from robo47_qp.waypoint import Payload
 
+_POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
+
 
 class JointState(NamedTuple):
     """What the joints do at one instant; for those that slide read m for rad."""
@@ -134,6 +136,20 @@ class Arm:
         mujoco.mj_inverse(self.model, self._data)
         return self._tau.copy()
 
+    def place(self, q: Vector) -> None:
+        """Go to q: the first half of `inverse_dynamics`, with J and M at hand in `scratch`."""
+        m, d = self.model, self._at(q)
+        mujoco.mj_comPos(m, d)
+        mujoco.mj_makeM(m, d)
+        mujoco.mj_factorM(m, d)
+
+    def inverse_dynamics_here(self, v: Vector, a: Vector) -> Vector:
+        """The second half of `inverse_dynamics`: after `place`."""
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverseSkip(self.model, self._data, _POSITIONS_DONE, 1)
+        return self._tau.copy()
+
     @property
     def tool_site(self) -> int:
         """Id of the tool frame in `model`."""
@@ -143,7 +159,7 @@ class Arm:
     def scratch(self) -> mujoco.MjData:
         """MuJoCo's state of the last call, which any call overwrites.
 
-        What `inverse_dynamics` leaves there spares others the kinematics and the factor of M.
+        What `place` leaves there spares others the kinematics and the factor of M.
         """
         return self._data
 

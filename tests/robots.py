@@ -78,6 +78,8 @@ PREMISES = {
     "test_a_joint_that_leaves_its_limits_is_named": ("panda",),
     "test_it_reaches_most_targets_from_home": ("panda",),
     "test_a_ptp_motion_is_straight_in_joint_space_and_lin_in_the_world": ("panda",),
+    # In one period the damping of the xArm's wrist takes more than its inertia holds.
+    "test_the_tool_turns_back_at_the_same_pace": ("panda", "iiwa14", "hinge6", "slider6"),
     # The iiwa's limits keep it far from the ground; behind a slide the bound is loose.
     "test_the_bound_on_the_reach_is_of_use": ("panda", "xarm7", "hinge6"),
     # The iiwa's file has no damping.

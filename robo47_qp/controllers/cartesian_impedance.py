@@ -80,10 +80,15 @@ class CartesianImpedance:
         posture *= self.posture_frequency**2
         posture += self.posture_damping * e_v
         space.ask(reference.q)
-        tau = arm.inverse_dynamics(state.q, reference.v, reference.a + posture)
+        arm.place(state.q)
         space.update(in_tool=in_tool)
-        wrench = self._spring_and_damper(space, space.J.dot(e_v), in_tool=in_tool)
-        wrench -= space.inertia.dot(space.J.dot(posture))
+        twist = space.J.dot(e_v)
+        unfelt = space.unfelt(e_v, twist)
+        tau = arm.inverse_dynamics_here(reference.v - unfelt, reference.a + posture)
+        a = space.J.dot(posture)
+        a -= space.jacobian_rate_times(unfelt, in_tool=in_tool)
+        wrench = self._spring_and_damper(space, twist, in_tool=in_tool)
+        wrench -= space.inertia.dot(a)
         tau += space.J_T.dot(wrench)
         add_dry_friction(tau, arm, reference.v)
         return tau

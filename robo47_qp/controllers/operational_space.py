@@ -60,8 +60,9 @@ class OperationalSpace:
         posture *= self.posture_frequency**2
         posture += self.posture_damping * e_v
         space.ask(reference.q)
-        tau = arm.inverse_dynamics(state.q, state.v, reference.a + posture)
+        arm.place(state.q)
         space.update(in_tool=False)
+        tau = arm.inverse_dynamics_here(state.v, reference.a + posture)
         a = np.empty(6)
         np.subtract(space.position_ref, space.position, out=a[:3])
         np.multiply(space.turn(in_tool=False)[1:], 2.0, out=a[3:])

@@ -18,7 +18,7 @@ _LENGTH = 0.3
 
 
 class ToolSpace:
-    """Jacobian, inertia and null space of an arm at the state of its last inverse dynamics.
+    """Jacobian, inertia and null space of an arm where it was placed last.
 
     Λ = (J M⁻¹ Jᵀ + ε I)⁻¹ is the inertia that a force at the tool meets (Khatib, A unified
     approach for motion and force control of robot manipulators: the operational space
@@ -49,6 +49,7 @@ class ToolSpace:
         self.J, self.J_T = self._world.whole, self._world.whole.T
         """Twist of the tool per joint velocity (6, n), and its transpose."""
         self._J_over_M, self._inverse = np.zeros((6, n)), np.zeros((6, 6))
+        self._M_over_J = self._J_over_M.T
         self._pivots = self._inverse.reshape(-1)[::7]
         self.inertia: Matrix = np.zeros((6, 6), order="F")
         """Λ (6, 6) [kg, kg·m, kg·m²]."""
@@ -65,7 +66,7 @@ class ToolSpace:
         mujoco.mj_kinematics(self._model, self._asked)
 
     def update(self, *, in_tool: bool) -> None:
-        """Find J and Λ at the state for which the arm's `inverse_dynamics` was called last.
+        """Find J and Λ at the configuration to which `Arm.place` went last.
 
         Args:
             in_tool: Axes of the tool at the reference (see `ask`); else those of the world.
@@ -78,7 +79,10 @@ class ToolSpace:
         self.J, self.J_T = rows.whole, rows.transposed
         mujoco.mj_solveM(m, d, self._J_over_M, self.J)
         regular = self._invert(0.0)
-        heaviest = max(map(mul, self.inertias.tolist(), self._use)) if regular else inf
+        inertias = self.inertias.tolist()
+        if regular and max(inertias) < MASS_MAX * _LENGTH**2:
+            return
+        heaviest = max(map(mul, inertias, self._use)) if regular else inf
         if heaviest > 1.0:
             self._invert((1.0 - 1.0 / heaviest) ** 2)
 
@@ -94,12 +98,23 @@ class ToolSpace:
             np.negative(turn, out=turn)
         return turn
 
-    def jacobian_rate_times(self, v: Vector) -> Vector:
-        """J̇ v in the world's axes (6,), with J̇ at the velocity of the last inverse dynamics."""
+    def unfelt(self, v: Vector, twist: Vector) -> Vector:
+        """The part of a joint velocity that does not move the tool: v - M⁻¹ Jᵀ Λ J v (n,).
+
+        Args:
+            v: (n,) [rad/s].
+            twist: J v (6,).
+        """
+        return v - self._M_over_J.dot(self.inertia.dot(twist))
+
+    def jacobian_rate_times(self, v: Vector, *, in_tool: bool = False) -> Vector:
+        """J̇ v (6,), with J̇ at the velocity of the last inverse dynamics and fixed axes."""
         rows = self._J_dot
         mujoco.mj_jacDot(
             self._model, self._data, rows.linear, rows.angular, self.position, self._body
         )
+        if in_tool:
+            return rows.whole.dot(v).reshape(2, 3).dot(self.rotation_ref).reshape(6)
         product: Vector = rows.whole.dot(v)
         return product
 
