@@ -3,6 +3,9 @@
 PYTHON ?= python3
 PYTEST_FLAGS ?= -n 2
 LOCK_FLAGS ?=
+FRESH ?=
+# Named indirectly: `make -n` runs every line of a recipe that names MAKE itself.
+AGAIN = $(MAKE) --no-print-directory
 
 BIN := .venv/bin
 LOCKED := .venv/.locked
@@ -10,15 +13,36 @@ INSTALLED := .venv/.installed
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install reproduce test lint types format lock clean distclean
+.PHONY: help install reproduce keep fresh-clone test lint types format lock clean distclean
 
 help: ## Show this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 14
 
 install: $(INSTALLED) ## Make .venv with everything in requirements.lock
 
-reproduce: install ## Run the main job: logs/run.rrd and its report
+reproduce: install ## Run the main job (logs/run.rrd and its report), then the settling times
 	@$(BIN)/python scenarios/pickplace.py
+	@$(BIN)/python scenarios/settling.py
+	@$(BIN)/python scenarios/cartpole_lqr.py
+
+keep: reproduce ## Keep the figures of a run here: docs/reproduced.json
+	@$(BIN)/python scenarios/retro.py --keep
+
+# What runs keep in the user's cache must not help a fresh clone; downloaded packages may.
+fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRESH=folder)
+	@rm -f RETRO.md
+	@git rev-parse --git-dir > /dev/null
+	@test -z "$$(git status --porcelain)" || \
+	  echo "Not committed, so not in the clone: $$(git status --porcelain | cut -c4- | xargs)"
+	@set -e; folder="$(abspath $(FRESH))"; temporary=; \
+	  if [ -z "$$folder" ]; then temporary=$$(mktemp -d); folder="$$temporary/clone"; fi; \
+	  trap 'exit 130' INT TERM; trap 'test -z "$$temporary" || rm -rf "$$temporary"' EXIT; \
+	  echo "Cloning $$(git rev-parse --short HEAD) into $$folder"; \
+	  git clone --quiet "$(CURDIR)" "$$folder"; \
+	  $(AGAIN) -C "$$folder" install; \
+	  XDG_CACHE_HOME="$$folder/build/cache" $(AGAIN) -C "$$folder" reproduce; \
+	  "$$folder/$(BIN)/python" "$$folder/scenarios/retro.py" --out "$(CURDIR)/RETRO.md" \
+	    --commit "fresh clone of commit $$(git rev-parse --short HEAD)"
 
 test: install ## Run the tests (PYTEST_FLAGS="-n 2")
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
@@ -60,6 +84,7 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 
 clean: ## Remove caches, builds and logs
+	@rm -f RETRO.md
 	@rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -path ./.venv -prune -o -path ./.git -prune -o -name __pycache__ -type d \
 	  -prune -exec rm -rf {} +

@@ -1,5 +1,6 @@
 """Arm: what the controller believes of the robot, as a model of exactly n joints."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import ModelError
+from robo47_qp.obstacle import Obstacle, add_obstacle
 from robo47_qp.robot import Robot
 from robo47_qp.robot_model import add_payload, robot_spec, without_looks
 from robo47_qp.waypoint import Payload
@@ -41,25 +43,35 @@ class JointReference(NamedTuple):
 class Arm:
     """The robot alone: fingers welded shut, no objects, no contacts, no joint stops.
 
+    Obstacles are geoms of its model that exert no forces; a payload has no geometry.
+
     Arguments are trusted on the hot path: arrays of shape (n,), float64. Returned arrays
     are new. An arm is not safe to share between threads: its methods use one scratch state.
     """
 
-    def __init__(self, robot: Robot, payload: Payload | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        payload: Payload | None = None,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
         """Compile the model.
 
         Args:
             robot: The description.
             payload: A body held by the tool, part of the belief.
+            obstacles: What stands around the arm, for solvers that look at collisions.
 
         Raises:
             UnknownNameError: See `robot_spec`.
+            InvalidValueError: The name of an obstacle is taken.
             ModelError: The MJCF does not compile to the n joints of the robot, or a joint
                 has no position limits.
         """
         self.robot = robot
         self.payload = payload
-        self.model = _compile(robot, payload)
+        self.obstacles = tuple(obstacles)
+        self.model = _compile(robot, payload, self.obstacles)
         self._data = mujoco.MjData(self.model)
         self.n = len(robot.joints)
         self.q_min: Vector = self.model.jnt_range[:, 0].copy()
@@ -78,8 +90,8 @@ class Arm:
         self._base, self._reach = self._shoulder_and_reach()
 
     def carrying(self, payload: Payload | None) -> "Arm":
-        """The same arm with another belief about what it holds."""
-        return Arm(self.robot, payload)
+        """The same arm among the same obstacles, with another belief about what it holds."""
+        return Arm(self.robot, payload, self.obstacles)
 
     def pose(self, q: Vector) -> SE3:
         """T_world_tcp at q."""
@@ -194,7 +206,9 @@ class Arm:
         return self._data
 
 
-def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
+def _compile(
+    robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
+) -> mujoco.MjModel:
     spec = robot_spec(robot)
     drives: list[Any] = [
         *spec.actuators,
@@ -210,6 +224,8 @@ def _compile(robot: Robot, payload: Payload | None) -> mujoco.MjModel:
     without_looks(spec)
     if payload is not None:
         add_payload(spec, robot, payload, "payload")
+    for obstacle in obstacles:
+        add_obstacle(spec, obstacle)
     # No contacts and no joint stops: inverse dynamics of the free arm.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model = spec.compile()

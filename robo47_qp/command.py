@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TypeVar
 
 import tyro
@@ -12,7 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from robo47_qp.audit import audit
-from robo47_qp.errors import RecordingError, Robo47Error
+from robo47_qp.errors import Robo47Error
+from robo47_qp.files import claim, write_text
 from robo47_qp.metrics import metrics
 from robo47_qp.observer import Observer
 from robo47_qp.options import RunOptions
@@ -74,7 +74,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
     if options.video is not None:
         files["video"] = options.video
     for path in files.values():
-        _claim(path)
+        claim(path)
     with ExitStack() as stack:
 
         def joined(observer: ObserverT) -> ObserverT:
@@ -97,36 +97,9 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
         summary = report(run, figures, findings)
         log.finish(summary_markdown(summary))
     plot_run(run, files["plot"])
-    _write(files["report"], json.dumps(summary, indent=2))
+    write_text(files["report"], json.dumps(summary, indent=2))
     if options.json:
         sys.stdout.write(json.dumps(summary, indent=2) + "\n")
     else:
         print_summary(console, run, figures, findings, files)
     return OK if run.failure is None else FAILED
-
-
-def _claim(path: Path) -> None:
-    """Make sure that a file can be written, before anything moves.
-
-    Raises:
-        RecordingError: It cannot.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = not path.exists()
-        with path.open("ab"):
-            pass
-        if new:
-            path.unlink()
-    except OSError as error:
-        raise RecordingError(
-            f"{path} cannot be written: {error.strerror}. Name a file in a folder that you may "
-            "write to."
-        ) from error
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error

@@ -5,6 +5,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib.metadata import version
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from robo47_qp import __version__
 from robo47_qp.audit import Finding
 from robo47_qp.run import Run
 
-_PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "rerun-sdk")
+_PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "scipy", "rerun-sdk")
 
 
 def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) -> dict[str, Any]:
@@ -27,7 +28,7 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
         "task": scenario.task.name,
         "robot": scenario.robot.name,
         "settings": {
-            name: _plain(getattr(scenario, name)) for name in ("task", "planner", "controller")
+            name: plain(getattr(scenario, name)) for name in ("task", "planner", "controller")
         },
         "versions": versions(),
         "metrics": dict(metrics),
@@ -75,17 +76,23 @@ def versions() -> dict[str, str]:
     }
 
 
-def _plain(value: object) -> Any:
-    """A setting as JSON: dataclasses by field with the name of their class."""
+def plain(value: object) -> Any:
+    """A setting as JSON: dataclasses by field with the name of their class.
+
+    JSON has no infinity and no NaN: they become text. Of any other object, the class is told.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"class": type(value).__name__, **fields}
     match value:
-        case np.ndarray():
-            return value.tolist()
+        case float() if not isfinite(value):
+            return str(value)
         case Enum():
             return value.value
-        case tuple() | list():
-            return [_plain(item) for item in value]
-        case _:
+        case np.ndarray() | tuple() | list():
+            items = value.tolist() if isinstance(value, np.ndarray) else value
+            return [plain(item) for item in items]
+        case None | bool() | int() | float() | str():
             return value
+        case _:
+            return {"class": type(value).__name__}

@@ -3,9 +3,7 @@
 import atexit
 import ctypes
 import os
-import shutil
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +12,10 @@ import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError, RenderingError
-
-if sys.platform != "win32":
-    import resource
+from robo47_qp.files import room
 
 TIMELINE = "time"
-"""The only timeline: simulated time, a duration."""
+"""The timeline of a run: simulated time, a duration."""
 _PATIENCE = 5.0
 """How long the file may take to receive what was written [s]."""
 _RESERVE = 16e6
@@ -103,7 +99,16 @@ class RerunStream:
         """
         # Rounded here: Rerun would truncate, and rows of one instant would not join.
         instants = np.round(times * 1e9).astype("timedelta64[ns]")
-        index = rr.TimeColumn(TIMELINE, duration=instants)
+        self.send_at(entity, rr.TimeColumn(TIMELINE, duration=instants), columns)
+
+    def send_at(
+        self, entity: str, index: rr.TimeColumn, columns: Iterable[rr.ComponentColumn]
+    ) -> None:
+        """Log many rows at once on any timeline.
+
+        Raises:
+            RecordingError: The recording is closed.
+        """
         for stream in self._streams():
             stream.send_columns(entity, [index], columns)
 
@@ -118,12 +123,12 @@ class RerunStream:
         Raises:
             RecordingError: There is hardly any room left.
         """
-        room = _room(self.path)
-        if room < _RESERVE:
+        left = room(self.path)
+        if left < _RESERVE:
             self.finish(until)
             raise RecordingError(
                 f"{self.path} was closed at {until:.3f} s, as there is room for only "
-                f"{room / 1e6:.0f} MB more. It is complete up to there; make room, or record to "
+                f"{left / 1e6:.0f} MB more. It is complete up to there; make room, or record to "
                 "another disk."
             )
 
@@ -230,16 +235,3 @@ def _check_writable(path: Path) -> None:
             f"{path} cannot be written: {reason}. Name a file in a folder that you may "
             "write to, on a disk that is there."
         ) from error
-
-
-def _room(path: Path) -> float:
-    """Bytes by which a file can still grow, as far as that can be told."""
-    try:
-        room = float(shutil.disk_usage(path.parent).free)
-        if sys.platform != "win32":
-            limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-            if limit != resource.RLIM_INFINITY:
-                room = min(room, limit - path.stat().st_size)
-    except OSError:
-        return float("inf")
-    return room

@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays",),
-    ("robot", "waypoint"),
+    ("arrays", "comparison", "files", "json_file"),
+    ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
     ("robots.*", "arm"),
     ("ik.*",),
@@ -21,7 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("disturbance", "robot_loading", "simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
-    ("metrics", "audit", "plots"),
+    ("metrics", "audit", "plots", "settling", "comparison_page"),
     ("report",),
     ("observer",),
     ("body_poses", "live_viewer", "rerun_columns", "rerun_scene", "rerun_stream"),
@@ -29,8 +29,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rerun_log",),
     ("pacing", "terminal", "video"),
     ("runner",),
-    ("options",),
+    ("options", "settling_study"),
     ("command",),
+    ("ik_benchmark.*",),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
@@ -46,12 +47,19 @@ ONLY_IN = {
         "rerun_log",
         "rerun_scene",
         "rerun_stream",
+        "ik_benchmark.failure_log",
+        "ik_benchmark.failure_pages",
     },
-    "matplotlib": {"plots"},
+    "matplotlib": {"plots", "ik_benchmark.plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"menagerie"},
     "tyro": {"command"},
+    "pydrake": {"ik.peers.drake"},
+    "pink": {"ik.peers.pink"},
+    "pinocchio": {"ik.peers.pink"},
+    "optik": {"ik.peers.optik"},
+    "roboticstoolbox": {"ik.peers.toolbox"},
 }
 """Modules of the package that may import a library."""
 TASKS_MAY_USE = {"errors", "simulation", "task", "waypoint"}

@@ -243,7 +243,8 @@ def test_a_slide_has_no_turns(robot: Robot, tmp_path: Path) -> None:
     (last,) = (joint for joint in root.iter("joint") if joint.get("name") == robot.joints[-1])
     last.attrib |= {"type": "slide", "range": "-0.2 0.2"}
     path.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
-    arm = Arm(replace(robot, mjcf=path, home=np.where(np.arange(7) == 6, 0.0, robot.home)))
+    home = np.where(np.arange(7) == 6, 0.0, robot.home)
+    arm = Arm(replace(robot, mjcf=path, home=home, slides=robot.joints[-1:]))
     q = arm.home.copy()
     q[-1] = 6.2
     # One start, already there: 2π less would be inside.

@@ -271,6 +271,8 @@ BAD_POSES = {
     "infinite quaternion": [np.inf, 0, 0, 0, 0.4, 0.0, 0.3],
     "no quaternion": [0, 0, 0, 0, 0.4, 0.0, 0.3],
     "long quaternion": [1.01, 0, 0, 0, 0.4, 0.0, 0.3],
+    "beyond all bounds": [1, 0, 0, 0, 1e100, 0.0, 0.3],
+    "overflow": [1, 0, 0, 0, 0.4, -1e300, 0.3],
     "short quaternion": [0.99, 0, 0, 0, 0.4, 0.0, 0.3],
 }
 
@@ -291,6 +293,13 @@ def test_a_target_that_is_no_pose_is_a_result(
     assert np.isnan(result.orientation_error)
     assert result.limit_margin == arm.limit_margin(arm.home)
     assert result.iterations == result.restarts == 0
+
+
+@EVERY
+@pytest.mark.parametrize("target", [None, np.eye(4), np.zeros(3), "home", SO3.identity()])
+def test_what_is_no_pose_at_all_is_a_result_too(solver: IkSolver, arm: Arm, target: object) -> None:
+    result = solver.solve(arm, target, arm.home)  # type: ignore[arg-type]
+    assert result.reason is Reason.INVALID_TARGET
 
 
 @EVERY

@@ -20,6 +20,7 @@ from robo47_qp.robot import Robot
 from robo47_qp.waypoint import Payload
 from tests.examples import shifted
 from tests.plain_arm import PlainArm, welded_file
+from tests.robots import the_gripper
 
 COUNT = 60
 
@@ -220,7 +221,9 @@ def changed(robot: Robot, folder: Path, change: Callable[[ET.Element], None]) ->
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     change(root)
     path.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
-    return replace(robot, mjcf=path)
+    types = {joint.get("name"): joint.get("type") for joint in root.iter("joint")}
+    slides = tuple(name for name in robot.joints if types[name] == "slide")
+    return replace(robot, mjcf=path, slides=slides)
 
 
 def of_joint(i: int, **values: str) -> Callable[[Robot, ET.Element], None]:
@@ -312,7 +315,7 @@ def test_what_the_tool_holds_and_how_fingers_look_does_not_matter(
 
     def change(root: ET.Element) -> None:
         for body in root.iter("body"):
-            if body.get("name") in robot.gripper.fingers:
+            if body.get("name") in the_gripper(robot).fingers:
                 body.set("pos", "0 0 0.5")
 
     monkeypatch.setattr(module, "_made", never)

@@ -6,12 +6,14 @@ from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
 import pytest
 
 import robo47_qp
 from robo47_qp.audit import audit
+from robo47_qp.ik.solver import Tolerance
 from robo47_qp.metrics import metrics
-from robo47_qp.report import report, summary_markdown, versions
+from robo47_qp.report import plain, report, summary_markdown, versions
 from robo47_qp.run import Run
 from robo47_qp.task import Cause, Failure
 from tasks.pick_place import PickPlace
@@ -134,3 +136,12 @@ def test_the_markdown_tells_figures_and_promises(summary: dict[str, Any]) -> Non
     assert "| NO |" not in text
     broken = {**summary, "audit": [{**summary["audit"][0], "ok": False}]}
     assert summary_markdown(broken).count("| NO |") == 1
+
+
+def test_settings_become_plain_json() -> None:
+    found = plain(Tolerance(position=1e-3, orientation=float("inf")))
+    assert found == {"class": "Tolerance", "position": 1e-3, "orientation": "inf"}
+    assert plain([np.array([1.0, np.nan]), None, True, Cause.DROP]) == [
+        *([1.0, "nan"], None, True, Cause.DROP.value)
+    ]
+    assert plain(object()) == {"class": "object"}

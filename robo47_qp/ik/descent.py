@@ -7,6 +7,7 @@ from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.avoidance import Avoidance, Rows
 from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.ik.stall import Stall
@@ -54,8 +55,11 @@ class Descent:
         tolerance: Tolerance,
         max_iterations: int,
         stall: Stall | None,
+        avoidance: Avoidance | None = None,
     ) -> int:
         """Search from the point inside the limits that is closest to q_seed.
+
+        With `avoidance`, steps keep its rows, and the search ends clear of everything.
 
         Returns:
             The number of steps.
@@ -69,10 +73,11 @@ class Descent:
         history: list[float] = []
         for iteration in range(max_iterations + 1):
             distance2, angle2 = error.move(q)
-            if distance2 <= close and angle2 <= aligned:
+            reached = distance2 <= close and angle2 <= aligned
+            if reached and (avoidance is None or avoidance.kept(q)):
                 break
             squared_error = distance2 + angle2 if self._turns else distance2
-            if stall is not None:
+            if stall is not None and not reached:
                 history.append(squared_error)
                 if stall.stuck(history):
                     break
@@ -82,7 +87,7 @@ class Descent:
             H, f = self._objective.expand(error, squared_error, q, q_seed)
             np.subtract(self._q_min, q, out=low)
             np.subtract(self._q_max, q, out=high)
-            dq = self._qp.solve(H, f, low, high)
+            dq = self._step(H, f, None if avoidance is None else avoidance.rows(q))
             if dq is None:
                 break
             np.add(q, dq, out=q)
@@ -90,3 +95,17 @@ class Descent:
         np.maximum(q, self._q_min, out=q)
         np.minimum(q, self._q_max, out=q)
         return iteration
+
+    def _step(self, H: Matrix, f: Vector, rows: Rows | None) -> Vector | None:
+        """The step within the bounds and the rows.
+
+        Bounds and rows together may leave no step where pairs have to part. Then the parting
+        gives way, and the rows only keep what distance there is: no step at all does that.
+        """
+        low, high = self._low, self._high
+        if rows is None or len(rows.upper) == 0:
+            return self._qp.solve(H, f, low, high)
+        dq = self._qp.solve(H, f, low, high, rows.A, rows.upper)
+        if dq is None and rows.upper.min() < 0.0:
+            dq = self._qp.solve(H, f, low, high, rows.A, np.maximum(rows.upper, 0.0))
+        return dq

@@ -90,9 +90,9 @@ class MultiStart:
                     found.append(result)
                 if len(found) == self.answers:
                     break
-            elif best is None or _error(result) < _error(best):
+            elif best is None or _rank(result) < _rank(best):
                 best = result
-                if result.reason in _HOPELESS:
+                if result.reason in _HOPELESS or result.inevitable:
                     break
         if not found and best is not None:
             best = replace(best, iterations=iterations, restarts=restarts)
@@ -127,5 +127,8 @@ class MultiStart:
             yield library.q[k]
 
 
-def _error(result: IkResult) -> float:
-    return result.position_error + result.orientation_error
+def _rank(result: IkResult) -> tuple[bool, float]:
+    """How far a result is from an answer: one that is reached but too close comes first."""
+    if result.reason is Reason.COLLISION and result.clearance is not None:
+        return False, -result.clearance
+    return True, result.position_error + result.orientation_error

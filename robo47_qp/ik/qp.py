@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from time import process_time
 
 import numpy as np
 from mink import SE3
@@ -11,7 +10,9 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
-from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
+from robo47_qp.ik.geom_pairs import check_clearance
+from robo47_qp.ik.search import Limits, searched
+from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.stall import Stall
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.ik.twist import Twist
@@ -43,25 +44,30 @@ class QpIk:
     """ε, per error."""
     stall: Stall | None = None
     """When a start is given up early; never by default."""
+    clearance: float | None = None
+    """Distance to be kept by the arm from itself and from its obstacles [m]; None lets it go
+    through them."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
-        """Check the name of the QP solver.
+        """Check the name of the QP solver and the clearance.
 
         Raises:
+            InvalidValueError: The clearance is negative or not finite.
             UnknownNameError: The QP solver is not one of `backends()`.
         """
         box_qp(self.backend, 1)
+        if self.clearance is not None:
+            check_clearance(self.clearance)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
-        started = process_time()
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
         descent = _descent(arm, self.backend, self.lm_damping, self.posture_cost)
-        iterations = descent.run(T_world_target, q, self.tolerance, self.max_iterations, self.stall)
-        return judged(arm, T_world_target, descent.q, self.tolerance, iterations, started)
+        limits = Limits(self.tolerance, self.max_iterations, self.stall, self.clearance)
+        return searched(arm, descent, T_world_target, q, limits)
 
 
 class _TwistAndPosture:

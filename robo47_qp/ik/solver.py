@@ -11,6 +11,10 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.proximity import Proximity, proximity, too_close
+
+_FAR = 1e9
+"""Beyond this distance squares lose their meaning, and a target is none [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +34,11 @@ class Reason(Enum):
     OUT_OF_REACH = "out of reach"
     JOINT_LIMITS = "outside joint limits"
     NOT_CONVERGED = "not converged"
+    COLLISION = "collision"
+
+
+_TOOL = 1.0
+"""No point of a tool is further from the tool frame [m]."""
 
 
 class Bound(Enum):
@@ -70,7 +79,13 @@ class IkResult:
     joints: tuple[str, ...] = ()
     """Joints that are outside their limits, or would have to be; empty for any other reason."""
     clearance: float | None = None
-    """Distance to the nearest obstacle [m]; None where it was not asked for."""
+    """Smallest distance of the arm from itself and its obstacles, negative where they overlap
+    [m]; None where it was not asked for, or the target not reached."""
+    pair: tuple[str, str] | None = None
+    """What is that close: bodies of the robot, names of obstacles; None with `clearance`."""
+    inevitable: bool = False
+    """True where no other configuration can help: the tool itself is too close to something
+    that stands still, at the very pose that is asked for."""
 
     @property
     def converged(self) -> bool:
@@ -107,6 +122,7 @@ def judged(
     tolerance: Tolerance,
     iterations: int,
     started: float | None = None,
+    asked: float | None = None,
 ) -> IkResult:
     """Result for a solver that stopped at q, whatever the solver itself thinks of it.
 
@@ -117,6 +133,7 @@ def judged(
         tolerance: How close counts as reached.
         iterations: Steps taken.
         started: When the solver began, by `time.process_time` [s]; None leaves time out.
+        asked: Clearance that an answer must have [m]; None leaves collisions out.
     """
     q = np.array(q, dtype=np.float64)
     position_error, orientation_error = arm.distance_to(T_world_target, q)
@@ -125,10 +142,15 @@ def judged(
     explanation, beyond = "", 0.0
     bound: Bound | None = None
     joints: tuple[str, ...] = ()
+    near: Proximity | None = None
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
+        if asked is not None:
+            near = proximity(arm, q, asked, tolerance.position + _TOOL * tolerance.orientation)
+            if reason is None and near.distance < asked:
+                reason, explanation = Reason.COLLISION, too_close(near, asked)
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
         if beyond > 0.0:
@@ -149,6 +171,9 @@ def judged(
         beyond_reach=beyond,
         bound=bound,
         joints=joints,
+        clearance=None if near is None else near.distance,
+        pair=None if near is None else near.pair,
+        inevitable=near is not None and near.inevitable,
     )
 
 
@@ -157,7 +182,7 @@ def rejected(arm: Arm, q_seed: Vector) -> IkResult:
     return IkResult(
         q=q_seed.copy(),
         reason=Reason.INVALID_TARGET,
-        explanation="the target is not a finite pose with a unit quaternion",
+        explanation="the target is not a finite pose with a unit quaternion, or is beyond 1e9 m",
         position_error=float("nan"),
         orientation_error=float("nan"),
         limit_margin=arm.limit_margin(q_seed),
@@ -165,10 +190,14 @@ def rejected(arm: Arm, q_seed: Vector) -> IkResult:
     )
 
 
-def is_pose(T_world_target: SE3) -> bool:
-    """True for a finite pose whose quaternion has unit length within 1e-6."""
+def is_pose(T_world_target: object) -> bool:
+    """True for an SE3 within 1e9 m whose quaternion has unit length within 1e-6."""
+    if not isinstance(T_world_target, SE3):
+        return False
     pose = T_world_target.wxyz_xyz
-    return bool(np.isfinite(pose).all() and abs(pose[:4] @ pose[:4] - 1.0) < 2e-6)
+    if pose.shape != (7,) or not abs(pose[:4].dot(pose[:4]) - 1.0) < 2e-6:
+        return False
+    return bool(np.abs(pose[4:]).max() <= _FAR)
 
 
 def residual(position_error: float, orientation_error: float, iterations: int) -> str:

@@ -1,0 +1,143 @@
+"""Rows of a QP that keep pairs of geoms apart."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.clearance import Clearance
+
+_TOUCH = 1e-7
+"""Points closer than this give no direction [m]."""
+_H = 1e-6
+"""Half the width of central differences there [rad or m]."""
+
+
+class Rows(NamedTuple):
+    """A dq <= upper keeps pairs apart, for a step dq of the joints [rad or m]."""
+
+    A: Matrix
+    """How fast each pair closes per joint (k, n) [m/rad]."""
+    upper: Vector
+    """How much closer each pair may come (k,) [m]; negative where it has to part."""
+    distance: Vector
+    """Signed distance of each pair (k,) [m], the smallest first."""
+    pair: NDArray[np.intp]
+    """Which of the checked pairs each row is (k,); see `Clearance.pairs`."""
+
+
+class Avoidance:
+    """Linearised distances of the pairs of geoms that are close at a configuration.
+
+    With d the signed distance of a pair, n the unit vector from its first to its second geom
+    and J_a, J_b the Jacobians of the nearest points on them, dd = n . (J_b - J_a) dq, and
+
+        -n . (J_b - J_a) dq <= d - d_min              where d >= d_min,
+        -n . (J_b - J_a) dq <= recovery (d - d_min)   where d < d_min:
+
+    a step never closes more than the room there is, and a pair that is too close has to part
+    by a share of what it lacks. (Faverjon and Tournassoud, "A local based approach for path
+    planning of manipulators with a high number of degrees of freedom", 1987.) All is in
+    units of one step, metres per step dq: there is no time in it. With dq = v dt the same
+    rows bound a velocity, as -n . (J_b - J_a) v dt <= d - d_min.
+    """
+
+    def __init__(
+        self,
+        clearance: Clearance,
+        *,
+        d_min: float,
+        detection: float,
+        recovery: float = 0.5,
+        max_rows: int = 32,
+    ) -> None:
+        """Look at the pairs of a clearance.
+
+        Args:
+            clearance: The distances.
+            d_min: Distance to be kept [m].
+            detection: Pairs closer than this get a row [m]; more than d_min plus what a pair
+                closes in the longest step.
+            recovery: Share of the lacking distance to be regained in a step, in [0, 1].
+            max_rows: Most rows; the nearest pairs are the ones that get them.
+
+        Raises:
+            InvalidValueError: A number is out of its range.
+        """
+        if not 0.0 <= d_min < detection < np.inf:
+            raise InvalidValueError(
+                "d_min and detection", (d_min, detection), "0 <= d_min < detection, finite [m]"
+            )
+        if not 0.0 <= recovery <= 1.0:
+            raise InvalidValueError("recovery", recovery, "in [0, 1]")
+        if max_rows < 1:
+            raise InvalidValueError("max_rows", max_rows, "at least 1")
+        self._clearance, self._d_min, self._detection = clearance, d_min, detection
+        self._recovery, self._max_rows = recovery, max_rows
+        m = clearance.arm.model
+        moves = _moves(clearance.arm)
+        ends = m.geom_bodyid[np.array(clearance.pairs.kept)]
+        self._sign = moves[ends[:, 1]] - moves[ends[:, 0]]
+        self._slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+
+    def rows(self, q: Vector) -> Rows:
+        """Rows for the pairs within the detection distance at q, at most `max_rows`."""
+        near = self._clearance.nearby(q, self._detection)
+        pair, d = near.pair[: self._max_rows], near.distance[: self._max_rows]
+        lacking = d - self._d_min
+        upper = np.where(lacking < 0.0, self._recovery * lacking, lacking)
+        A = self._closing(q, pair, d, near.segment[: self._max_rows])
+        return Rows(A, upper, d, pair)
+
+    def kept(self, q: Vector) -> bool:
+        """True where every pair has the clearance that the distances were built for."""
+        return self._clearance.clear(q, self._clearance.asked)
+
+    def _closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
+        """-n . (J_b - J_a) of each pair (k, n).
+
+        A joint that moves both geoms changes nothing; one that moves a geom alone, about an
+        axis u through o, moves its nearest point p along n by n . (u x (p - o)), which is
+        u . (p x n) - n . (u x o). The two nearest points lie on one line along n: either will do.
+        """
+        data = self._clearance.data
+        p, across = segment[:, :3], segment[:, 3:] - segment[:, :3]
+        vague = np.abs(d) < _TOUCH
+        n = across / np.where(vague, 1.0, d)[:, None]
+        u, o = data.xaxis, data.xanchor
+        along = np.where(self._slides, n @ u.T, _cross(p, n) @ u.T - n @ _cross(u, o).T)
+        A: Matrix = -self._sign[pair] * along
+        for k in np.flatnonzero(vague).tolist():
+            A[k] = self._by_differences(q, int(pair[k]))
+        return A
+
+    def _by_differences(self, q: Vector, pair: int) -> Vector:
+        """The same for a pair whose geoms touch, where no segment shows the direction."""
+        of, steps = self._clearance.distance_of, _H * np.eye(len(q))
+        change = [of(pair, q + step) - of(pair, q - step) for step in steps]
+        closing: Vector = np.array(change) / (-2 * _H)
+        return closing
+
+
+def _moves(arm: Arm) -> Matrix:
+    """1 where a joint moves a body, else 0 (bodies, n)."""
+    m = arm.model
+    moves = np.zeros((m.nbody, arm.n))
+    for body in range(1, m.nbody):
+        moves[body] = moves[m.body_parentid[body]]
+        first = m.body_jntadr[body]
+        moves[body, first : first + m.body_jntnum[body]] = 1.0
+    return moves
+
+
+def _cross(a: Matrix, b: Matrix) -> Matrix:
+    """Cross products of rows (k, 3); numpy's own takes several times as long."""
+    out = np.empty_like(a)
+    out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    out[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return out

@@ -1,0 +1,61 @@
+"""One search from one start, and a second one where the first ends too close to something."""
+
+from dataclasses import replace
+from functools import lru_cache
+from time import process_time
+from typing import NamedTuple
+
+from mink import SE3
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.ik.avoidance import Avoidance
+from robo47_qp.ik.clearance import clearance_of
+from robo47_qp.ik.descent import Descent
+from robo47_qp.ik.solver import IkResult, Reason, Tolerance, judged
+from robo47_qp.ik.stall import Stall
+
+_SPARE = 1e-5
+"""What the rows keep beyond the clearance that is asked for, for what they do not see: the
+curvature of the last steps [m]."""
+_DETECTION = 0.05
+"""How much further away a pair gets a row [m]."""
+
+
+class Limits(NamedTuple):
+    """When a search ends, and how far from everything."""
+
+    tolerance: Tolerance
+    max_iterations: int
+    stall: Stall | None
+    clearance: float | None
+
+
+def searched(
+    arm: Arm, descent: Descent, T_world_target: SE3, q_seed: Vector, limits: Limits
+) -> IkResult:
+    """The judged end of a search from q_seed.
+
+    The way to an answer is not driven, so nothing has to stay clear on it: the first search
+    looks at the tool alone. Where its answer is closer than `clearance` to anything, a second
+    one from the same start has every step keep the distance, or regain it.
+    """
+    started = process_time()
+    tolerance, count, stall, clearance = limits
+    iterations = descent.run(T_world_target, q_seed, tolerance, count, stall)
+    free = judged(arm, T_world_target, descent.q, tolerance, iterations, started, clearance)
+    if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
+        return free
+    avoidance = _avoidance(arm, clearance)
+    iterations += descent.run(T_world_target, q_seed, tolerance, count, stall, avoidance)
+    kept = judged(arm, T_world_target, descent.q, tolerance, iterations, started, clearance)
+    # A pose that is reached too close to something tells more than one that is not reached.
+    if kept.reason is Reason.NOT_CONVERGED:
+        return replace(free, iterations=iterations, seconds=kept.seconds)
+    return kept
+
+
+@lru_cache(maxsize=16)
+def _avoidance(arm: Arm, clearance: float) -> Avoidance:
+    d_min = clearance + _SPARE
+    return Avoidance(clearance_of(arm, clearance), d_min=d_min, detection=d_min + _DETECTION)

@@ -1,0 +1,138 @@
+"""Comparison: every solver on every target, one after the other, judged by one judge."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from time import process_time
+
+import numpy as np
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError, Robo47Error
+from robo47_qp.ik.solver import IkSolver
+from robo47_qp.ik_benchmark.answers import RAISED, Answer, Answers
+from robo47_qp.ik_benchmark.judge import Judge
+from robo47_qp.ik_benchmark.targets import MakeTargets, TargetSet
+
+_RAISES = (
+    *(Robo47Error, ValueError, TypeError, ArithmeticError, AttributeError, LookupError),
+    *(RuntimeError, SystemError),  # compiled peers
+)
+"""What a solver is known to raise on a bad target; never a reason to stop the comparison."""
+
+
+class Start(Enum):
+    """Where the searches start."""
+
+    HOME = "home"
+    """The robot's rest configuration, always."""
+    RANDOM = "random"
+    """A configuration drawn from the joint ranges for each target, the same for all solvers."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Field:
+    """A target set and the judge of its answers."""
+
+    make: MakeTargets
+    judge: Judge
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """Who is compared on what. Every solver gets the same targets from the same seeds."""
+
+    arm: Arm
+    solvers: Mapping[str, IkSolver]
+    fields: Mapping[str, Field]
+    """Target sets by name."""
+    n: int
+    """Targets per set."""
+    seed: int = 0
+    """Each set is drawn from a generator of its own: it does not depend on the others."""
+    start: Start = Start.HOME
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: There is nothing to compare.
+        """
+        if self.n < 1:
+            raise InvalidValueError("--n", self.n, "1 or more")
+        if self.seed < 0:
+            raise InvalidValueError("--seed", self.seed, "0 or more")
+        for option, chosen in (("--solvers", self.solvers), ("--targets", self.fields)):
+            if not chosen:
+                raise InvalidValueError(option, "none", "at least one name")
+
+    def q_seeds(self, name: str) -> Matrix:
+        """Where the searches of one target set start (n, joints) [rad]."""
+        if self.start is Start.HOME:
+            return np.tile(self.arm.home, (self.n, 1))
+        rng = np.random.default_rng([self.seed, 1, *name.encode()])
+        return rng.uniform(self.arm.q_min, self.arm.q_max, (self.n, self.arm.n))
+
+    def target_set(self, name: str) -> TargetSet:
+        """The targets of one name: the same for the same seed, whatever else is compared."""
+        rng = np.random.default_rng([self.seed, 0, *name.encode()])
+        return self.fields[name].make(self.arm, self.n, rng)
+
+    def run(self, show: Callable[[Sequence[Answers], int], None]) -> Iterator[Sequence[Answers]]:
+        """Yield the answers of all solvers, set by set.
+
+        Targets are the outer loop: a comparison that is interrupted is still paired, and what
+        slows the machine down for a while slows all solvers.
+
+        Args:
+            show: Called after each target with the answers so far and their number.
+        """
+        for name in self.fields:
+            targets = self.target_set(name)
+            rows = [self._row(solver, targets) for solver in self.solvers]
+            try:
+                for k in range(len(targets)):
+                    answers = [self._answer(row, k) for row in rows]
+                    for row, answer in zip(rows, answers, strict=True):
+                        row.items.append(answer)
+                    show(rows, k + 1)
+            except KeyboardInterrupt:
+                if rows[0].n:
+                    yield rows
+                raise
+            yield rows
+
+    def _row(self, solver: str, targets: TargetSet) -> Answers:
+        """No answers yet, after a solve of what needs no step: it builds what is kept."""
+        started = process_time()
+        self.solvers[solver].solve(self.arm, self.arm.pose(self.arm.home), self.arm.home.copy())
+        return Answers(
+            solver=solver,
+            targets=targets,
+            q_seeds=self.q_seeds(targets.name),
+            first_seconds=process_time() - started,
+        )
+
+    def _answer(self, row: Answers, k: int) -> Answer:
+        target, seed = row.targets.targets[k], row.q_seeds[k].copy()
+        judge = self.fields[row.targets.name].judge
+        solve = self.solvers[row.solver].solve
+        started = process_time()
+        try:
+            result = solve(self.arm, target, seed)
+        except _RAISES as error:
+            seconds = process_time() - started
+            q: Vector = np.full(self.arm.n, np.nan)
+            words = f"{type(error).__name__}: {error}"
+            return Answer(q, RAISED, words, 0, 0, seconds, judge.verdict(target, q))
+        seconds = process_time() - started
+        return Answer(
+            q=result.q,
+            reason=None if result.reason is None else result.reason.name,
+            explanation=result.explanation,
+            iterations=result.iterations,
+            restarts=result.restarts,
+            seconds=seconds,
+            verdict=judge.verdict(target, result.q),
+        )

@@ -1,0 +1,122 @@
+"""The figures of a comparison: a row per solver and target set, reasons, paired tests."""
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from robo47_qp.ik_benchmark.answers import RAISED, Answers
+from robo47_qp.ik_benchmark.statistics import PairedTest, holm, mcnemar, wilson
+from robo47_qp.ik_benchmark.unreachable import EXPECTED
+
+Question = tuple[str, str]
+"""Two solvers that were to be compared before there were figures."""
+
+
+def row(answers: Answers, reached_by_any: int) -> dict[str, Any]:
+    """The figures of one solver on one target set, as JSON; rates are of all n targets.
+
+    Args:
+        answers: What the solver answered.
+        reached_by_any: Targets that some solver of the comparison reached, tight.
+    """
+    n, success, tight = answers.n, answers.success, answers.tight
+    free = success & answers.free
+    times = np.percentile(answers.milliseconds, [50.0, 95.0, 99.0, 100.0])
+    reasons = Counter(answer.reason for answer in answers.items)
+    return {
+        "solver": answers.solver,
+        "targets": answers.targets.name,
+        "n": n,
+        "success": float(success.mean()),
+        "interval": list(wilson(int(success.sum()), n)),
+        "tight": float(tight.mean()),
+        "tight_interval": list(wilson(int(tight.sum()), n)),
+        "collision_free": float(free.mean()),
+        "collision_free_interval": list(wilson(int(free.sum()), n)),
+        "position_only": float(answers.in_place.mean()),
+        "median_ms": float(times[0]),
+        "p95_ms": float(times[1]),
+        "p99_ms": float(times[2]),
+        "max_ms": float(times[3]),
+        "first_ms": 1e3 * answers.first_seconds,
+        "limit_violations": int(answers.outside.sum()),
+        "reached_by_any": reached_by_any,
+        "missed": reached_by_any - int(tight.sum()),
+        "false_claims": int((answers.claimed & ~success).sum()),
+        "raised": reasons[RAISED],
+        "median_iterations": float(np.median(answers.iterations)),
+        "mean_restarts": float(answers.restarts.mean()),
+        "reasons": dict(sorted((k, v) for k, v in reasons.items() if k is not None)),
+        "sha256": answers.digest(),
+    }
+
+
+def rows(field: Sequence[Answers]) -> list[dict[str, Any]]:
+    """The rows of all solvers on one target set."""
+    some = np.logical_or.reduce([answers.tight for answers in field])
+    return [row(answers, int(some.sum())) for answers in field]
+
+
+def reason_rows(answers: Answers) -> list[dict[str, Any]]:
+    """Per kind of unreachable target, how often the solver named the right class of reason."""
+    kinds = np.array(answers.targets.kinds[: answers.n])
+    found = []
+    for kind in dict.fromkeys(kinds.tolist()):
+        said = [
+            (answer.reason, answer.seconds)
+            for answer, own in zip(answers.items, kinds, strict=True)
+            if own == kind
+        ]
+        right = sum(reason in EXPECTED[kind] for reason, _ in said)
+        found.append(
+            {
+                "solver": answers.solver,
+                "targets": answers.targets.name,
+                "kind": kind,
+                "n": len(said),
+                "right": right,
+                "expected": sorted(EXPECTED[kind]),
+                "said": dict(sorted(Counter(reason or "REACHED" for reason, _ in said).items())),
+                "p99_ms": float(np.percentile([1e3 * seconds for _, seconds in said], 99.0)),
+            }
+        )
+    return found
+
+
+def paired_tests(
+    fields: Sequence[Sequence[Answers]], planned: Collection[Question]
+) -> list[PairedTest]:
+    """All pairs of solvers on all target sets that can be reached.
+
+    Success is that of the row: 1 mm, 0.1 degrees, inside the limits.
+    """
+    tests = []
+    for field in fields:
+        solved = {answers.solver: answers.success for answers in field}
+        if field[0].targets.reachable is False:
+            continue
+        for a, b in combinations(solved, 2):
+            only_a, only_b, p = mcnemar(solved[a], solved[b])
+            tests.append(
+                PairedTest(
+                    targets=field[0].targets.name,
+                    a=a,
+                    b=b,
+                    only_a=only_a,
+                    only_b=only_b,
+                    p=p,
+                    p_holm=p,
+                    planned=(a, b) in planned,
+                )
+            )
+    return [test for family in (True, False) for test in _corrected(tests, family)]
+
+
+def _corrected(tests: Sequence[PairedTest], planned: bool) -> list[PairedTest]:
+    family = [test for test in tests if test.planned is planned]
+    corrected = holm([test.p for test in family])
+    return [replace(test, p_holm=p) for test, p in zip(family, corrected, strict=True)]

@@ -1,0 +1,273 @@
+"""IK that keeps its distance: a Panda in a cell, judged by contacts of a model of its own."""
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.command import main
+from robo47_qp.ik.clearance import Clearance
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.ik.stall import Stall
+from robo47_qp.obstacle import Obstacle, Shape
+from robo47_qp.robots.panda import PANDA
+
+SEEN = 0.2
+"""Contacts are reported up to this distance [m]."""
+REACHED = 1e-6
+"""What the judge accepts beside the pose asked for [m, rad], plus rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionIkOptions:
+    """Options of this scenario."""
+
+    n: int = 1000
+    """Targets made of configurations that keep the clearance."""
+    cluttered: int = 200
+    """Targets made of configurations that do not; about a third has another answer."""
+    seed: int = 0
+    """Seed of the targets."""
+    clearance: float = 0.01
+    """Distance to be kept [m]."""
+    exhaustive: int = 600
+    """Restarts that look for an answer where a solver found none."""
+    json: Path | None = None
+    """File for the figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """What one solver did on one kind of targets."""
+
+    solver: str
+    targets: str
+    n: int
+    solvable: int
+    """Targets with an answer that any solver or the exhaustive search found."""
+    solved: int
+    interval: tuple[float, float]
+    """Wilson's 95 % interval of the share."""
+    least_clearance_mm: float
+    """Of all answers, by the judge."""
+    median_ms: float
+    p95_ms: float
+    p99_ms: float
+    unsolvable_median_ms: float
+
+
+def cell() -> list[Obstacle]:
+    """A table, a post, a ball and a tilted shelf."""
+
+    def at(x: float, y: float, z: float) -> SE3:
+        return SE3.from_translation(np.array([x, y, z]))
+
+    tilted = at(0.6, 0.0, 0.5) @ SE3.from_rotation(SO3.from_rpy_radians(0.2, 0.1, 0.4))
+    table, shelf = (0.6, 0.6, 0.02), (0.15, 0.2, 0.01)
+    return [
+        Obstacle(name="table", shape=Shape.BOX, size=table, T_world_obstacle=at(0.3, 0.0, -0.02)),
+        Obstacle(
+            name="post",
+            shape=Shape.CYLINDER,
+            size=(0.05, 0.3),
+            T_world_obstacle=at(0.45, 0.3, 0.3),
+        ),
+        Obstacle(
+            name="ball", shape=Shape.SPHERE, size=(0.1,), T_world_obstacle=at(0.45, -0.3, 0.5)
+        ),
+        Obstacle(name="shelf", shape=Shape.BOX, size=shelf, T_world_obstacle=tilted),
+    ]
+
+
+class Judge:
+    """The robot's own file and the cell, compiled apart from the package; its contacts.
+
+    Capsules are a cylinder and two spheres here, so that other routines of MuJoCo measure them.
+    Neighbours are left out where the robot's file excludes them, and nowhere else.
+    """
+
+    def __init__(self, obstacles: list[Obstacle]) -> None:
+        spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
+        for obstacle in obstacles:
+            pose = obstacle.T_world_obstacle
+            spec.worldbody.add_geom(
+                name=obstacle.name,
+                type=getattr(mujoco.mjtGeom, f"mjGEOM_{obstacle.shape.name}"),
+                size=[*obstacle.size, *(3 - len(obstacle.size)) * [0.0]],
+                pos=pose.translation(),
+                quat=pose.rotation().wxyz,
+            )
+        compiled = spec.compile()
+        # Numbers of geoms change as soon as one is added.
+        numbered = [(geom, int(geom.id)) for geom in spec.geoms if geom.contype]
+        for geom, number in numbered:
+            if compiled.geom_type[number] == mujoco.mjtGeom.mjGEOM_CAPSULE:
+                _take_apart(geom, number, compiled)
+        for geom in spec.geoms:
+            geom.margin = SEEN / 2
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.q = [int(self.model.joint(name).qposadr[0]) for name in PANDA.joints]
+
+    def clearance(self, q: Vector) -> float:
+        """Smallest distance of any contact [m]; SEEN where there is none."""
+        self.data.qpos[:] = 0.0
+        self.data.qpos[self.q] = q
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        return float(np.min(self.data.contact.dist, initial=SEEN))
+
+    def accepts(self, result: IkResult, target: SE3) -> bool:
+        """True where the pose is reached inside the joint limits, whatever the result says."""
+        self.clearance(result.q)
+        site = self.data.site(PANDA.tcp)
+        away = np.linalg.norm(site.xpos - target.translation())
+        R = site.xmat.reshape(3, 3)
+        turn = SO3.from_matrix(R.T @ target.rotation().as_matrix()).log()
+        ranges = self.model.jnt_range[[self.model.joint(name).id for name in PANDA.joints]]
+        inside = (result.q >= ranges[:, 0]).all() and (result.q <= ranges[:, 1]).all()
+        return bool(inside and max(away, np.linalg.norm(turn)) < 1.01 * REACHED)
+
+
+def _take_apart(geom: mujoco.MjsGeom, number: int, compiled: mujoco.MjModel) -> None:
+    pos, quat = compiled.geom_pos[number], compiled.geom_quat[number]
+    radius, half, _ = compiled.geom_size[number]
+    axis = SO3(quat).as_matrix()[:, 2] * half
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    geom.parent.add_geom(type=cylinder, size=[radius, half, 0], pos=pos, quat=quat, mass=0)
+    for end in (pos + axis, pos - axis):
+        geom.parent.add_geom(size=[radius, 0, 0], pos=end, mass=0)
+    geom.contype = geom.conaffinity = 0
+
+
+def targets(
+    arm: Arm, clearance: Clearance, options: CollisionIkOptions, *, clear: bool
+) -> Iterator[SE3]:
+    """Poses of random configurations: of those that are clear, or of those that are not."""
+    rng = np.random.default_rng([options.seed, clear])
+    missing = options.n if clear else options.cluttered
+    while missing:
+        q = rng.uniform(arm.q_min, arm.q_max)
+        if clearance.clear(q, options.clearance) == clear:
+            missing -= 1
+            yield arm.pose(q)
+
+
+def solvers(clearance: float) -> dict[str, IkSolver]:
+    lm = LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
+    qp = QpIk(max_iterations=30, stall=Stall(), clearance=clearance)
+    return {"LM": MultiStart(solver=lm), "QP": MultiStart(solver=qp)}
+
+
+def run(options: CollisionIkOptions, console: Console) -> int:
+    """Solve, judge and print; returns the exit code."""
+    arm = Arm(PANDA, obstacles=cell())
+    clearance, judge = Clearance(arm, options.clearance), Judge(cell())
+    patient = MultiStart(
+        solver=LmIk(max_iterations=50, stall=Stall(steps=5), clearance=options.clearance),
+        max_restarts=options.exhaustive,
+        library=20000,
+    )
+    console.print(
+        f"{len(clearance.pairs.kept)} pairs of geoms, {1e3 * options.clearance:g} mm asked for"
+    )
+    rows: list[Figures] = []
+    for kind in ("clear", "cluttered"):
+        poses = list(targets(arm, clearance, options, clear=kind == "clear"))
+        results = {}
+        for name, solver in solvers(options.clearance).items():
+            solver.solve(arm, poses[0], arm.home)
+            results[name] = [solver.solve(arm, pose, arm.home) for pose in poses]
+        solvable = []
+        for k, pose in enumerate(poses):
+            found = any(result[k].converged for result in results.values())
+            # A target made from a clear configuration has an answer: that one.
+            known = found or kind == "clear"
+            solvable.append(known or patient.solve(arm, pose, arm.home).converged)
+        rows += [
+            _figures(name, kind, poses, result, solvable, judge) for name, result in results.items()
+        ]
+    _show(rows, console)
+    if options.json is not None:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps({"rows": [asdict(row) for row in rows]}, indent=1))
+    kept = min(row.least_clearance_mm for row in rows) >= 1e3 * options.clearance - 0.1
+    return 0 if kept and all(row.solved >= 0.995 * row.solvable for row in rows) else 1
+
+
+def _figures(
+    name: str,
+    kind: str,
+    poses: list[SE3],
+    results: list[IkResult],
+    solvable: list[bool],
+    judge: Judge,
+) -> Figures:
+    pairs = list(zip(poses, results, solvable, strict=True))
+    answers = [result for pose, result, _ in pairs if result.converged]
+    solved = sum(judge.accepts(result, pose) for pose, result, _ in pairs if result.converged)
+    count = sum(solvable)
+    share = binomtest(solved, count).proportion_ci(method="wilson")
+    ms = 1e3 * np.array([result.seconds for _, result, has_answer in pairs if has_answer])
+    rest = [1e3 * result.seconds for _, result, has_answer in pairs if not has_answer]
+    return Figures(
+        solver=name,
+        targets=kind,
+        n=len(poses),
+        solvable=count,
+        solved=solved,
+        interval=(float(share.low), float(share.high)),
+        least_clearance_mm=1e3 * min(judge.clearance(result.q) for result in answers),
+        median_ms=float(np.median(ms)),
+        p95_ms=float(np.quantile(ms, 0.95)),
+        p99_ms=float(np.quantile(ms, 0.99)),
+        unsolvable_median_ms=float(np.median(rest)) if rest else 0.0,
+    )
+
+
+def _show(rows: list[Figures], console: Console) -> None:
+    table = Table(box=None, header_style="")
+    titles = (
+        "solver",
+        "targets",
+        "solved",
+        "of",
+        "95 % from",
+        "least mm",
+        "median ms",
+        "p95",
+        "p99",
+    )
+    for title in (*titles, "none"):
+        table.add_column(title, justify="left" if title in titles[:2] else "right")
+    for row in rows:
+        table.add_row(
+            row.solver,
+            row.targets,
+            str(row.solved),
+            str(row.solvable),
+            f"{100 * row.interval[0]:.2f} %",
+            f"{row.least_clearance_mm:.3f}",
+            *(f"{value:.2f}" for value in (row.median_ms, row.p95_ms, row.p99_ms)),
+            f"{row.unsolvable_median_ms:.1f}",
+        )
+    console.print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(main(CollisionIkOptions, run, __doc__))

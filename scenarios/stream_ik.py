@@ -1,0 +1,299 @@
+"""Differential IK at 1 kHz among obstacles, for targets that jump, leave reach and are no poses."""
+
+import gc
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from time import process_time_ns
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+from rich.console import Console
+from rich.table import Table
+from scipy.optimize import lsq_linear
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.command import FAILED, OK, main
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.clearance import clearance_of
+from robo47_qp.ik.streaming import IkStream, StreamIk
+from robo47_qp.obstacle import Obstacle, Shape, add_obstacle
+from robo47_qp.robot import MotionProfile
+from robo47_qp.robots.panda import PANDA
+
+OBSTACLES = (
+    Obstacle(
+        name="table",
+        shape=Shape.BOX,
+        size=(0.4, 0.6, 0.02),
+        T_world_obstacle=SE3.from_translation(np.array([0.5, 0.0, -0.03])),
+    ),
+    Obstacle(
+        name="shelf",
+        shape=Shape.BOX,
+        size=(0.2, 0.3, 0.02),
+        T_world_obstacle=SE3.from_translation(np.array([0.6, 0.0, 0.9])),
+    ),
+    Obstacle(
+        name="post",
+        shape=Shape.CYLINDER,
+        size=(0.05, 0.4),
+        T_world_obstacle=SE3.from_translation(np.array([0.3, -0.45, 0.4])),
+    ),
+    Obstacle(
+        name="ball",
+        shape=Shape.SPHERE,
+        size=(0.1,),
+        T_world_obstacle=SE3.from_translation(np.array([0.5, 0.3, 0.5])),
+    ),
+)
+DT = 1e-3
+WARM_UP = 200
+"""Ticks before the first one that is timed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamOptions:
+    """Options of this scenario."""
+
+    ticks: int = 100_000
+    """Ticks on hostile targets."""
+    far: int = 50
+    """Static targets anywhere in reach, each from home; 0 for none."""
+    seed: int = 0
+    """Draw the targets from this seed."""
+    limits: Literal["rated", "profile"] = "rated"
+    """Joint limits to use: the manufacturer's, or the slower ones of the robot's profile."""
+    clearance: float = 0.02
+    """Distance to keep between links and from obstacles [m]."""
+    json: bool = False
+    """Print the figures as JSON on the standard output and nothing else."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("ticks", 1), ("far", 0), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
+
+    def settings(self) -> StreamIk:
+        profile = PANDA.rated if self.limits == "rated" else PANDA.profile
+        return StreamIk(dt=DT, profile=profile, clearance=self.clearance)
+
+
+def run(options: StreamOptions, console: Console) -> int:
+    """Run, audit, print; 0 where no limit was violated."""
+    arm = Arm(PANDA, obstacles=OBSTACLES)
+    stream = options.settings().build(arm)
+    figures: dict[str, Any] = {
+        "ticks": options.ticks,
+        "seed": options.seed,
+        "pairs": len(clearance_of(arm, options.clearance).pairs.kept),
+    }
+    rng = np.random.default_rng(options.seed)
+    figures |= hostile_run(stream, options, rng)
+    figures |= circle(options.settings().build(arm), speed=0.2, radius=0.1)
+    figures |= far_targets(options.settings().build(arm), options, rng)
+    figures["limits"] = options.limits
+    if options.json:
+        sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+    else:
+        table = Table(box=None, header_style="")
+        table.add_column("what")
+        table.add_column("figure", justify="right")
+        for name, value in figures.items():
+            table.add_row(name.replace("_", " "), f"{value:.4g}" if _is_real(value) else str(value))
+        console.print(table)
+    violated = sum(figures[f"{name}_violations"] for name in ("q", "v", "a", "clearance"))
+    return OK if violated == 0 else FAILED
+
+
+def hostile_run(
+    stream: IkStream, options: StreamOptions, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Ticks on hostile targets, with the audit of what was commanded."""
+    arm, q0, ticks = stream.arm, stream.q, options.ticks
+    q, v, a = (np.empty((ticks, arm.n)) for _ in range(3))
+    spent, rows = np.empty(ticks), np.empty(ticks)
+    gc.collect()
+    gc.disable()
+    for k, target in zip(range(ticks), targets(arm, rng), strict=False):
+        started = process_time_ns()
+        tick = stream.tick(target)
+        spent[k] = process_time_ns() - started
+        q[k], v[k], a[k], rows[k] = tick.q, tick.v, tick.a, tick.rows
+        if k % 10_000 == 0:
+            gc.collect()
+    gc.enable()
+    late = 1e-6 * spent[min(WARM_UP, ticks - 1) :]
+    counts = {event.name.lower(): count for event, count in stream.counts.items()}
+    found = {
+        **audit(arm, stream.profile, q0, q, v, a),
+        **clearance_audit(q, options.clearance),
+        "ms_median": float(np.median(late)),
+        "ms_p95": float(np.percentile(late, 95)),
+        "ms_p99": float(np.percentile(late, 99)),
+        "ms_max": float(late.max()),
+        "rows_mean": float(rows.mean()),
+        "rows_max": int(rows.max()),
+        **counts,
+        "sha256": hashlib.sha256(q.tobytes() + v.tobytes() + a.tobytes()).hexdigest(),
+    }
+    return found
+
+
+def targets(arm: Arm, rng: np.random.Generator) -> Iterator[object]:
+    """Endless: still, moving and turning, circling, far, stretched out, inside the base, no pose.
+
+    Each piece lasts 0.1 to 1.5 s and begins with a jump.
+    """
+    while True:
+        pose, length = arm.pose(rng.uniform(arm.q_min, arm.q_max)), int(rng.integers(100, 1500))
+        kind = rng.integers(7)
+        if kind == 0:
+            pieces: Iterator[object] = (pose for _ in range(length))
+        elif kind == 1:
+            twist = np.concatenate([rng.uniform(-0.5, 0.5, 3), rng.uniform(-2.0, 2.0, 3)])
+            pieces = (pose @ SE3.exp(twist * DT * k) for k in range(length))
+        elif kind == 2:
+            pieces = circling(arm.pose(arm.home), 0.1, rng.uniform(0.1, 0.6), length)
+        elif kind == 3:
+            away = SE3.from_translation(rng.normal(size=3) * 10.0 ** rng.uniform(0.0, 9.0))
+            pieces = (away @ pose for _ in range(length))
+        elif kind == 4:
+            pieces = stretching(rng, length)
+        elif kind == 5:
+            inside = SE3.from_rotation_and_translation(
+                pose.rotation(), rng.normal(size=3) * np.array([0.05, 0.05, 0.2])
+            )
+            pieces = (inside for _ in range(length))
+        else:
+            bad = [SE3(np.full(7, np.nan)), None, SE3(np.zeros(7)), SE3(np.full(7, np.inf))]
+            which = bad[int(rng.integers(len(bad)))]
+            pieces = (which for _ in range(length // 5))
+        yield from pieces
+
+
+def circling(T: SE3, radius: float, speed: float, count: int) -> Iterator[SE3]:
+    """Round a vertical circle that begins at a pose."""
+    for k in range(count):
+        t = speed / radius * DT * k
+        aside = radius * np.array([0.0, np.sin(t), np.cos(t) - 1.0])
+        yield SE3.from_rotation_and_translation(T.rotation(), T.translation() + aside)
+
+
+def stretching(rng: np.random.Generator, count: int) -> Iterator[SE3]:
+    """Along a ray from the shoulder to beyond reach and back: through outstretched poses."""
+    direction = rng.normal(size=3)
+    direction *= np.array([1.0, 1.0, np.sign(direction[2])]) / np.linalg.norm(direction)
+    turn = SO3.exp(rng.normal(size=3))
+    for k in range(count):
+        far = 0.75 + 0.35 * np.sin(np.pi * k / count)
+        yield SE3.from_rotation_and_translation(turn, np.array([0.0, 0.0, 0.333]) + far * direction)
+
+
+def audit(
+    arm: Arm, profile: MotionProfile, q0: Vector, q: Matrix, v: Matrix, a: Matrix
+) -> dict[str, Any]:
+    """Ticks beyond a limit, by what was told and by differences of positions alone."""
+    v_max, a_max = profile.v_max, profile.a_max
+    path = np.vstack([q0, q])
+    speeds = np.diff(path, axis=0) / DT
+    rates = np.diff(np.vstack([np.zeros(arm.n), v]), axis=0) / DT
+    bends = np.diff(np.vstack([q0, path]), n=2, axis=0) / DT**2
+    beyond_v = np.maximum(np.abs(v), np.abs(speeds)) > v_max
+    beyond_a = np.maximum.reduce([np.abs(a), np.abs(rates), np.abs(bends)]) > a_max
+    return {
+        "q_violations": int(((q < arm.q_min) | (q > arm.q_max)).any(axis=1).sum()),
+        "v_violations": int(beyond_v.any(axis=1).sum()),
+        "a_violations": int(beyond_a.any(axis=1).sum()),
+        "largest_v_part": float(np.abs(v / v_max).max()),
+        "largest_a_part": float(np.abs(a / a_max).max()),
+    }
+
+
+def clearance_audit(q: Matrix, least: float) -> dict[str, Any]:
+    """Smallest distance at every tick, by the contacts of a model built here.
+
+    MuJoCo finds no contacts between a link and the next one. Its contacts of two boxes that are
+    apart measure the gap along one axis, which can be less than their distance.
+    """
+    spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
+    for obstacle in OBSTACLES:
+        add_obstacle(spec, obstacle)
+    for geom in spec.geoms:
+        geom.margin = 0.5 * least  # those of two geoms are added
+    m = spec.compile()
+    d = mujoco.MjData(m)
+    addresses = [int(m.joint(name).qposadr[0]) for name in PANDA.joints]
+    smallest = np.full(len(q), least)
+    for k, now in enumerate(q):
+        d.qpos[addresses] = now
+        mujoco.mj_kinematics(m, d)
+        mujoco.mj_collision(m, d)
+        for contact in np.flatnonzero(d.contact.dist < least):
+            a, b = d.contact.geom[contact]
+            distance = float(d.contact.dist[contact])
+            if m.geom_type[a] == m.geom_type[b] == mujoco.mjtGeom.mjGEOM_BOX and distance > 0.0:
+                distance = between_boxes(m, d, a, b)
+            smallest[k] = min(smallest[k], distance)
+    return {
+        "clearance_violations": int((smallest < least).sum()),
+        "clearance_lacking_mm": 1e3 * float(least - smallest.min()),
+    }
+
+
+def between_boxes(m: mujoco.MjModel, d: mujoco.MjData, a: int, b: int) -> float:
+    """Distance of two boxes that are apart, by least squares over the points of both [m]."""
+    axes = np.hstack([d.geom_xmat[a].reshape(3, 3), -d.geom_xmat[b].reshape(3, 3)])
+    size = np.concatenate([m.geom_size[a], m.geom_size[b]])
+    nearest = lsq_linear(axes, d.geom_xpos[b] - d.geom_xpos[a], (-size, size), tol=1e-14)
+    return float(np.linalg.norm(nearest.fun))
+
+
+def circle(stream: IkStream, *, speed: float, radius: float) -> dict[str, Any]:
+    """Largest error on a circle, from half a second after its start."""
+    T = stream.arm.pose(stream.arm.home)
+    errors = [stream.tick(target).position_error for target in circling(T, radius, speed, 4000)]
+    return {"circle_error_mm": 1e3 * max(errors[500:])}
+
+
+def far_targets(
+    stream: IkStream, options: StreamOptions, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Static clear targets from home: how many are reached in 8 s, how soon, how far passed."""
+    arm, clearance = stream.arm, clearance_of(stream.arm, options.clearance)
+    times, rises, tried = [], [], 0
+    while tried < options.far:
+        q = rng.uniform(arm.q_min, arm.q_max)
+        if clearance.nearest(q)[0] < options.clearance + stream.settings.buffer:
+            continue
+        tried += 1
+        target = arm.pose(q)
+        stream.reset(arm.home)
+        errors = []
+        for k in range(8000):
+            tick = stream.tick(target)
+            errors.append(tick.position_error)
+            if tick.position_error < 1e-4 and tick.orientation_error < 1e-3:
+                times.append(DT * k)
+                after = [stream.tick(target).position_error for _ in range(300)]
+                rises.append(1e3 * max(after))
+                break
+    return {
+        "far_targets": options.far,
+        "far_targets_reached": len(times),
+        "far_targets_seconds_median": float(np.median(times)) if times else float("nan"),
+        "error_after_arrival_mm": max(rises, default=float("nan")),
+    }
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, float)
+
+
+if __name__ == "__main__":
+    sys.exit(main(StreamOptions, run, __doc__))
