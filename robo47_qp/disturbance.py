@@ -127,6 +127,10 @@ class DisturbedSimulation(Simulation):
             state.v + noise.noise_v * self._rng.standard_normal(n),
         )
 
+    def true_state(self) -> JointState:
+        """What the joints do."""
+        return super().state()
+
     def _push(self) -> None:
         m, d, zero = self.model, self.data, np.zeros(3)
         d.qfrc_applied[:] = 0.0

@@ -64,17 +64,15 @@ def controlled(
     arm: Arm,
     q_ref: Vector,
     seconds: float,
-    look: Callable[[JointState], None] | None = None,
-    force: Vector | None = None,
-    torque: Vector | None = None,
+    look: Callable[[JointState], None] = lambda state: None,
+    push: tuple[Vector | None, Vector | None] = (None, None),
 ) -> JointState:
-    """Hold a reference for a while; returns the last state."""
+    """Hold a reference for a while under a force and a torque; returns the last state."""
     reference = at_rest(q_ref)
     for _ in range(round(seconds / DT)):
         state = world.state()
-        if look is not None:
-            look(state)
-        world.step(controller.torque(arm, reference, state), force, torque)
+        look(state)
+        world.step(controller.torque(arm, reference, state), *push)
     return world.state()
 
 

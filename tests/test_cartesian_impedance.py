@@ -27,7 +27,9 @@ def test_a_push_deflects_the_tool_by_force_over_stiffness_on_each_axis(
     axes = np.eye(3) if frame == "world" else home.rotation().as_matrix()
     for i in range(3):
         world = World(plain, arm.home)
-        end = controlled(world, controller, arm, arm.home, patience(plain), force=10 * axes[:, i])
+        end = controlled(
+            world, controller, arm, arm.home, patience(plain), push=(10 * axes[:, i], None)
+        )
         moved = axes.T @ tool_offset(plain, end.q, home)
         expected = np.zeros(3)
         expected[i] = 10.0 / STIFFNESS[i]
@@ -43,7 +45,9 @@ def test_a_torque_turns_the_tool_by_torque_over_stiffness(
     R_home = arm.pose(arm.home).rotation().as_matrix()
     axes = np.eye(3) if frame == "world" else R_home
     world = World(plain, arm.home)
-    end = controlled(world, controller, arm, arm.home, patience(plain), torque=0.6 * axes[:, 1])
+    end = controlled(
+        world, controller, arm, arm.home, patience(plain), push=(None, 0.6 * axes[:, 1])
+    )
     turned = axes.T @ Rotation.from_matrix(plain.tool(end.q)[1] @ R_home.T).as_rotvec()
     assert turned == pytest.approx([0.0, 0.6 / STIFFNESS[4], 0.0], abs=0.02 * 0.6 / STIFFNESS[4])
 

@@ -58,7 +58,7 @@ def test_a_force_meets_the_inertia_of_the_arm(arm: Arm, plain: PlainArm) -> None
     force = np.array([0.0, 0.0, 2.0])
     twist = J_world @ np.linalg.solve(M, J_world[:3].T @ force)
     world = World(plain, arm.home)
-    end = controlled(world, OperationalSpace(), arm, arm.home, 1.0, force=force)
+    end = controlled(world, OperationalSpace(), arm, arm.home, 1.0, push=(force, None))
     moved = tool_offset(plain, end.q, arm.pose(arm.home))
     assert moved == pytest.approx(twist[:3] / 25**2, rel=0.05, abs=1e-4)
 
