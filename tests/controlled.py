@@ -64,7 +64,7 @@ def controlled(
     arm: Arm,
     q_ref: Vector,
     seconds: float,
-    look: Callable[[JointState], None] = lambda state: None,
+    look: Callable[[JointState], None] = lambda _: None,
     push: tuple[Vector | None, Vector | None] = (None, None),
 ) -> JointState:
     """Hold a reference for a while under a force and a torque; returns the last state."""
@@ -90,4 +90,5 @@ def self_motion(arm: Arm, steps: int) -> Vector:
 
 def tool_offset(plain: PlainArm, q: Vector, home: SE3) -> Vector:
     """Position of the tool at q from that of a pose, in the world [m]."""
-    return plain.tool(q)[0] - home.translation()
+    offset: Vector = plain.tool(q)[0] - home.translation()
+    return offset

@@ -189,7 +189,7 @@ def test_without_error_the_arm_does_what_the_reference_does(
     arm: Arm, plain: PlainArm, rng: np.random.Generator
 ) -> None:
     for frame in ("world", "tool"):
-        controller = CartesianImpedance(frame=frame)  # type: ignore[arg-type]
+        controller = CartesianImpedance(frame=frame)
         q = arm.home + 0.1 * rng.uniform(-1, 1, arm.n)
         v, a = rng.uniform(-1, 1, (2, arm.n))
         tau = controller.torque(arm, JointReference(q, v, a), JointState(q, v))

@@ -75,7 +75,7 @@ def test_the_same_noise_for_everyone_and_the_same_result_twice() -> None:
     assert np.abs(first.joint_errors[-200:]).max() > 1e-6
 
 
-@pytest.mark.parametrize("decay", [2.0, 8.0])
+@pytest.mark.parametrize("decay", [4.0, 8.0])
 def test_settling_is_that_of_an_exponential(decay: float) -> None:
     t = 1e-3 * np.arange(4000)
     errors = np.zeros((4000, 3))

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.control_benchmark.trial import Trial
 from robo47_qp.rerun_stream import TIMELINE, RerunStream
 from robo47_qp.scene import TIMESTEP
@@ -42,7 +42,7 @@ def write_trials(by_condition: Sequence[Sequence[Trial]], figures: str, path: Pa
 def _write_condition(stream: RerunStream, trials: Sequence[Trial]) -> None:
     names = [trial.controller for trial in trials]
     root = rr.escape_entity_path_part(trials[0].condition)
-    times = TIMESTEP * np.arange(len(trials[0].torque_use))
+    times: Vector = TIMESTEP * np.arange(len(trials[0].torque_use), dtype=np.float64)
     errors = [1e3 * np.linalg.norm(trial.tool_errors, axis=1) for trial in trials]
     uses = [100.0 * trial.torque_use for trial in trials]
     for signal, columns in zip(_SIGNALS, (errors, uses), strict=True):
@@ -51,7 +51,7 @@ def _write_condition(stream: RerunStream, trials: Sequence[Trial]) -> None:
         style = rr.SeriesLines(names=names, aggregation_policy="MinMax")
         stream.log(entity, style)
         scalars = rr.Scalars.columns(scalars=values.ravel())
-        stream.send(entity, times, scalars.partition([len(names)] * len(times)))
+        stream.send(entity, times, list(scalars.partition([len(names)] * len(times))))
 
 
 def _blueprint(conditions: Sequence[str]) -> rrb.Blueprint:

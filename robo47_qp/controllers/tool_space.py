@@ -105,7 +105,8 @@ class ToolSpace:
             v: (n,) [rad/s].
             twist: J v (6,).
         """
-        return v - self._M_over_J.dot(self.inertia.dot(twist))
+        unfelt: Vector = v - self._M_over_J.dot(self.inertia.dot(twist))
+        return unfelt
 
     def jacobian_rate_times(self, v: Vector, *, in_tool: bool = False) -> Vector:
         """J̇ v (6,), with J̇ at the velocity of the last inverse dynamics and fixed axes."""
@@ -113,9 +114,9 @@ class ToolSpace:
         mujoco.mj_jacDot(
             self._model, self._data, rows.linear, rows.angular, self.position, self._body
         )
-        if in_tool:
-            return rows.whole.dot(v).reshape(2, 3).dot(self.rotation_ref).reshape(6)
         product: Vector = rows.whole.dot(v)
+        if in_tool:
+            product = product.reshape(2, 3).dot(self.rotation_ref).reshape(6)
         return product
 
     def _invert(self, damping: float) -> bool:
