@@ -79,6 +79,7 @@ class Arm:
         self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.home = checked_vector("home", robot.home, self.n)
         self.dry_friction: Vector = self.model.dof_frictionloss.copy()
+        self.slips = bool(self.dry_friction.any())
         self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data

@@ -38,8 +38,9 @@ class ActiveController:
         self._stops = JointStops() if stops is None else stops
         still = np.zeros(arm.n)
         robot = arm.robot
-        steps, most = (robot.tau_rate_max * dt).tolist(), robot.tau_max.tolist()
-        self._limits: list[tuple[float, float]] = list(zip(steps, most, strict=True))
+        low, high = self._stops.inside(arm)
+        columns = (robot.tau_rate_max * dt, robot.tau_max, low, high)
+        self._rows = list(zip(*(column.tolist() for column in columns), strict=True))
         self.asked: Vector = arm.inverse_dynamics(arm.home, still, still)
         """Torque of the last period before the limits (n,) [N·m]."""
         self._last: list[float] = np.clip(self.asked, -robot.tau_max, robot.tau_max).tolist()
@@ -84,17 +85,26 @@ class ActiveController:
         asked = self.controller.torque(self.arm, reference, state)
         if self._fade:
             self._smooth(asked, reference, state)
+        # Scalars, because numpy takes three times the time for so few numbers.
+        new, rows = asked.tolist(), self._rows
+        for ask, last, q, (step, most, low, high) in zip(
+            new, self._last, state.q.tolist(), rows, strict=True
+        ):
+            if not (-step <= ask - last <= step and -most <= ask <= most and low <= q <= high):
+                return self._limited(asked, reference, state)
+        self.asked, self._last = asked, new
+        return asked
+
+    def _limited(self, asked: Vector, reference: JointReference, state: JointState) -> Vector:
+        """Add the push of the stops, and keep the limits."""
         self._stops.push(asked, self.arm, reference.q, state.q)
         self.asked = asked
-        # Scalars, because numpy takes twice the time for so few numbers.
-        limits = zip(asked.tolist(), self._last, self._limits, strict=True)
-        self._last = [
-            ask
-            if -step <= ask - last <= step and -most <= ask <= most
-            else min(max(ask, last - step, -most), last + step, most)
-            for ask, last, (step, most) in limits
-        ]
-        return np.array(self._last)
+        robot, last = self.arm.robot, np.array(self._last)
+        step = robot.tau_rate_max * self._dt
+        tau: Vector = np.minimum(np.maximum(asked, last - step), last + step)
+        tau = np.minimum(np.maximum(tau, -robot.tau_max), robot.tau_max)
+        self._last = tau.tolist()
+        return tau
 
     def _change(self, controller: Controller, arm: Arm, seconds: float) -> None:
         if not (np.isfinite(seconds) and seconds >= 0.0):

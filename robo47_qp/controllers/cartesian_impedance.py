@@ -90,7 +90,8 @@ class CartesianImpedance:
         wrench = self._spring_and_damper(space, twist, in_tool=in_tool)
         wrench -= space.inertia.dot(a)
         tau += space.J_T.dot(wrench)
-        add_dry_friction(tau, arm, reference.v)
+        if arm.slips:
+            add_dry_friction(tau, arm, reference.v)
         return tau
 
     def _spring_and_damper(self, space: ToolSpace, twist: Vector, *, in_tool: bool) -> Vector:
@@ -101,7 +102,7 @@ class CartesianImpedance:
         way = space.position_ref - space.position
         if in_tool:
             way = way.dot(space.rotation_ref)
-        w, x, y, z = space.turn(in_tool=in_tool).tolist()
+        w, x, y, z = space.turn(in_tool=in_tool)
         e = (*way.tolist(), 2.0 * x, 2.0 * y, 2.0 * z)
         springs = zip(e, self._springs, strict=True)
         f = [k * (m if d > m else -m if d < -m else d) for d, (k, m) in springs]

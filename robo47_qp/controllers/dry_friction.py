@@ -1,7 +1,5 @@
 """Dry friction of the joints, fed forward."""
 
-from functools import lru_cache
-
 import numpy as np
 
 from robo47_qp.arm import Arm
@@ -25,10 +23,4 @@ def add_dry_friction(tau: Vector, arm: Arm, v_ref: Vector) -> None:
         arm: Whose joints.
         v_ref: (n,) [rad/s].
     """
-    if _has_any(arm):
-        tau += _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)
-
-
-@lru_cache(maxsize=16)
-def _has_any(arm: Arm) -> bool:
-    return bool(arm.dry_friction.any())
+    tau += _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)

@@ -58,19 +58,18 @@ class JointImpedance:
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
         K, D = _gains(arm, self.stiffness_scale, self.damping_ratio)
-        tau = _feed_forward(arm, self.feed_forward, reference, state)
-        if self.feed_forward in _WITH_FRICTION:
+        if self.feed_forward is FeedForward.FULL:
+            tau = arm.inverse_dynamics(state.q, state.v, reference.a)
+        else:
+            tau = _feed_forward(arm, self.feed_forward, state)
+        if arm.slips and self.feed_forward in _WITH_FRICTION:
             add_dry_friction(tau, arm, reference.v)
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)
         return tau
 
 
-def _feed_forward(
-    arm: Arm, terms: FeedForward, reference: JointReference, state: JointState
-) -> Vector:
-    if terms is FeedForward.FULL:
-        return arm.inverse_dynamics(state.q, state.v, reference.a)
+def _feed_forward(arm: Arm, terms: FeedForward, state: JointState) -> Vector:
     still = np.zeros(arm.n)
     if terms is FeedForward.CORIOLIS:
         return arm.inverse_dynamics(state.q, state.v, still)

@@ -1,7 +1,6 @@
 """Joint stops: a soft push away from the limits of the joints."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -38,6 +37,11 @@ class JointStops:
         if not (np.isfinite(self.strength) and self.strength >= 0.0):
             raise InvalidValueError("strength", self.strength, "finite and not negative")
 
+    def inside(self, arm: Arm) -> tuple[Vector, Vector]:
+        """The range (n,), (n,) in which no joint is pushed [rad]."""
+        width = self.margin * (arm.q_max - arm.q_min)
+        return arm.q_min + width, arm.q_max - width
+
     def push(self, tau: Vector, arm: Arm, q_ref: Vector, q: Vector) -> None:
         """Add the push to a torque.
 
@@ -47,20 +51,10 @@ class JointStops:
             q_ref: Where the joints should be (n,) [rad].
             q: Where they are (n,) [rad].
         """
-        middle, inner, spread = _edges(arm, self.margin)
-        np.subtract(q, middle, out=spread)
-        np.abs(spread, out=spread)
-        if True not in (spread > inner).tolist():
-            return
         width = self.margin * (arm.q_max - arm.q_min)
-        low = np.maximum(np.minimum(arm.q_min + width, q_ref), arm.q_min)
-        high = np.minimum(np.maximum(arm.q_max - width, q_ref), arm.q_max)
+        inner_low, inner_high = self.inside(arm)
+        low = np.maximum(np.minimum(inner_low, q_ref), arm.q_min)
+        high = np.minimum(np.maximum(inner_high, q_ref), arm.q_max)
         below, above = np.maximum(low - q, 0.0), np.maximum(q - high, 0.0)
         tau += self.strength * arm.robot.tau_max * (below**2 - above**2) / width**2
 
-
-@lru_cache(maxsize=16)
-def _edges(arm: Arm, margin: float) -> tuple[Vector, Vector, Vector]:
-    """Middle of the ranges, distance from there to the margin, and scratch."""
-    half = (arm.q_max - arm.q_min) / 2
-    return arm.q_min + half, half * (1.0 - 2.0 * margin), np.zeros(arm.n)

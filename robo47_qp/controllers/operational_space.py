@@ -65,7 +65,8 @@ class OperationalSpace:
         tau = arm.inverse_dynamics_here(state.v, reference.a + posture)
         a = np.empty(6)
         np.subtract(space.position_ref, space.position, out=a[:3])
-        np.multiply(space.turn(in_tool=False)[1:], 2.0, out=a[3:])
+        _, x, y, z = space.turn(in_tool=False)
+        a[3:] = (2.0 * x, 2.0 * y, 2.0 * z)
         np.minimum(a, self._bounds, out=a)
         np.maximum(a, -self._bounds, out=a)
         a *= self.frequency**2
@@ -73,7 +74,8 @@ class OperationalSpace:
         a += space.jacobian_rate_times(e_v)
         a -= space.J.dot(posture)
         tau += space.J_T.dot(space.inertia.dot(a))
-        add_dry_friction(tau, arm, reference.v)
+        if arm.slips:
+            add_dry_friction(tau, arm, reference.v)
         return tau
 
     @cached_property

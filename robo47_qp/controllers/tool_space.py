@@ -58,7 +58,6 @@ class ToolSpace:
         self._columns, self._unit = self._inverse.T, np.eye(6, order="F")
         self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
         self._use: list[float] = self._lightest.tolist()
-        self._back, self._turn = np.zeros(4), np.zeros(4)
 
     def ask(self, q_ref: Vector) -> None:
         """Find the tool's pose at the reference: fills `position_ref` and so on."""
@@ -86,17 +85,19 @@ class ToolSpace:
         if heaviest > 1.0:
             self._invert((1.0 - 1.0 / heaviest) ** 2)
 
-    def turn(self, *, in_tool: bool) -> Vector:
-        """Unit quaternion (4,), w >= 0, that turns the tool into its reference; overwritten."""
-        back, turn = self._back, self._turn
-        mujoco.mju_negQuat(back, self.quaternion)
-        if in_tool:
-            mujoco.mju_mulQuat(turn, back, self.quaternion_ref)
-        else:
-            mujoco.mju_mulQuat(turn, self.quaternion_ref, back)
-        if turn[0] < 0.0:
-            np.negative(turn, out=turn)
-        return turn
+    def turn(self, *, in_tool: bool) -> tuple[float, float, float, float]:
+        """Unit quaternion wxyz, w >= 0, that turns the tool into its reference."""
+        # Scalars, because numpy and MuJoCo take twice the time for so few numbers.
+        w, x, y, z = self.quaternion.tolist()
+        a, b, c, d = self.quaternion_ref.tolist()
+        # The product of the reference and the conjugate; in the tool's axes the order, and so
+        # the cross product, is the other way round.
+        s = -1.0 if in_tool else 1.0
+        eta = a * w + b * x + c * y + d * z
+        e1 = b * w - a * x - s * (c * z - d * y)
+        e2 = c * w - a * y - s * (d * x - b * z)
+        e3 = d * w - a * z - s * (b * y - c * x)
+        return (eta, e1, e2, e3) if eta >= 0.0 else (-eta, -e1, -e2, -e3)
 
     def unfelt(self, v: Vector, twist: Vector) -> Vector:
         """The part of a joint velocity that does not move the tool: v - M⁻¹ Jᵀ Λ J v (n,).
