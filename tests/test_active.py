@@ -241,3 +241,52 @@ def test_each_term_of_the_feed_forward_adds_its_own(arm: Arm, rng: np.random.Gen
     assert tau[FeedForward.CORIOLIS] == pytest.approx(moving)
     pushed = tau[FeedForward.FULL] - tau[FeedForward.CORIOLIS]
     assert pushed == pytest.approx(arm.mass_matrix(q) @ a, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_each_limit_is_kept_on_its_own(robot: Robot, arm: Arm, side: float) -> None:
+    step = robot.tau_rate_max * DT
+    still = JointState(arm.home, np.zeros(arm.n))
+    fixed = Fixed(home_torque(arm) + 1.5 * side * step)
+    active = ActiveController(fixed, arm, dt=DT)
+    first = active.torque(at_rest(arm.home), still)
+    assert first == pytest.approx(home_torque(arm) + side * step)
+    fixed.tau = side * robot.tau_max
+    for _ in range(600):
+        active.torque(at_rest(arm.home), still)
+    fixed.tau = side * (robot.tau_max + 0.3 * step)
+    tau = active.torque(at_rest(arm.home), still)
+    assert tau.tolist() == (side * robot.tau_max).tolist()
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_close_to_a_limit_the_stops_push(robot: Robot, arm: Arm, side: float) -> None:
+    active = ActiveController(Fixed(home_torque(arm)), arm, dt=DT)
+    limit, width = (arm.q_max if side > 0 else arm.q_min), 0.03 * (arm.q_max - arm.q_min)
+    q = limit - side * 0.9 * width
+    tau = active.torque(at_rest(arm.home), JointState(q, np.zeros(arm.n)))
+    assert active.asked == pytest.approx(home_torque(arm) - side * 0.01 * robot.tau_max)
+    assert (side * (tau - home_torque(arm)) < 0.0).all()
+
+
+def test_a_change_at_once_forgets_one_that_was_under_way(arm: Arm) -> None:
+    active = ActiveController(JointImpedance(), arm, dt=DT)
+    reference, state = at_rest(arm.home), JointState(arm.home + 0.01, np.zeros(arm.n))
+    middle = JointImpedance(stiffness_scale=0.5)
+    active.switch(JointImpedance(stiffness_scale=3.0), seconds=0.05)
+    active.switch(middle, seconds=0.0)
+    active.torque(reference, state)
+    expected = middle.torque(arm, reference, state)
+    assert active.asked.tolist() == expected.tolist()
+    active.switch(JointImpedance(stiffness_scale=2.0), seconds=0.05)
+    active.torque(reference, state)
+    assert active.asked == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_reference_near_the_lower_limit_is_followed_for_nothing_too(arm: Arm) -> None:
+    stops, tau = JointStops(), np.zeros(arm.n)
+    near = arm.q_min + 0.2 * 0.03 * (arm.q_max - arm.q_min)
+    stops.push(tau, arm, near, near)
+    assert not tau.any()
+    stops.push(tau, arm, near, near - 0.1 * 0.03 * (arm.q_max - arm.q_min))
+    assert tau == pytest.approx(0.01 * arm.robot.tau_max)

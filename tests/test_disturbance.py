@@ -1,3 +1,4 @@
+import mujoco
 import numpy as np
 import pytest
 
@@ -115,3 +116,18 @@ def test_another_push_is_refused() -> None:
         Push(force=np.array([1.0, np.nan, 0.0]), start=0.0)
     with pytest.raises(InvalidValueError, match="duration must be finite and not negative"):
         Push(force=np.zeros(3), start=0.0, duration=-1.0)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_heavier_links_are_harder_to_turn_in_proportion(robot: Robot, factor: float) -> None:
+    matrices, weights = [], []
+    for sim in (
+        Simulation(robot, no_objects),
+        DisturbedSimulation(robot, no_objects, Disturbance(inertia_factor=factor)),
+    ):
+        m, M = sim.model, np.zeros((sim.model.nv, sim.model.nv))
+        mujoco.mj_fullM(m, sim.data, M)
+        matrices.append(M - np.diag(m.dof_armature))
+        weights.append(m.body_subtreemass[0])
+    assert np.abs(matrices[1] - factor * matrices[0]).max() < 1e-9
+    assert weights[1] == pytest.approx(factor * weights[0])

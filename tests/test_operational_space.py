@@ -113,3 +113,17 @@ def test_without_error_the_arm_does_what_the_reference_does(
 def test_another_setting_is_refused(name: str, bad: object) -> None:
     with pytest.raises(InvalidValueError, match=rf"{name} must be finite and not negative"):
         OperationalSpace(**{name: bad})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_large_error_is_answered_up_to_its_bound(arm: Arm, plain: PlainArm, side: float) -> None:
+    controller = OperationalSpace(error_max=(0.01, 0.02), posture_frequency=0.0)
+    still = np.zeros(arm.n)
+    far = np.clip(arm.home + 0.5 * side, arm.q_min, arm.q_max)
+    tau = controller.torque(arm, at_rest(far), JointState(arm.home, still))
+    a = plain.acceleration(arm.home, still, tau)
+    R, J = plain.tool(arm.home)[1], plain.jacobian(arm.home)
+    twist = np.concatenate([R @ (J[:3] @ a), R @ (J[3:] @ a)])
+    bound = 25.0**2 * np.array([0.01] * 3 + [0.02] * 3)
+    assert (np.abs(twist) <= 1.001 * bound).all()
+    assert (np.abs(twist) > 0.99 * bound).any()

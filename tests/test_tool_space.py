@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robo47_qp.arm import Arm
 from robo47_qp.controllers.tool_space import MASS_MAX, ToolSpace
@@ -88,3 +89,19 @@ def test_towards_a_singularity_the_inertia_grows_smoothly_to_a_bound(arm: Arm) -
         if before is not None:
             assert np.abs(use - before).max() < 0.35 * MASS_MAX
         before = use
+
+
+@pytest.mark.parametrize("in_tool", [False, True])
+def test_the_turn_is_the_shorter_one_from_the_tool_to_its_reference(
+    arm: Arm, plain: PlainArm, rng: np.random.Generator, in_tool: bool
+) -> None:
+    space = ToolSpace(arm)
+    for _ in range(20):
+        q, q_ref = (plain.at(rng.uniform(0, 1, arm.n)) for _ in range(2))
+        space.ask(q_ref)
+        arm.place(q)
+        R, R_ref = plain.tool(q)[1], plain.tool(q_ref)[1]
+        w, *xyz = space.turn(in_tool=in_tool)
+        assert w >= 0.0
+        asked = R.T @ R_ref if in_tool else R_ref @ R.T
+        assert np.abs(Rotation.from_quat([*xyz, w]).as_matrix() - asked).max() < 1e-9

@@ -57,4 +57,3 @@ class JointStops:
         high = np.minimum(np.maximum(inner_high, q_ref), arm.q_max)
         below, above = np.maximum(low - q, 0.0), np.maximum(q - high, 0.0)
         tau += self.strength * arm.robot.tau_max * (below**2 - above**2) / width**2
-
