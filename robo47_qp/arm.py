@@ -178,7 +178,7 @@ class Arm:
 
     def limit_margin(self, q: Vector) -> float:
         """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
-        return float(min((q - self.q_min).min(), (self.q_max - q).min()))
+        return float(np.minimum(q - self.q_min, self.q_max - q).min())
 
     def beyond_reach(self, position: Vector) -> float:
         """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].

@@ -129,7 +129,7 @@ class Impatient:
 def test_ctrl_c_keeps_what_was_measured(tmp_path: Path) -> None:
     fields = {"uniform": Field(make=uniform, judge=Judge(PANDA))}
     solvers: dict[str, IkSolver] = {"lm": LmIk(), "impatient": Impatient()}
-    comparison = Comparison(arm=Arm(PANDA), solvers=solvers, fields=fields, n=9)
+    comparison = Comparison(arm=Arm(PANDA), solvers=solvers, fields=fields, n=9, block=3, warm=0)
     console = Console(file=StringIO())
     options = CompareOptions(n=9, log=tmp_path / "ik.rrd")
     assert compare(comparison, options, console, left_out={}, questions=()) == 130

@@ -57,7 +57,8 @@ def run(
     solvers: dict[str, IkSolver], *makes: MakeTargets, n: int, **settings: Any
 ) -> tuple[Comparison, list[Sequence[Answers]]]:
     fields = {make.__name__: Field(make=make, judge=JUDGE) for make in makes}
-    comparison = Comparison(arm=ARM, solvers=solvers, fields=fields, n=n, **settings)
+    one_by_one = {"block": 1, "warm": 0}
+    comparison = Comparison(arm=ARM, solvers=solvers, fields=fields, n=n, **(one_by_one | settings))
     return comparison, list(comparison.run(lambda _field, _done: None))
 
 
@@ -158,12 +159,30 @@ def test_an_interruption_keeps_what_is_paired() -> None:
 
     fields = {"four": Field(make=four, judge=JUDGE)}
     solvers: dict[str, IkSolver] = {"a": Scripted(known), "b": Scripted(stop)}
-    comparison = Comparison(arm=ARM, solvers=solvers, fields=fields, n=4)
+    comparison = Comparison(arm=ARM, solvers=solvers, fields=fields, n=4, block=1, warm=0)
     iterator = comparison.run(lambda _field, _done: None)
     kept = next(iterator)
     with pytest.raises(KeyboardInterrupt):
         next(iterator)
     assert [answers.n for answers in kept] == [2, 2]
+
+
+def test_solvers_take_turns_in_blocks_and_warm_up_unseen() -> None:
+    turns: list[str] = []
+
+    def says(name: str) -> Scripted:
+        def answer(_target: SE3, _seed: Vector, _k: int) -> Vector:
+            turns.append(name)
+            return FINE
+
+        return Scripted(answer)
+
+    solvers: dict[str, IkSolver] = {"a": says("a"), "b": says("b")}
+    _, (answers,) = run(solvers, four, n=4, block=3, warm=2)
+    first, rest = [*"aaaaa"], [*"aa"]
+    swapped = [["b"] * len(part) for part in (first, rest)]
+    assert turns == ["a", "b", *first, *swapped[0], *rest, *swapped[1]]
+    assert [row.n for row in answers] == [4, 4]
 
 
 def test_missed_is_what_another_reached() -> None:

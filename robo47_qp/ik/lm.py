@@ -1,6 +1,6 @@
 """Levenberg-Marquardt inside the joint limits: the fast path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.search import Limits, searched
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
-from robo47_qp.ik.stall import Stall
+from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
 
 _FLOOR = 1e-9
@@ -69,6 +69,11 @@ class LmIk:
         descent = _descent(arm, self.damping, rows, self.within_limits)
         limits = Limits(tolerance, self.max_iterations, self.stall, self.clearance)
         return searched(arm, descent, T_world_target, q, limits)
+
+    def patient(self) -> "LmIk":
+        """See `Hasty.patient`."""
+        steps = max(self.max_iterations, PATIENT_STEPS)
+        return replace(self, stall=PATIENT, max_iterations=steps)
 
 
 class _Damped:

@@ -14,11 +14,20 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.library import feature_of, library_of
 from robo47_qp.ik.preference import Preference
-from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance, is_pose
+from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Reason, Tolerance, is_pose
 
 _HOPELESS = (Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
 _DIAGNOSES = 8
 """Starts of a diagnosis."""
+_SECOND_LOOKS = (10, 20, 40)
+"""After so many starts, the closest ends are taken up again by a more patient search: near a
+singularity the error falls too slowly for one that gives up early."""
+_ENDS = 4
+"""Ends that are taken up again."""
+_CLOSE = 0.05
+"""Error at which an end is worth it [m + rad]."""
+_SAME = 0.05
+"""Ends closer to one another than this are one [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +41,7 @@ class MultiStart:
 
     solver: IkSolver
     """What runs from each start; best with few iterations and a stall test of its own."""
-    max_restarts: int = 140
+    max_restarts: int = 100
     """Starts after the first before giving up."""
     seed_first: bool = True
     """Start from the seed; without it, the nearest of the library goes first, which is faster
@@ -78,24 +87,19 @@ class MultiStart:
             InvalidValueError: `q_seed` is not a finite vector of shape (n,).
         """
         started = process_time()
-        found: list[IkResult] = []
-        best: IkResult | None = None
-        iterations, restarts = 0, -1
+        tally = _Tally(self.answers, self.apart)
         for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
-            result = self.solver.solve(arm, T_world_target, q_start)
-            iterations += result.iterations
-            restarts += 1
-            if result.converged:
-                if all(np.abs(result.q - other.q).max() > self.apart for other in found):
-                    found.append(result)
-                if len(found) == self.answers:
+            tally.starts += 1
+            if tally.take(self.solver.solve(arm, T_world_target, q_start)):
+                break
+            if tally.starts in _SECOND_LOOKS and isinstance(self.solver, Hasty):
+                patient = self.solver.patient()
+                if any(tally.take(patient.solve(arm, T_world_target, q)) for q in tally.ends()):
                     break
-            elif best is None or _rank(result) < _rank(best):
-                best = result
-                if result.reason in _HOPELESS or result.inevitable:
-                    break
-        if not found and best is not None:
-            best = replace(best, iterations=iterations, restarts=restarts)
+        iterations, restarts = tally.iterations, tally.starts - 1
+        found = tally.found
+        if not found and tally.best is not None:
+            best = replace(tally.best, iterations=iterations, restarts=restarts)
             starts = list(islice(self._starts(arm, T_world_target, q_seed), _DIAGNOSES))
             found = [diagnosed(arm, T_world_target, best, starts, self.tolerance)]
         ranked = self.preference.ranked(arm, found, q_seed)
@@ -125,6 +129,40 @@ class MultiStart:
             yield library.q[k]
         for k in np.setdiff1d(np.arange(len(distances)), near):
             yield library.q[k]
+
+
+class _Tally:
+    """What the starts have come to so far."""
+
+    def __init__(self, answers: int, apart: float) -> None:
+        self._answers, self._apart = answers, apart
+        self.starts, self.iterations = 0, 0
+        self.found: list[IkResult] = []
+        self.best: IkResult | None = None
+        self._close: list[IkResult] = []
+
+    def take(self, result: IkResult) -> bool:
+        """Count a result; True where no further one is needed, or would help."""
+        self.iterations += result.iterations
+        if result.converged:
+            if all(np.abs(result.q - other.q).max() > self._apart for other in self.found):
+                self.found.append(result)
+            return len(self.found) == self._answers
+        if self.best is None or _rank(result) < _rank(self.best):
+            self.best = result
+        if result.position_error + result.orientation_error < _CLOSE:
+            self._close.append(result)
+        return result.reason in _HOPELESS or result.inevitable
+
+    def ends(self) -> list[Vector]:
+        """Where the closest of the searches ended since the last call."""
+        close = sorted(self._close, key=_rank)
+        self._close = []
+        ends: list[Vector] = []
+        for result in close:
+            if all(np.abs(result.q - q).max() > _SAME for q in ends):
+                ends.append(result.q)
+        return ends[:_ENDS]
 
 
 def _rank(result: IkResult) -> tuple[bool, float]:

@@ -1,6 +1,6 @@
 """Inverse kinematics as a constrained quadratic program: mink's problem, without its overhead."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.search import Limits, searched
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
-from robo47_qp.ik.stall import Stall
+from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.ik.twist import Twist
 
@@ -68,6 +68,11 @@ class QpIk:
         descent = _descent(arm, self.backend, self.lm_damping, self.posture_cost)
         limits = Limits(self.tolerance, self.max_iterations, self.stall, self.clearance)
         return searched(arm, descent, T_world_target, q, limits)
+
+    def patient(self) -> "QpIk":
+        """See `Hasty.patient`."""
+        steps = max(self.max_iterations, PATIENT_STEPS)
+        return replace(self, stall=PATIENT, max_iterations=steps)
 
 
 class _TwistAndPosture:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import degrees
 from time import process_time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from mink import SE3
@@ -115,6 +116,15 @@ class IkSolver(Protocol):
         ...
 
 
+@runtime_checkable
+class Hasty(Protocol):
+    """A solver that gives up early, and can be asked not to."""
+
+    def patient(self) -> IkSolver:
+        """The same search, given up late."""
+        ...
+
+
 def judged(
     arm: Arm,
     T_world_target: SE3,
@@ -203,7 +213,7 @@ def is_pose(T_world_target: object) -> bool:
 def residual(position_error: float, orientation_error: float, iterations: int) -> str:
     """What remains of a pose error, in words."""
     return (
-        f"{1e3 * position_error:.3g} mm and {np.degrees(orientation_error):.3g}° remain "
+        f"{1e3 * position_error:.3g} mm and {degrees(orientation_error):.3g}° remain "
         f"after {iterations} iterations"
     )
 

@@ -30,3 +30,9 @@ class Stall:
         if len(squared_errors) <= self.steps:
             return False
         return squared_errors[-1] > (1.0 - self.fall) * squared_errors[-1 - self.steps]
+
+
+PATIENT = Stall(steps=10)
+"""Gives up late."""
+PATIENT_STEPS = 100
+"""Steps of a patient search, at least."""

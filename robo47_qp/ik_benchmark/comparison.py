@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from time import process_time
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from robo47_qp.ik_benchmark.answers import RAISED, Answer, Answers
 from robo47_qp.ik_benchmark.judge import Judge
 from robo47_qp.ik_benchmark.targets import MakeTargets, TargetSet
 
+_Unjudged: TypeAlias = tuple[Vector, str | None, str, int, int, float]
+"""The fields of an `Answer` before its verdict."""
 _RAISES = (
     *(Robo47Error, ValueError, TypeError, ArithmeticError, AttributeError, LookupError),
     *(RuntimeError, SystemError),  # compiled peers
@@ -52,6 +55,10 @@ class Comparison:
     seed: int = 0
     """Each set is drawn from a generator of its own: it does not depend on the others."""
     start: Start = Start.HOME
+    block: int = 50
+    """Targets between two changes of the solver."""
+    warm: int = 5
+    """Targets of a block that a solver is asked once more before, without being timed."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -82,21 +89,24 @@ class Comparison:
     def run(self, show: Callable[[Sequence[Answers], int], None]) -> Iterator[Sequence[Answers]]:
         """Yield the answers of all solvers, set by set.
 
-        Targets are the outer loop: a comparison that is interrupted is still paired, and what
-        slows the machine down for a while slows all solvers.
+        Blocks of targets are the outer loop: a comparison that is interrupted is still paired,
+        and what slows the machine down for a while slows all solvers. Before its turn a solver
+        warms up on the first targets of the block, so that it is timed at work, not while its
+        code and data come back into the processor's caches.
 
         Args:
-            show: Called after each target with the answers so far and their number.
+            show: Called after each block with the answers so far and their number.
         """
         for name in self.fields:
             targets = self.target_set(name)
             rows = [self._row(solver, targets) for solver in self.solvers]
             try:
-                for k in range(len(targets)):
-                    answers = [self._answer(row, k) for row in rows]
-                    for row, answer in zip(rows, answers, strict=True):
-                        row.items.append(answer)
-                    show(rows, k + 1)
+                for first in range(0, len(targets), self.block):
+                    block = range(first, min(first + self.block, len(targets)))
+                    answers = [self._answers(row, block) for row in rows]
+                    for row, more in zip(rows, answers, strict=True):
+                        row.items.extend(more)
+                    show(rows, block.stop)
             except KeyboardInterrupt:
                 if rows[0].n:
                     yield rows
@@ -114,9 +124,19 @@ class Comparison:
             first_seconds=process_time() - started,
         )
 
-    def _answer(self, row: Answers, k: int) -> Answer:
-        target, seed = row.targets.targets[k], row.q_seeds[k].copy()
+    def _answers(self, row: Answers, block: range) -> list[Answer]:
+        for k in block[: self.warm]:
+            self._solved(row, k)
+        solved = [self._solved(row, k) for k in block]
         judge = self.fields[row.targets.name].judge
+        return [
+            Answer(*answer, judge.verdict(row.targets.targets[k], answer[0]))
+            for k, answer in zip(block, solved, strict=True)
+        ]
+
+    def _solved(self, row: Answers, k: int) -> _Unjudged:
+        """An answer that waits for its verdict."""
+        target, seed = row.targets.targets[k], row.q_seeds[k].copy()
         solve = self.solvers[row.solver].solve
         started = process_time()
         try:
@@ -125,14 +145,8 @@ class Comparison:
             seconds = process_time() - started
             q: Vector = np.full(self.arm.n, np.nan)
             words = f"{type(error).__name__}: {error}"
-            return Answer(q, RAISED, words, 0, 0, seconds, judge.verdict(target, q))
+            return q, RAISED, words, 0, 0, seconds
         seconds = process_time() - started
-        return Answer(
-            q=result.q,
-            reason=None if result.reason is None else result.reason.name,
-            explanation=result.explanation,
-            iterations=result.iterations,
-            restarts=result.restarts,
-            seconds=seconds,
-            verdict=judge.verdict(target, result.q),
-        )
+        reason = None if result.reason is None else result.reason.name
+        effort = (result.iterations, result.restarts, seconds)
+        return result.q, reason, result.explanation, *effort

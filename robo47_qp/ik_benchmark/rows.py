@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.ik_benchmark.answers import RAISED, Answers
 from robo47_qp.ik_benchmark.statistics import PairedTest, holm, mcnemar, wilson
@@ -16,16 +17,22 @@ Question = tuple[str, str]
 """Two solvers that were to be compared before there were figures."""
 
 
-def row(answers: Answers, reached_by_any: int) -> dict[str, Any]:
-    """The figures of one solver on one target set, as JSON; rates are of all n targets.
+def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
+    """The figures of one solver on one target set, as JSON.
+
+    Rates are of all n targets. Times are of those that some solver reached: how long a
+    solver searches in vain for what is not there is told beside them.
 
     Args:
         answers: What the solver answered.
-        reached_by_any: Targets that some solver of the comparison reached, tight.
+        reached: For each target, whether some solver of the comparison reached it, tight.
     """
+    timed = reached if reached.any() else np.ones(answers.n, dtype=np.bool_)
+    in_vain = answers.milliseconds[~reached]
+    reached_by_any = int(reached.sum())
     n, success, tight = answers.n, answers.success, answers.tight
     free = success & answers.free
-    times = np.percentile(answers.milliseconds, [50.0, 95.0, 99.0, 100.0])
+    times = np.percentile(answers.milliseconds[timed], [50.0, 95.0, 99.0, 100.0])
     reasons = Counter(answer.reason for answer in answers.items)
     return {
         "solver": answers.solver,
@@ -42,6 +49,7 @@ def row(answers: Answers, reached_by_any: int) -> dict[str, Any]:
         "p95_ms": float(times[1]),
         "p99_ms": float(times[2]),
         "max_ms": float(times[3]),
+        "in_vain_median_ms": float(np.median(in_vain)) if len(in_vain) else 0.0,
         "first_ms": 1e3 * answers.first_seconds,
         "limit_violations": int(answers.outside.sum()),
         "reached_by_any": reached_by_any,
@@ -58,7 +66,7 @@ def row(answers: Answers, reached_by_any: int) -> dict[str, Any]:
 def rows(field: Sequence[Answers]) -> list[dict[str, Any]]:
     """The rows of all solvers on one target set."""
     some = np.logical_or.reduce([answers.tight for answers in field])
-    return [row(answers, int(some.sum())) for answers in field]
+    return [row(answers, some) for answers in field]
 
 
 def reason_rows(answers: Answers) -> list[dict[str, Any]]:

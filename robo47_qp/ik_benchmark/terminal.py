@@ -34,7 +34,7 @@ class LiveTable:
             TimeElapsedColumn(),
         )
         self._bar = self._progress.add_task("start", total=total)
-        self._live = Live(self._progress, console=console, transient=True, refresh_per_second=4)
+        self._live = Live(self._progress, console=console, transient=True, auto_refresh=False)
         self._before, self._next = 0, 0.0
 
     def __enter__(self) -> "LiveTable":
@@ -52,11 +52,13 @@ class LiveTable:
         self._live.stop()
 
     def show(self, field: Sequence[Answers], done: int) -> None:
-        """Move the bar, and now and then renew the figures."""
+        """Move the bar, and now and then show it and the figures."""
         name = field[0].targets.name
         self._progress.update(self._bar, completed=self._before + done, description=name)
         if monotonic() >= self._next:
-            self._live.update(Group(field_table(rows(field)), self._progress))
+            # Between two blocks: a thread that draws would be timed with the solvers.
+            table = Group(field_table(rows(field)), self._progress)
+            self._live.update(table, refresh=True)
             self._next = monotonic() + _REFRESH
 
     def close_field(self, field: Sequence[Answers]) -> None:
@@ -72,9 +74,9 @@ def field_table(figures: Sequence[Mapping[str, Any]]) -> Table:
     first = figures[0]
     title = f"{first['targets']}: {first['n']} targets, {first['reached_by_any']} reached by any"
     table = Table(title=title, title_justify="left", header_style="", box=None, pad_edge=False)
-    table.add_column("solver")
+    table.add_column("solver", no_wrap=True)
     for heading in _COLUMNS:
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in figures:
         low, high = row["interval"]
         table.add_row(

@@ -43,7 +43,7 @@ class Chain:
 
     candidates: int = 8
     """Configurations to try per PTP waypoint."""
-    restarts: int = 140
+    restarts: int = 100
     """Starts of the IK per PTP waypoint."""
     crowding: float = 0.5
     """What it costs to be at a joint limit [s]."""
