@@ -14,8 +14,10 @@ from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import ModelError
 from robo47_qp.obstacle import Obstacle, add_obstacle
 from robo47_qp.robot import Robot
-from robo47_qp.robot_model import robot_spec, without_looks
+from robo47_qp.robot_model import add_payload, robot_spec, without_looks
 from robo47_qp.waypoint import Payload
+
+_POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
 class JointState(NamedTuple):
@@ -76,10 +78,13 @@ class Arm:
         self.q_max: Vector = self.model.jnt_range[:, 1].copy()
         self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.home = checked_vector("home", robot.home, self.n)
+        self.dry_friction: Vector = self.model.dof_frictionloss.copy()
+        self.slips = bool(self.dry_friction.any())
         self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
-        self._q, self._position = d.qpos, d.site_xpos[self._tcp]
+        self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
+        self._position = d.site_xpos[self._tcp]
         self._rotation = d.site_xmat[self._tcp].reshape(3, 3)
         self._quaternion = d.site_xquat[self._tcp]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
@@ -138,12 +143,38 @@ class Arm:
         recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008,
         ch. 5) as implemented by MuJoCo's `mj_inverse`.
         """
-        d = self._data
-        d.qpos[:] = q
-        d.qvel[:] = v
-        d.qacc[:] = a
-        mujoco.mj_inverse(self.model, d)
-        return d.qfrc_inverse.copy()
+        self._q[:] = q
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverse(self.model, self._data)
+        return self._tau.copy()
+
+    def place(self, q: Vector) -> None:
+        """Go to q: the first half of `inverse_dynamics`, with J and M at hand in `scratch`."""
+        m, d = self.model, self._at(q)
+        mujoco.mj_comPos(m, d)
+        mujoco.mj_makeM(m, d)
+        mujoco.mj_factorM(m, d)
+
+    def inverse_dynamics_here(self, v: Vector, a: Vector) -> Vector:
+        """The second half of `inverse_dynamics`: after `place`."""
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverseSkip(self.model, self._data, _POSITIONS_DONE, 1)
+        return self._tau.copy()
+
+    @property
+    def tool_site(self) -> int:
+        """Id of the tool frame in `model`."""
+        return int(self._tcp)
+
+    @property
+    def scratch(self) -> mujoco.MjData:
+        """MuJoCo's state of the last call, which any call overwrites.
+
+        What `place` leaves there spares others the kinematics and the factor of M.
+        """
+        return self._data
 
     def limit_margin(self, q: Vector) -> float:
         """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
@@ -180,7 +211,6 @@ def _compile(
     robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
 ) -> mujoco.MjModel:
     spec = robot_spec(robot)
-    tcp: Any = spec.site(robot.tcp)
     drives: list[Any] = [
         *spec.actuators,
         *spec.sensors,
@@ -194,19 +224,7 @@ def _compile(
             spec.delete(joint)
     without_looks(spec)
     if payload is not None:
-        # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
-        # however the site's orientation is written.
-        site = spec.compile().site(robot.tcp)
-        T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
-        tcp.parent.add_body(
-            name="payload",
-            pos=T_body_com.translation(),
-            quat=T_body_com.rotation().wxyz,
-            mass=payload.mass,
-            ipos=np.zeros(3),
-            inertia=np.asarray(payload.inertia),
-            explicitinertial=True,
-        )
+        add_payload(spec, robot, payload, "payload")
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
     # No contacts and no joint stops: inverse dynamics of the free arm.

@@ -1,12 +1,15 @@
 """The robot's MJCF as the package uses it: one place for what `Arm` and `Simulation` share."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import mujoco
+import numpy as np
+from mink import SE3
 
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robot import Robot
+from robo47_qp.waypoint import Payload
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
@@ -74,6 +77,23 @@ def without_looks(spec: mujoco.MjSpec) -> None:
             spec.delete(geom)
     used = {geom.meshname for geom in spec.geoms}
     _strike(spec, [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used])
+
+
+def add_payload(spec: mujoco.MjSpec, robot: Robot, payload: Payload, name: str) -> None:
+    """Fix a body to the tool of a robot that `robot_spec` made."""
+    # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
+    # however the site's orientation is written.
+    site, tcp = spec.compile().site(robot.tcp), cast(mujoco.MjsSite, spec.site(robot.tcp))
+    T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
+    tcp.parent.add_body(
+        name=name,
+        pos=T_body_com.translation(),
+        quat=T_body_com.rotation().wxyz,
+        mass=payload.mass,
+        ipos=np.zeros(3),
+        inertia=np.asarray(payload.inertia),
+        explicitinertial=True,
+    )
 
 
 def _mesh_name(mesh: Any) -> str:

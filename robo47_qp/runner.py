@@ -8,6 +8,7 @@ import numpy as np
 from robo47_qp import signals
 from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix
+from robo47_qp.controllers.active import ActiveController
 from robo47_qp.errors import NoGripperError, PlanError
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.trajectory import Trajectory, hold
@@ -44,7 +45,7 @@ class Runner:
         self.signals = signals.all_signals(scenario.robot, simulation.objects)
         self._sim = simulation
         self._arm = Arm(scenario.robot)
-        self._belief = self._arm
+        self._control = ActiveController(scenario.controller, self._arm, dt=TIMESTEP)
         self._columns = _Columns(scenario.robot, simulation.objects)
         self._recording = Recording(self.signals)
         self._observers: tuple[Observer, ...] = ()
@@ -122,8 +123,10 @@ class Runner:
             return Failure(cause=Cause.PLAN, evidence=str(error))
 
     def _believe(self, payload: Payload | None) -> None:
-        if payload is not self._belief.payload:
-            self._belief = self._arm if payload is None else self._arm.carrying(payload)
+        if payload is not self._control.arm.payload:
+            arm = self._arm if payload is None else self._arm.carrying(payload)
+            # What the tool holds changes in an instant, and so does the torque for it.
+            self._control.believe(arm, seconds=0.0)
 
     def _take_grip(self, grip: Grip) -> None:
         opening = grip.width > self._sim.width()
@@ -166,7 +169,7 @@ class Runner:
     def _advance(self, trajectory: Trajectory, references: Matrix, first: int, count: int) -> None:
         """The control loop: `count` periods, one row of the recording each."""
         started = perf_counter()
-        sim, arm, controller = self._sim, self._belief, self.scenario.controller
+        sim, control = self._sim, self._control
         now, command, last = self._columns.now, self._columns.command, self._columns.last
         rows = self._recording.open_rows(count)
         rows[:, 0] = (len(self._recording) + np.arange(count)) * TIMESTEP
@@ -180,8 +183,8 @@ class Runner:
             strict=True,
         ):
             sim.write_now(row[now])
-            tau = controller.torque(arm, JointReference(q, v, a), sim.state())
-            row[command] = tau
+            tau = control.torque(JointReference(q, v, a), sim.state())
+            row[command] = control.asked
             sim.step(tau)
             sim.write_last(row[last])
         self._recording.close_rows(count)
@@ -189,7 +192,7 @@ class Runner:
 
     def _references(self, trajectory: Trajectory) -> Matrix:
         """Columns `signals.reference` for every sample."""
-        arm = self._belief
+        arm = self._control.arm
         samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
         tau = np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
         poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])

@@ -161,6 +161,10 @@ class Simulation:
         """Torques that the motors delivered in the last period (n,) [N·m]."""
         return self._tau.copy()
 
+    def motor_torque(self) -> Vector:
+        """Torques that the motors hold from the last command on (n,) [N·m]."""
+        return self._ctrl.copy()
+
     def last_finger_forces(self) -> Vector:
         """Size of the net contact force on each finger in the last period (2,) [N]."""
         return self._needed("the force of its fingers").forces()

@@ -15,12 +15,17 @@ from rich.table import Table
 from robo47_qp import signals
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.command import main
+from robo47_qp.controllers.active import ActiveController
+from robo47_qp.controllers.cartesian_impedance import CartesianImpedance
+from robo47_qp.controllers.controller import Controller
+from robo47_qp.controllers.operational_space import OperationalSpace
 from robo47_qp.options import RunOptions
 from robo47_qp.recording import Rows
 from robo47_qp.rerun_log import RerunLog
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.runner import Runner
+from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Grip
 from tasks.pick_place import PickPlace
@@ -64,7 +69,9 @@ def run(options: StepCostOptions, console: Console) -> int:
         steps, numbers = len(done.rows), done.rows.values.shape[1]
         for name, seconds in {
             "bare mj_step, same torques": _replay(done),
-            "controller": _control(done),
+            "controller": _control(done, done.scenario.controller),
+            "Cartesian impedance instead": _control(done, CartesianImpedance()),
+            "operational space instead": _control(done, OperationalSpace()),
             "recording: columns": _columns(done),
             "recording: Rerun file": timed.seconds,
             "whole loop": done.loop_seconds,
@@ -96,14 +103,14 @@ def _replay(done: Run) -> float:
     return perf_counter() - started
 
 
-def _control(done: Run) -> float:
-    """Seconds that the controller alone takes for the states of a run."""
-    arm, controller, rows = Arm(PANDA), done.scenario.controller, done.rows
+def _control(done: Run, controller: Controller) -> float:
+    """Seconds that a controller within its limits takes for the states of a run."""
+    active, rows = ActiveController(controller, Arm(PANDA), dt=TIMESTEP), done.rows
     names = ("joints/q_ref", "joints/v_ref", "joints/a_ref", "joints/q", "joints/v")
     columns = [rows[name] for name in names]
     started = perf_counter()
     for q_ref, v_ref, a_ref, q, v in zip(*columns, strict=True):
-        controller.torque(arm, JointReference(q_ref, v_ref, a_ref), JointState(q, v))
+        active.torque(JointReference(q_ref, v_ref, a_ref), JointState(q, v))
     return perf_counter() - started
 
 

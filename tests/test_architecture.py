@@ -18,7 +18,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("motion.*",),
     ("controllers.*", "scene"),
     ("robot_defaults", "simulated_gripper"),
-    ("robot_loading", "simulation", "visuals"),
+    ("disturbance", "robot_loading", "simulation", "visuals"),
     ("task", "recording"),
     ("signals", "run"),
     ("metrics", "audit", "plots", "settling", "comparison_page"),
@@ -31,7 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("runner",),
     ("options", "settling_study"),
     ("command",),
-    ("ik_benchmark.*",),
+    ("ik_benchmark.*", "control_benchmark.*"),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
@@ -49,8 +49,9 @@ ONLY_IN = {
         "rerun_stream",
         "ik_benchmark.failure_log",
         "ik_benchmark.failure_pages",
+        "control_benchmark.trial_log",
     },
-    "matplotlib": {"plots", "ik_benchmark.plots"},
+    "matplotlib": {"plots", "ik_benchmark.plots", "control_benchmark.plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"menagerie"},

@@ -200,4 +200,4 @@ def test_gains_may_be_zero_or_positive(scale: float, ratio: float) -> None:
 @pytest.mark.parametrize("bad", [-1e-9, -1.0, np.nan, np.inf])
 def test_another_gain_is_refused(name: str, bad: float) -> None:
     with pytest.raises(InvalidValueError, match=rf"{name} must be finite and not negative; found"):
-        JointImpedance(**{name: bad})
+        JointImpedance(**{name: bad})  # type: ignore[arg-type]

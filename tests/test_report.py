@@ -75,6 +75,7 @@ def test_settings_are_all_there_by_name(summary: dict[str, Any]) -> None:
         "class": "JointImpedance",
         "stiffness_scale": 1.0,
         "damping_ratio": 1.0,
+        "feed_forward": "full",
     }
 
 

@@ -1,0 +1,1 @@
+"""Controllers compared: the same motion under the same disturbances."""

@@ -1,0 +1,26 @@
+"""Dry friction of the joints, fed forward."""
+
+import numpy as np
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+
+_SPEED = 0.05
+"""Speed at which three quarters of the final value are reached [rad/s or m/s]."""
+_SHARE = 0.8
+"""Part of the friction that is fed forward: more than there is would drive limit cycles [-]."""
+
+
+def add_dry_friction(tau: Vector, arm: Arm, v_ref: Vector) -> None:
+    """Add the torque that dry friction takes at a reference velocity: 0.8 f tanh(v_ref / v_0).
+
+    The reference's velocity, not the measured one: that would push the arm on wherever its
+    noise points, and take the joints' own resistance from a controller at rest (Olsson, Åström,
+    Canudas de Wit, Gäfvert and Lischinsky, European J. Control 4(3), 1998).
+
+    Args:
+        tau: (n,) [N·m], changed in place.
+        arm: Whose joints.
+        v_ref: (n,) [rad/s].
+    """
+    tau += _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)

@@ -1,0 +1,191 @@
+"""Controllers compared: what each term of a control law is worth, and what disturbs it.
+
+Every controller makes the same motion from home and then holds still, under each disturbance in
+turn: what the joints should do is the same, what goes wrong is the same to the last bit.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mink import SE3
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from robo47_qp.command import OK, main
+from robo47_qp.control_benchmark.plots import plot_trials
+from robo47_qp.control_benchmark.trial import PUSH, PUSHED_AFTER, Bench, Condition, Trial
+from robo47_qp.control_benchmark.trial_log import write_trials
+from robo47_qp.controllers.cartesian_impedance import CartesianImpedance
+from robo47_qp.controllers.controller import Controller
+from robo47_qp.controllers.joint_impedance import FeedForward, JointImpedance
+from robo47_qp.controllers.operational_space import OperationalSpace
+from robo47_qp.disturbance import Disturbance, Push
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.files import claim
+from robo47_qp.json_file import write_json
+from robo47_qp.options import LOGS
+from robo47_qp.report import versions
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.waypoint import Payload
+
+OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
+"""From home to the goal [rad]."""
+CONTROLLERS: dict[str, Controller] = {
+    "PD": JointImpedance(feed_forward=FeedForward.NONE),
+    "+ gravity": JointImpedance(feed_forward=FeedForward.GRAVITY),
+    "+ Coriolis": JointImpedance(feed_forward=FeedForward.CORIOLIS),
+    "+ acceleration": JointImpedance(),
+    "Cartesian": CartesianImpedance(),
+    "operational": OperationalSpace(),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllersOptions:
+    """Options of this scenario."""
+
+    log: Path = LOGS / "compare_controllers.rrd"
+    """Recording to write; plot and report go beside it, with the endings .png and .json."""
+    only: tuple[str, ...] = ()
+    """Conditions to try, by name; without it, all."""
+    json: bool = False
+    """Print the report as JSON on the standard output and nothing else."""
+
+
+def conditions(start: float) -> list[Condition]:
+    """All that goes wrong, one thing at a time.
+
+    Args:
+        start: When the motion is over [s].
+    """
+
+    def pushed(newton: float) -> Disturbance:
+        force = newton * np.array([0.6, -0.64, 0.48])
+        return Disturbance(pushes=(Push(force=force, start=start + PUSHED_AFTER, duration=PUSH),))
+
+    loads = {mass: _load(mass) for mass in (0.1, 0.5, 1.0)}
+    return [
+        Condition(name="free"),
+        *(
+            Condition(name=f"payload {mass} kg", disturbance=Disturbance(payload=load))
+            for mass, load in loads.items()
+        ),
+        Condition(
+            name="payload 0.5 kg, told",
+            disturbance=Disturbance(payload=loads[0.5]),
+            told=loads[0.5],
+        ),
+        *(Condition(name=f"push {f} N", disturbance=pushed(f)) for f in (10, 30, 50)),
+        Condition(name="noise", disturbance=Disturbance(noise_q=1e-4, noise_v=1e-2)),
+        *(
+            Condition(name=f"delay {k} ms", disturbance=Disturbance(delay=k))
+            for k in (1, 2, 3, 4, 5)
+        ),
+        *(
+            Condition(name=f"inertia {change:+d} %", disturbance=_heavier(change))
+            for change in (-20, 20)
+        ),
+    ]
+
+
+def _heavier(percent: int) -> Disturbance:
+    return Disturbance(inertia_factor=1.0 + percent / 100.0)
+
+
+def _load(mass: float) -> Payload:
+    """A cube of steel's third of a density, 3 cm in front of the tool point."""
+    side = (mass / 2600.0) ** (1 / 3)
+    moment = mass * side**2 / 6.0
+    T_tcp_com = SE3.from_translation(np.array([0.0, 0.0, 0.03]))
+    return Payload(mass=mass, inertia=(moment, moment, moment), T_tcp_com=T_tcp_com)
+
+
+def run(options: ControllersOptions, console: Console) -> int:
+    """Run the scenario; returns the exit code."""
+    bench = Bench(PANDA, OFFSET)
+    known = {condition.name: condition for condition in conditions(bench.way.duration)}
+    for name in options.only:
+        if name not in known:
+            raise UnknownNameError("condition", name, known)
+    chosen = [known[name] for name in options.only or known]
+    for ending in (".rrd", ".png", ".json"):
+        claim(options.log.with_suffix(ending))
+    by_condition = [
+        [bench.run(name, controller, condition) for name, controller in CONTROLLERS.items()]
+        for condition in track(chosen, "trying", console=console, transient=True)
+    ]
+    write_trials(by_condition, markdown(by_condition), options.log)
+    plot_trials(by_condition, options.log.with_suffix(".png"))
+    report = {
+        "robot": PANDA.name,
+        "versions": versions(),
+        "motion": {"offset_rad": list(OFFSET), "duration_s": bench.way.duration},
+        "trials": {
+            trials[0].condition: {trial.controller: trial.figures() for trial in trials}
+            for trials in by_condition
+        },
+    }
+    write_json(options.log.with_suffix(".json"), report)
+    if options.json:
+        sys.stdout.write(options.log.with_suffix(".json").read_text(encoding="utf-8"))
+        return OK
+    show(by_condition, console)
+    for ending, kind in ((".rrd", "recording"), (".png", "plot"), (".json", "report")):
+        console.print(f"  {kind}  {options.log.with_suffix(ending)}", highlight=False)
+    return OK
+
+
+def cells(trial: Trial) -> list[str]:
+    """One row of the table."""
+    figures = trial.figures()
+    settled = figures["settling_time_s"]
+    return [
+        trial.controller,
+        f"{1e3 * float(figures['max_joint_error_rad'] or 0.0):.3f}",
+        f"{1e3 * float(figures['max_tool_error_m'] or 0.0):.3f}",
+        f"{1e3 * float(figures['max_tool_error_at_rest_m'] or 0.0):.3f}",
+        f"{1e3 * float(figures['last_tool_error_m'] or 0.0):.4f}",
+        "no" if settled is None else f"{float(settled):.3f}",
+        f"{100 * float(figures['peak_torque_use'] or 0.0):.0f}",
+        "yes" if trial.stable else "NO",
+    ]
+
+
+HEADINGS = (
+    "controller",
+    "joint moving mrad",
+    "tool moving mm",
+    "at rest mm",
+    "at last mm",
+    "settled s",
+    "torque %",
+    "stable",
+)
+
+
+def show(by_condition: Sequence[Sequence[Trial]], console: Console) -> None:
+    """Print the table."""
+    table = Table(box=None, header_style="", title="Largest errors", title_justify="left")
+    for i, heading in enumerate(("condition", *HEADINGS)):
+        table.add_column(heading, justify="left" if i < 2 else "right", no_wrap=i < 2)
+    for trials in by_condition:
+        for k, trial in enumerate(trials):
+            style = None if trial.stable else "red"
+            table.add_row(trial.condition if k == 0 else "", *cells(trial), style=style)
+    console.print(table)
+
+
+def markdown(by_condition: Sequence[Sequence[Trial]]) -> str:
+    """The table as Markdown."""
+    lines = ["| " + " | ".join(("condition", *HEADINGS)) + " |", "|---" * (len(HEADINGS) + 1) + "|"]
+    for trials in by_condition:
+        lines += ["| " + " | ".join((t.condition, *cells(t))) + " |" for t in trials]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main(ControllersOptions, run, __doc__))
