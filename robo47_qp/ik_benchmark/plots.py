@@ -127,7 +127,7 @@ def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], 
     dots = [
         Line2D([], [], marker="o", ls="", ms=5, color=_share(o), label=o.value) for o in _SHOWN[:3]
     ]
-    figure.legend(handles=dots, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles=dots, loc="outside right upper", frameon=False, fontsize=9)
     figure.suptitle("Where in the workspace each fails (failures of all targets)", fontsize=11)
 
 
