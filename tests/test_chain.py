@@ -15,8 +15,10 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.chain import Chain
-from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.line import Line
 from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.tracking import LinError
 from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import Motion, Place, Waypoint
@@ -69,7 +71,7 @@ def hard_cases() -> list[tuple[SE3, SE3]]:
 
 def reaches(lin: Lin, start: IkResult, goal: SE3) -> bool:
     try:
-        lin.follow(ARM, IK, start.q, goal)
+        lin.follow(ARM, IK, start.q, Line(ARM.pose(start.q), goal))
     except LinError:
         return False
     return True
@@ -146,7 +148,7 @@ def test_the_waypoint_that_rules_a_chain_out_is_named() -> None:
     with pytest.raises(PlanError, match=message) as caught:
         planner.plan_chain(ARM, chain, ARM.home, DT)
     assert caught.value.waypoint == "pull"
-    assert "pull: the straight path fails" in caught.value.reason
+    assert "pull: the path fails" in caught.value.reason
     with pytest.raises(PlanError, match="Waypoint 'pull'"):
         planner.plan(ARM, replace(chain[0], onward=(chain[1], chain[2])), ARM.home, DT)
     lost = Waypoint(name="lost", target=SE3.from_translation(np.array([3.0, 0.0, 0.0])))

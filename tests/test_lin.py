@@ -11,8 +11,9 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
-from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.path_profile import PathProfile
+from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile, Robot
 from tests.examples import shifted, turned
@@ -285,7 +286,7 @@ def test_a_line_to_the_end_of_the_reach_is_followed(
 def test_a_line_beyond_reach_fails_where_the_reach_ends(robot: Robot, arm: Arm) -> None:
     start = arm.pose(arm.home)
     goal = shifted(start, np.array([1.5, 0.0, 0.0]))
-    message = r"the straight path fails \d+ % of the way: .* remain after|beyond the reach"
+    message = r"the path fails \d+ % of the way: .* remain after|beyond the reach"
     with pytest.raises(LinError, match=message) as caught:
         Lin().plan(arm, IK, arm.home, goal, robot.profile, DT)
     # The tool starts 0.3 m in front of the base and reaches to less than 0.9 m.
@@ -298,7 +299,7 @@ def test_a_line_through_a_joint_limit_fails_there(robot: Robot, arm: Arm) -> Non
     q = arm.home.copy()
     q[-1] = arm.q_max[-1] - 0.5
     goal = turned(arm.pose(q), 2, 1.5)
-    with pytest.raises(LinError, match="the straight path fails") as caught:
+    with pytest.raises(LinError, match="the path fails") as caught:
         Lin().plan(arm, IK, q, goal, robot.profile, DT)
     assert 0.0 < caught.value.fraction < 0.9
 
@@ -327,7 +328,7 @@ def test_an_answer_on_another_branch_is_refused(robot: Robot, arm: Arm) -> None:
 def test_a_knot_that_is_not_reached_is_told(robot: Robot, arm: Arm) -> None:
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.0, -0.0995]))
     ik = Altered(by=np.zeros(arm.n), after=2, reason=Reason.NOT_CONVERGED)
-    with pytest.raises(LinError, match="the straight path fails 30 % of the way: no") as caught:
+    with pytest.raises(LinError, match="the path fails 30 % of the way: no") as caught:
         Lin().plan(arm, ik, arm.home, goal, robot.profile, DT)
     assert caught.value.fraction == pytest.approx(0.3)
 

@@ -18,7 +18,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause
-from robo47_qp.waypoint import Grip, Motion, Place, Waypoint
+from robo47_qp.waypoint import Grip, Waypoint
 from tasks.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import Meddler, Witness, carry_out, moves_cube, picked_and_placed
@@ -232,13 +232,13 @@ def test_fingers_that_do_not_press_do_not_hold() -> None:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     program = task.program(simulation)
-    waypoint = next(program)
-    assert waypoint.name == "approach"
-    assert next(program).name == "descend"
+    names = [step.name for step in (next(program), next(program)) if isinstance(step, Waypoint)]
+    assert names == ["approach", "descend"]
     simulation.command_grip(Grip(width=task.edge, force=30.0))
     for _ in range(600):
         simulation.step(simulation.data.qfrc_bias[:7].copy())
     waypoint = next(program)
+    assert isinstance(waypoint, Waypoint)
     assert waypoint.name == "back off"
     assert simulation.width() == pytest.approx(task.edge, abs=1e-4)
 

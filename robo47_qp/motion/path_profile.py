@@ -34,3 +34,7 @@ class PathProfile:
             bounds = np.minimum(bounds, np.array(self.angular) / angle)
         bounds *= speed ** np.arange(1, 4)
         return bounds
+
+    def least_time(self, length: float, angle: float) -> float:
+        """Time to go a way and turn an angle at full speed [s]."""
+        return max(length / self.linear[0], angle / self.angular[0])
