@@ -105,6 +105,8 @@ class Rejection:
     """The joint at its limit, or the one that would move most."""
     q: tuple[float, ...] | None = None
     """The last configuration before the obstacle, or the one in it."""
+    pose: tuple[float, ...] | None = None
+    """T_world_tcp that is not reached from there: wxyz, then xyz [m]."""
 
 
 class PlanError(Robo47Error):

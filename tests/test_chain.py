@@ -56,7 +56,7 @@ def followed(arm: Arm, q: Vector, target: SE3, steps: int = 200) -> Vector | Non
 def hard_cases() -> list[tuple[SE3, SE3]]:
     """Lines that the usual answer at their start cannot follow, and another one can."""
     found = []
-    for seed in (7, 29, 59):
+    for seed in (7, 29, 106):
         rng = np.random.default_rng(seed)
         q = rng.uniform(0.8 * ARM.q_min + 0.2 * ARM.q_max, 0.2 * ARM.q_min + 0.8 * ARM.q_max)
         start = ARM.pose(q)

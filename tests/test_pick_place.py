@@ -18,7 +18,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause
-from robo47_qp.waypoint import Grip, Waypoint
+from robo47_qp.waypoint import Grip, Motion, Place, Waypoint
 from tasks.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import Meddler, Witness, carry_out, moves_cube, picked_and_placed

@@ -38,8 +38,7 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
     other = MultiStart(solver=LmIk(max_iterations=20, stall=Stall())).solve(arm, T_world_next, q)
     moved = joints[int(np.abs(other.q - q).argmax())]
     if not other.converged:
-        limit = bool(other.joints)
-        return (Obstacle.JOINT_LIMIT, other.joints[0]) if limit else (Obstacle.REACH, moved)
+        return Obstacle.REACH, moved
     _, gains, directions = np.linalg.svd(arm.jacobian(q))
     if gains[-1] < SINGULAR:
         return Obstacle.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]

@@ -112,6 +112,13 @@ class Continuous:
             trajectory = self.timing.timed(arm, path, path.cuts, bounds, dt)
         except LinError as error:
             raise refused(waypoints[0], error, None) from error
+        try:
+            check_limits(arm, trajectory.q)
+        except LinError as error:
+            k = round(error.fraction * len(trajectory.q))
+            ends = _passes(path, trajectory)
+            waypoint = waypoints[int(np.searchsorted(ends, k))]
+            raise refused(waypoint, error, k * dt) from error
         iterations = sum(effort.iterations for effort in plan.efforts)
         spent = Effort(iterations, sum(effort.seconds for effort in plan.efforts))
         return Passage(trajectory, _passes(path, trajectory), plan.curves, spent)

@@ -15,6 +15,7 @@ from robo47_qp.motion.continuous import Continuous, Pace
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.lower_bound import lower_bound
+from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
 from robo47_qp.motion.time_law import S_CURVE, TimeLaw
@@ -129,7 +130,9 @@ class Planner:
         if self.continuous.free is not None and (result.q != q_start).any():
             return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
-        return self._leg(arm, waypoint, result, trajectory, q_start)
+        leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
+        return replace(leg, lower_bound=bound)
 
     def _tool(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         pace = self.speed * waypoint.speed
@@ -145,7 +148,9 @@ class Planner:
         except LinError as error:
             time = error.fraction * self.lin.profile.least_time(way.length, way.angle)
             raise refused(waypoint, error, time) from error
-        return replace(self._leg(arm, waypoint, result, trajectory, q_start), way=way)
+        leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        bound = self._bound(arm, trajectory, pace, self.lin.profile, True)
+        return replace(leg, way=way, lower_bound=bound)
 
     def _without_stops(
         self,
@@ -160,7 +165,6 @@ class Planner:
             arm, self.ik, q_start, run, goals, Pace(self.profile, self.speed), dt
         )
         whole, ends = planned.trajectory, [*planned.passes, planned.trajectory.steps]
-        bound = self.profile.slowed(self.speed * max(waypoint.speed for waypoint in run))
         legs: list[Leg] = []
         for waypoint, first, last in zip(run, [0, *ends], ends, strict=False):
             part = whole.part(first, last)
@@ -170,8 +174,16 @@ class Planner:
                 there, iterations=planned.effort.iterations, seconds=planned.effort.seconds
             )
             legs.append(self._leg(arm, waypoint, result, part, part.q[0]))
-        legs = [replace(leg, lower_bound=0.0) for leg in legs]
-        return [replace(legs[0], lower_bound=lower_bound(whole.q, bound)), *legs[1:]]
+        pace = self.speed * max(waypoint.speed for waypoint in run)
+        tool = None if any(w.motion is Motion.PTP for w in run) else self.continuous.profile
+        bound = self._bound(arm, whole, pace, tool, False)
+        return [replace(legs[0], lower_bound=bound), *legs[1:]]
+
+    def _bound(
+        self, arm: Arm, motion: Trajectory, pace: float, tool: PathProfile | None, straight: bool
+    ) -> float:
+        slowed = None if tool is None else tool.slowed(pace)
+        return lower_bound(arm, motion.q, self.profile.slowed(pace), slowed, straight)
 
     def _leg(
         self,
@@ -183,12 +195,10 @@ class Planner:
     ) -> Leg:
         if self.collisions is not None:
             self.collisions.check(waypoint.name, trajectory)
-        profile = self.profile.slowed(self.speed * waypoint.speed)
         return Leg(
             waypoint=waypoint,
             ik=result,
             trajectory=trajectory,
             T_world_start=arm.pose(q_start),
             T_world_goal=tool_target(arm, waypoint),
-            lower_bound=lower_bound(trajectory.q, profile),
         )

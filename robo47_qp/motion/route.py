@@ -89,6 +89,7 @@ def refused(waypoint: Waypoint, error: LinError, time: float | None) -> PlanErro
         time=time,
         joint=error.joint,
         q=None if error.q is None else tuple(error.q.tolist()),
+        pose=None if error.T_world_next is None else tuple(error.T_world_next.wxyz_xyz.tolist()),
     )
     when = "" if time is None else f", {time:.2f} s from the start at full speed of the tool"
     return PlanError(waypoint.name, f"{error}{when}", rejection)

@@ -47,6 +47,7 @@ class LinError(Robo47Error):
         obstacle: What stands in the way.
         joint: The joint concerned, where there is one.
         q: The last configuration before, where there is one.
+        T_world_next: The pose that is not reached from there, where there is one.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class LinError(Robo47Error):
         obstacle: Obstacle,
         joint: str | None = None,
         q: Vector | None = None,
+        T_world_next: SE3 | None = None,
     ) -> None:
         """Tell where on the path and why."""
         super().__init__(f"the path fails {100 * fraction:.0f} % of the way: {reason}")
@@ -63,6 +65,7 @@ class LinError(Robo47Error):
         self.obstacle = obstacle
         self.joint = joint
         self.q = None if q is None else q.copy()
+        self.T_world_next = T_world_next
 
 
 class Effort(NamedTuple):
@@ -131,7 +134,7 @@ class Tracking:
                 there = spline(fraction)
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
                 found = blocked(arm, there, path.at(fraction))
-                raise LinError(fraction, reason, *found, there)
+                raise LinError(fraction, reason, *found, there, path.at(fraction))
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
@@ -148,13 +151,14 @@ class Tracking:
             result = ik.solve(arm, target, seed)
             if not result.converged:
                 found = blocked(arm, q[-1], target)
-                raise LinError(fraction, f"{result.explanation}{_told(*found)}", *found, q[-1])
+                reason = f"{result.explanation}{_told(*found)}"
+                raise LinError(fraction, reason, *found, q[-1], target)
             moved = np.abs(result.q - q[-1])
             if moved.max() > self.jump:
                 joint = arm.robot.joints[int(moved.argmax())]
-                obstacle, _ = blocked(arm, q[-1], target)
-                reason = f"{joint} would jump by {moved.max():.2f} rad"
-                raise LinError(fraction, reason, obstacle, joint, q[-1])
+                found = blocked(arm, q[-1], target)
+                reason = f"{joint} would jump by {moved.max():.2f} rad{_told(*found)}"
+                raise LinError(fraction, reason, *found, q[-1], target)
             q.append(_polished(arm, target, result.q) if self.polish else result.q)
             results.append(result)
         return np.array(q), results
