@@ -9,6 +9,9 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.motion.jerk_limited import Leap, leap
 
 _HALVINGS = 60
+_CAREFUL = 1.0 - 1e-6
+"""A way that is just long enough is, by a rounding error, too short: then the only motion between
+the two speeds goes back and forth."""
 
 
 class Travel:
@@ -79,4 +82,4 @@ def _reachable(v: float, length: float, a_max: float, j_max: float) -> float:
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if way(middle) <= length else (low, middle)
-    return v + low
+    return v + low * _CAREFUL
