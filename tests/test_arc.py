@@ -17,6 +17,10 @@ def pose(x: float, y: float, z: float, turn: Vector | None = None) -> SE3:
     return SE3.from_rotation_and_translation(rotation, np.array([x, y, z]))
 
 
+def at(place: Vector) -> SE3:
+    return SE3.from_rotation_and_translation(SO3.exp(TURN), place)
+
+
 def half_turn() -> Arc:
     return arc_through(pose(1.0, 0.0, 0.2), pose(-1.0, 0.0, 0.2, TURN), np.array([0.0, 1.0, 0.2]))
 
@@ -31,7 +35,7 @@ def test_it_starts_ends_and_passes_where_asked_on_one_circle(
 ) -> None:
     area = np.linalg.norm(np.cross(b - a, c - a))
     assume(area > 0.02)
-    arc = arc_through(pose(*a), pose(*c, TURN), b)
+    arc = arc_through(at(a), at(c), b)
     assert arc.at(0.0).translation() == pytest.approx(a, abs=1e-9)
     assert arc.at(1.0).translation() == pytest.approx(c, abs=1e-9)
     points = np.array([arc.at(s).translation() for s in np.linspace(0.0, 1.0, 4001)])

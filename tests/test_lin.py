@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import Obstacle
+from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
 from robo47_qp.motion.lin import Lin
@@ -16,6 +18,7 @@ from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile, Robot
+from robo47_qp.robots.panda import PANDA
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
 from tests.test_jerk_limited import shortest
@@ -425,3 +428,21 @@ def test_a_line_that_would_take_for_ever_is_refused(robot: Robot, arm: Arm) -> N
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.1, 0.0]))
     with pytest.raises(LinError, match=r"it would have to be .* times slower"):
         Lin().plan(arm, IK, arm.home, goal, crawling, DT)
+
+
+def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None:
+    """With the least motion at each step, a joint would run into its limit."""
+    arm, plain = Arm(PANDA), PlainArm(PANDA)
+    rng = np.random.default_rng(59)
+    q = rng.uniform(0.8 * arm.q_min + 0.2 * arm.q_max, 0.2 * arm.q_min + 0.8 * arm.q_max)
+    start = arm.pose(q)
+    goal = shifted(start, rng.normal(size=3) * 0.12)
+    q_start = MultiStart(solver=QpIk()).solve(arm, start, arm.home).q
+    with pytest.raises(LinError) as caught:
+        Lin(retreat=0.0).plan(arm, IK, q_start, goal, PANDA.profile, DT)
+    assert caught.value.obstacle is Obstacle.JOINT_LIMIT
+    trajectory, result = Lin().plan(arm, IK, q_start, goal, PANDA.profile, DT)
+    assert result.converged
+    assert all(plain.inside(row) for row in trajectory.q)
+    assert off_line(plain, trajectory.q[::7], start, goal)[0] < 1e-5
+    check_joints(trajectory, PANDA.profile)

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -29,7 +31,7 @@ def poses(rng: np.random.Generator, count: int, turn: float = 0.6) -> list[SE3]:
 def bent(rng: np.random.Generator, radii: tuple[float, ...]) -> ToolCurve:
     """Lines, and an arc in the middle."""
     visited = poses(rng, len(radii) + 2)
-    segments = [Line(a, b) for a, b in zip(visited[:-1], visited[1:], strict=True)]
+    segments = [Line(a, b) for a, b in pairwise(visited)]
     middle = 0.5 * (visited[1].translation() + visited[2].translation())
     through = middle + np.array([0.03, -0.04, 0.05])
     return ToolCurve(
@@ -45,7 +47,7 @@ def places(curve: ToolCurve | Through, s: Vector) -> tuple[Matrix, Rotation]:
 
 def rates(curve: ToolCurve | Through, at: float, h: float) -> Matrix:
     """Velocity and turn rate on a fine grid about a place (N, 6)."""
-    p, R = places(curve, at + h * np.arange(-40, 41))
+    p, R = places(curve, at + h * np.arange(-40.0, 41.0))
     turns = R[:-1].apply((R[:-1].inv() * R[1:]).as_rotvec())
     return np.hstack([np.diff(p, axis=0), turns]) / h
 
@@ -56,7 +58,7 @@ def test_speed_and_acceleration_of_the_path_have_no_jumps(seed: int) -> None:
     """Across each border, differences of first and second order fall with the step."""
     curve = bent(np.random.default_rng(seed), (0.03, 0.02, 0.025))
     for cut in curve.cuts[1:-1]:
-        jumps = []
+        jumps, a = [], np.zeros(1)
         for h in (2e-5, 1e-5):
             v = rates(curve, float(cut), h)
             a = np.diff(v, axis=0) / h
@@ -71,7 +73,7 @@ def test_it_keeps_to_the_segments_outside_the_radius_and_near_them_inside(
     seed: int, radius: float
 ) -> None:
     visited = poses(np.random.default_rng(seed), 4)
-    lines = [Line(a, b) for a, b in zip(visited[:-1], visited[1:], strict=True)]
+    lines = [Line(a, b) for a, b in pairwise(visited)]
     curve = ToolCurve(lines, (radius, radius), PROFILE)
     p, _ = places(curve, np.linspace(0.0, 1.0, 2001))
     off = np.min([line.distances(p) for line in lines], axis=0)
@@ -105,7 +107,7 @@ def test_blends_that_do_not_fit_name_their_segment() -> None:
         SE3.from_translation(np.array([x, y, 0.0]))
         for x, y in ((0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.3, 0.1))
     ]
-    lines = [Line(a, b) for a, b in zip(visited[:-1], visited[1:], strict=True)]
+    lines = [Line(a, b) for a, b in pairwise(visited)]
     with pytest.raises(BlendError, match=r"would take 120 % of it") as caught:
         ToolCurve(lines, (0.06, 0.06), PROFILE)
     assert caught.value.segment == 1
@@ -127,7 +129,7 @@ def test_poses_are_passed_exactly_on_a_smooth_way(seed: int) -> None:
             np.zeros(3), abs=1e-7
         )
     for s in way.corners:
-        bends = []
+        bends, a = [], np.zeros(1)
         for h in (2e-4, 1e-4):
             v = rates(way, float(s), h)
             a = np.diff(v, axis=0) / h

@@ -13,10 +13,10 @@ from robo47_qp.errors import Obstacle, Robo47Error
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.motion.blocked import blocked
 
-_AWAY = 3.0
-"""How fast a joint at its limit is led away from it [rad per m or rad of the path]."""
 _AT_LIMIT = 1e-3
 """A joint this close to its limit is at it [rad or m]."""
+_TASK = 6
+"""Coordinates of a pose: an arm with more joints has motions of its own."""
 _POLISHES = 2
 """Newton steps after IK."""
 
@@ -93,6 +93,9 @@ class Tracking:
     """How often the knots are doubled before giving up."""
     jump: float = 0.3
     """Change of a joint between knots that counts as another branch of IK [rad]."""
+    retreat: float = 3.0
+    """How fast a joint at its limit is led away from it where a redundant arm would run into it
+    [rad per m or rad of the path]; 0 gives up there."""
     polish: bool = False
     """Bring the knots to the path as closely as rounding allows. Needed where they are dense:
     what IK leaves shows in the jerk."""
@@ -112,7 +115,7 @@ class Tracking:
             at_limit = error.obstacle is Obstacle.JOINT_LIMIT or (
                 error.q is not None and arm.limit_margin(error.q) < _AT_LIMIT
             )
-            if arm.n <= len("xyzabc") or not at_limit:
+            if arm.n <= _TASK or not at_limit or self.retreat == 0.0:
                 raise
         return self._path(arm, ik, q_start, path, True)
 
@@ -147,7 +150,9 @@ class Tracking:
         for fraction in s[1:]:
             seed, target = q[-1], path.at(fraction)
             if away:
-                seed = np.clip(seed + spacing * _retreat(arm, seed), arm.q_min, arm.q_max)
+                seed = np.clip(
+                    seed + spacing * self.retreat * _away(arm, seed), arm.q_min, arm.q_max
+                )
             result = ik.solve(arm, target, seed)
             if not result.converged:
                 found = blocked(arm, q[-1], target)
@@ -197,7 +202,7 @@ def _polished(arm: Arm, target: SE3, q: Vector) -> Vector:
     return q
 
 
-def _retreat(arm: Arm, q: Vector) -> Vector:
+def _away(arm: Arm, q: Vector) -> Vector:
     """Motion without the tool, away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
 
     The gradient projection of Liégeois (1977) with the fourth power of the distance from the
@@ -206,6 +211,6 @@ def _retreat(arm: Arm, q: Vector) -> Vector:
     half = 0.5 * (arm.q_max - arm.q_min)
     x = (q - 0.5 * (arm.q_min + arm.q_max)) / half
     J = arm.jacobian(q)
-    wish = -_AWAY * x**3
+    wish = -(x**3)
     way: Vector = wish - np.linalg.lstsq(J, J @ wish, rcond=1e-4)[0]
     return way
