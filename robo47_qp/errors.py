@@ -85,6 +85,8 @@ class Obstacle(Enum):
     """The arm comes too close to itself or to something else."""
     PACE = "pace"
     """The bounds on speed, acceleration or jerk leave next to no motion."""
+    PRECISION = "precision"
+    """The path can be followed, but not as closely as is asked for."""
     SHAPE = "shape"
     """What was asked for is no path: a blend that does not fit, an arc without a plane."""
 

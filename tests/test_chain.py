@@ -193,6 +193,6 @@ def test_a_chain_may_begin_with_a_line_and_may_be_empty() -> None:
 
 def test_only_straight_motions_can_be_foreseen() -> None:
     bent = Waypoint(name="elsewhere", target=Place.HOME)
-    message = r"what follows waypoint 'start' must be waypoints reached by LIN or CIRC; found \['elsewhere"
+    message = r"what follows waypoint 'start' must be .* LIN or CIRC; found \['elsewhere"
     with pytest.raises(InvalidValueError, match=message):
         Waypoint(name="start", target=Place.HOME, onward=(bent,))

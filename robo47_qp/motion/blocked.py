@@ -4,7 +4,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arm import Arm
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Obstacle
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
@@ -13,6 +13,9 @@ from robo47_qp.ik.stall import Stall
 
 SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
+
+AT_LIMIT = 1e-3
+"""A joint this close to its limit is at it [rad or m]."""
 
 
 def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
@@ -43,3 +46,24 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
     if gains[-1] < SINGULAR:
         return Obstacle.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]
     return Obstacle.BRANCH, moved
+
+
+def rough(arm: Arm, knots: Matrix, q: Vector) -> tuple[Obstacle, str, Vector]:
+    """Why a joint path bends so sharply that no spline keeps to it: obstacle, joint and where.
+
+    A joint slides along its limit, or the arm is close to a singularity; else there is no
+    better reason than the number of knots.
+
+    Args:
+        arm: The arm.
+        knots: The joint path (N, n) [rad].
+        q: Where the spline is worst (n,) [rad].
+    """
+    margins = np.minimum(knots - arm.q_min, arm.q_max - knots)
+    row, joint = np.unravel_index(int(margins.argmin()), margins.shape)
+    if margins[row, joint] < AT_LIMIT:
+        return Obstacle.JOINT_LIMIT, arm.robot.joints[joint], knots[row]
+    _, gains, directions = np.linalg.svd(arm.jacobian(q))
+    busiest = arm.robot.joints[int(np.abs(directions[len(gains) - 1]).argmax())]
+    close = gains[-1] < SINGULAR
+    return Obstacle.SINGULARITY if close else Obstacle.PRECISION, busiest, q

@@ -20,6 +20,8 @@ _SLACK = 1e-6
 """Relative slack for rounding in differences."""
 _JUMP = 0.3
 """A configuration that is closer than this is on the same branch [rad or m]."""
+_AT_LIMIT = 1e-3
+"""A joint that slides along its limit is this close to it [rad or m]."""
 _NEWTON = 20
 _H = 1e-6
 """Half the width of differences [rad or m]."""
@@ -118,7 +120,8 @@ def _within_limits(arm: Arm, found: Rejection, q: Vector) -> str | None:
         way = arm.way_to(SE3(np.array(found.pose)), q)
         q = q + np.linalg.lstsq(_slopes(arm, q), way, rcond=1e-6)[0]
     margin = min(q[i] - arm.q_min[i], arm.q_max[i] - q[i])
-    return None if margin < 0.0 else f"{found.joint} stays {margin:.3f} inside its limits"
+    least = _AT_LIMIT if found.pose is None else 0.0
+    return None if margin < least else f"{found.joint} stays {margin:.3f} inside its limits"
 
 
 def _slopes(arm: Arm, q: Vector) -> Matrix:

@@ -11,10 +11,8 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Obstacle, Robo47Error
 from robo47_qp.ik.solver import IkResult, IkSolver
-from robo47_qp.motion.blocked import blocked
+from robo47_qp.motion.blocked import AT_LIMIT, blocked, rough
 
-_AT_LIMIT = 1e-3
-"""A joint this close to its limit is at it [rad or m]."""
 _TASK = 6
 """Coordinates of a pose: an arm with more joints has motions of its own."""
 _POLISHES = 2
@@ -113,7 +111,7 @@ class Tracking:
             return self._path(arm, ik, q_start, path, False)
         except LinError as error:
             at_limit = error.obstacle is Obstacle.JOINT_LIMIT or (
-                error.q is not None and arm.limit_margin(error.q) < _AT_LIMIT
+                error.q is not None and arm.limit_margin(error.q) < AT_LIMIT
             )
             if arm.n <= _TASK or not at_limit or self.retreat == 0.0:
                 raise
@@ -134,10 +132,8 @@ class Tracking:
                 check_limits(arm, spline(np.linspace(0.0, 1.0, 4 * len(spline.c))))
                 return spline, Effort(iterations, seconds)
             if doublings == self.doublings:
-                there = spline(fraction)
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
-                found = blocked(arm, there, path.at(fraction))
-                raise LinError(fraction, reason, *found, there, path.at(fraction))
+                raise LinError(fraction, reason, *rough(arm, q, spline(fraction)))
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
