@@ -7,15 +7,14 @@ import numpy as np
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.line import Line
 from robo47_qp.run import Phase, Run
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.waypoint import Motion
 
 LIN_COMMANDED = 10e-6
-"""How far the reference of a LIN motion may leave its line [m]."""
+"""How far the reference of a LIN or CIRC motion may leave its line or arc [m]."""
 LIN_MEASURED = 0.3e-3
-"""How far the tool may leave the line of a LIN motion [m]."""
+"""How far the tool may leave the line or arc [m]."""
 _ROUNDING = 1e-9
 """Relative slack for the rounding of differences."""
 
@@ -59,13 +58,15 @@ def audit(run: Run) -> list[Finding]:
         _bounded("torque", efforts, joints, tau, robot.tau_max),
         _bounded("torque rate", rate, joints, _rate(tau), robot.tau_rate_max),
     ]
-    for signal, column, limit in (
-        ("LIN commanded", "tool/pose_ref", LIN_COMMANDED),
-        ("LIN measured", "tool/pose", LIN_MEASURED),
-    ):
-        off = _off_line(run.phases, rows[column][:, :3])
-        if off is not None:
-            findings.append(_bounded(signal, ["m"], ("tool",), off, np.array([limit])))
+    for motion in (Motion.LIN, Motion.CIRC):
+        for signal, column, limit in (
+            ("commanded", "tool/pose_ref", LIN_COMMANDED),
+            ("measured", "tool/pose", LIN_MEASURED),
+        ):
+            off = _off_way(run.phases, motion, rows[column][:, :3])
+            if off is not None:
+                name = f"{motion.name} {signal}"
+                findings.append(_bounded(name, ["m"], ("tool",), off, np.array([limit])))
     return findings
 
 
@@ -114,14 +115,14 @@ def _rate(values: Matrix) -> Matrix:
     return np.diff(values, axis=0) / TIMESTEP
 
 
-def _off_line(phases: Sequence[Phase], positions: Matrix) -> Matrix | None:
-    """Distance from the line in the rows of LIN motions (N, 1), 0 elsewhere."""
+def _off_way(phases: Sequence[Phase], motion: Motion, positions: Matrix) -> Matrix | None:
+    """Distance from line or arc in the rows of such motions (N, 1), 0 elsewhere."""
     off = np.zeros((len(positions), 1))
     found = False
     ends = [phase.start for phase in phases[1:]] + [len(positions)]
     for phase, end in zip(phases, ends, strict=True):
-        if phase.leg is not None and phase.leg.waypoint.motion is Motion.LIN:
+        leg = phase.leg
+        if leg is not None and leg.way is not None and leg.waypoint.motion is motion:
             found = True
-            line = Line(phase.leg.T_world_start, phase.leg.T_world_goal)
-            off[phase.start : end, 0] = line.distances(positions[phase.start : end])
+            off[phase.start : end, 0] = leg.way.distances(positions[phase.start : end])
     return off if found else None

@@ -4,6 +4,8 @@ Every message says what was asked, what was found and what would work.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
 
 
 class Robo47Error(Exception):
@@ -68,19 +70,62 @@ class NoGripperError(Robo47Error):
         self.robot = robot
 
 
+class Obstacle(Enum):
+    """What stands in the way of a motion."""
+
+    REACH = "out of reach"
+    """No configuration inside the joint limits puts the tool there."""
+    JOINT_LIMIT = "joint limit"
+    """In the branch of the start, a joint would leave its limits."""
+    SINGULARITY = "singularity"
+    """The joints would have to run without bound for the tool to go on."""
+    BRANCH = "branch change"
+    """The pose can be reached, but not from the configuration before it."""
+    COLLISION = "collision"
+    """The arm comes too close to itself or to something else."""
+    PACE = "pace"
+    """The bounds on speed, acceleration or jerk leave next to no motion."""
+    PRECISION = "precision"
+    """The path can be followed, but not as closely as is asked for."""
+    SHAPE = "shape"
+    """What was asked for is no path: a blend that does not fit, an arc without a plane."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rejection:
+    """Why a motion was refused, in terms that a second check can confirm."""
+
+    obstacle: Obstacle
+    segment: str
+    """Name of the waypoint on the way to which it is."""
+    fraction: float
+    """Where on the motion, 0 at its start and 1 at its end."""
+    time: float | None = None
+    """When [s]: by the tool's bounds alone where the joints' way is not known; None for what
+    has no time."""
+    joint: str | None = None
+    """The joint at its limit, or the one that would move most."""
+    q: tuple[float, ...] | None = None
+    """The last configuration before the obstacle, or the one in it."""
+    pose: tuple[float, ...] | None = None
+    """T_world_tcp that is not reached from there: wxyz, then xyz [m]."""
+
+
 class PlanError(Robo47Error):
     """A waypoint that cannot be reached, or a motion that cannot be planned to it.
 
     Attributes:
         waypoint: Name of the waypoint.
         reason: What stands in the way.
+        rejection: The same for programs; None where the waypoint itself is not reached.
     """
 
-    def __init__(self, waypoint: str, reason: str) -> None:
+    def __init__(self, waypoint: str, reason: str, rejection: Rejection | None = None) -> None:
         """Tell which waypoint is out and why."""
         super().__init__(f"Waypoint {waypoint!r} cannot be planned: {reason}")
         self.waypoint = waypoint
         self.reason = reason
+        self.rejection = rejection
 
 
 class RecordingError(Robo47Error):

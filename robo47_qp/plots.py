@@ -1,5 +1,6 @@
 """A picture of a run: the tool's path and how well it was followed."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError
 from robo47_qp.recording import Rows
 from robo47_qp.run import Run
@@ -50,6 +52,34 @@ def plot_run(run: Run, path: Path) -> None:
             axes[name].axvline(float(t[phase.start]), color=_GREY, lw=0.5, ls=":")
     outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
     figure.suptitle(f"{run.scenario.task.name} on {run.scenario.robot.name}: {outcome}")
+    _save(figure, path)
+
+
+def plot_curves(panels: Mapping[str, Mapping[str, tuple[Vector, Vector]]], path: Path) -> None:
+    """Write a PNG with one panel per quantity and in it one curve over time per name.
+
+    Args:
+        panels: By label of the quantity and name of the curve: times [s] and values.
+        path: The file.
+
+    Raises:
+        RecordingError: The file cannot be written.
+    """
+    figure = Figure(figsize=(10.0, 2.4 * len(panels)), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, (label, curves) in zip(
+        np.ravel(figure.subplots(len(panels), sharex=True)), panels.items(), strict=True
+    ):
+        for name, (t, values) in curves.items():
+            axes.plot(t, values, lw=1.0, label=name)
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3, lw=0.5)
+    figure.axes[0].legend(frameon=False, ncols=4)
+    figure.axes[-1].set_xlabel("time [s]")
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:

@@ -38,6 +38,7 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
                 "name": leg.waypoint.name,
                 "motion": leg.waypoint.motion.value,
                 "duration_s": leg.trajectory.duration,
+                "lower_bound_s": leg.lower_bound,
                 "iterations": leg.ik.iterations,
                 "restarts": leg.ik.restarts,
                 "seconds": leg.ik.seconds,

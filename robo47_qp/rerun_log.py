@@ -32,7 +32,11 @@ _AXES = np.eye(3) * 0.06
 """Arrows of a frame [m] and their colours: x red, y green, z blue."""
 _AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
 _PATH_COLOUR = (255, 70, 150)
-_PLANNED_COLOURS = {Motion.PTP: (110, 160, 255), Motion.LIN: (255, 180, 70)}
+_PLANNED_COLOURS = {
+    Motion.PTP: (110, 160, 255),
+    Motion.LIN: (255, 180, 70),
+    Motion.CIRC: (120, 220, 140),
+}
 
 
 class RerunLog(Observer):

@@ -7,7 +7,7 @@ import numpy as np
 
 from robo47_qp import signals
 from robo47_qp.arm import Arm, JointReference
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.controllers.active import ActiveController
 from robo47_qp.errors import NoGripperError, PlanError
 from robo47_qp.motion.planner import Leg
@@ -18,7 +18,7 @@ from robo47_qp.robot import Robot
 from robo47_qp.run import Phase, Run, Scenario
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
-from robo47_qp.task import Cause, Failure
+from robo47_qp.task import Cause, Failure, Step
 from robo47_qp.waypoint import Grip, Payload
 
 TICK_ROWS = 20
@@ -65,10 +65,11 @@ class Runner:
         """
         legs, q = [], self._reference
         robot = self.scenario.robot
-        for waypoint in self.scenario.task.outlook(self._sim):
-            if waypoint.grip is not None and robot.gripper is None:
-                raise NoGripperError(robot.name, f"waypoint {waypoint.name!r}")
-            legs.append(self.scenario.planner.plan(self._arm, waypoint, q, TIMESTEP))
+        for step in self.scenario.task.outlook(self._sim):
+            for waypoint in step if isinstance(step, tuple) else (step,):
+                if waypoint.grip is not None and robot.gripper is None:
+                    raise NoGripperError(robot.name, f"waypoint {waypoint.name!r}")
+            legs += self._planned(step, q)
             q = legs[-1].trajectory.end.q
         return legs
 
@@ -109,18 +110,24 @@ class Runner:
         program = self.scenario.task.program(self._sim)
         try:
             while True:
-                waypoint = next(program)
-                self._believe(waypoint.carried)
-                leg = self.scenario.planner.plan(self._arm, waypoint, self._reference, TIMESTEP)
-                if leg.trajectory.steps:
-                    self._follow(waypoint.name, leg.trajectory, leg)
-                if waypoint.grip is not None:
-                    self._take_grip(waypoint.grip)
+                for leg in self._planned(next(program), self._reference):
+                    waypoint = leg.waypoint
+                    self._believe(waypoint.carried)
+                    if leg.trajectory.steps:
+                        self._follow(waypoint.name, leg.trajectory, leg)
+                    if waypoint.grip is not None:
+                        self._take_grip(waypoint.grip)
         except StopIteration as end:
             failure: Failure | None = end.value
             return failure
         except PlanError as error:
             return Failure(cause=Cause.PLAN, evidence=str(error))
+
+    def _planned(self, step: Step, q_start: Vector) -> list[Leg]:
+        planner = self.scenario.planner
+        if isinstance(step, tuple):
+            return planner.plan_chain(self._arm, step, q_start, TIMESTEP)
+        return [planner.plan(self._arm, step, q_start, TIMESTEP)]
 
     def _believe(self, payload: Payload | None) -> None:
         if payload is not self._control.arm.payload:

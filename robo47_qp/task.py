@@ -36,8 +36,11 @@ class Failure:
     """What was seen, with numbers."""
 
 
-Program = Generator[Waypoint, None, Failure | None]
-"""Yields waypoints, each when the one before is done, and returns why it gave up, if so."""
+Step = Waypoint | tuple[Waypoint, ...]
+"""A waypoint, or several that are known together: planned as one, without a stop where they are
+blended or passed."""
+Program = Generator[Step, None, Failure | None]
+"""Yields steps, each when the one before is done, and returns why it gave up, if so."""
 
 
 class Task(Protocol):
@@ -56,7 +59,7 @@ class Task(Protocol):
         """Put the objects at their start; the defaults where rng is None."""
         ...
 
-    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
         """The waypoints foreseen from here, so that they can be checked before moving."""
         ...
 

@@ -9,12 +9,18 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import Obstacle
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
-from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.ik.stall import Stall
+from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.path_profile import PathProfile
+from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile, Robot
+from robo47_qp.robots.panda import PANDA
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
 from tests.test_jerk_limited import shortest
@@ -285,7 +291,7 @@ def test_a_line_to_the_end_of_the_reach_is_followed(
 def test_a_line_beyond_reach_fails_where_the_reach_ends(robot: Robot, arm: Arm) -> None:
     start = arm.pose(arm.home)
     goal = shifted(start, np.array([1.5, 0.0, 0.0]))
-    message = r"the straight path fails \d+ % of the way: .* remain after|beyond the reach"
+    message = r"the path fails \d+ % of the way: .* remain after|beyond the reach"
     with pytest.raises(LinError, match=message) as caught:
         Lin().plan(arm, IK, arm.home, goal, robot.profile, DT)
     # The tool starts 0.3 m in front of the base and reaches to less than 0.9 m.
@@ -298,7 +304,7 @@ def test_a_line_through_a_joint_limit_fails_there(robot: Robot, arm: Arm) -> Non
     q = arm.home.copy()
     q[-1] = arm.q_max[-1] - 0.5
     goal = turned(arm.pose(q), 2, 1.5)
-    with pytest.raises(LinError, match="the straight path fails") as caught:
+    with pytest.raises(LinError, match="the path fails") as caught:
         Lin().plan(arm, IK, q, goal, robot.profile, DT)
     assert 0.0 < caught.value.fraction < 0.9
 
@@ -327,7 +333,7 @@ def test_an_answer_on_another_branch_is_refused(robot: Robot, arm: Arm) -> None:
 def test_a_knot_that_is_not_reached_is_told(robot: Robot, arm: Arm) -> None:
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.0, -0.0995]))
     ik = Altered(by=np.zeros(arm.n), after=2, reason=Reason.NOT_CONVERGED)
-    with pytest.raises(LinError, match="the straight path fails 30 % of the way: no") as caught:
+    with pytest.raises(LinError, match="the path fails 30 % of the way: no") as caught:
         Lin().plan(arm, ik, arm.home, goal, robot.profile, DT)
     assert caught.value.fraction == pytest.approx(0.3)
 
@@ -424,3 +430,22 @@ def test_a_line_that_would_take_for_ever_is_refused(robot: Robot, arm: Arm) -> N
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.1, 0.0]))
     with pytest.raises(LinError, match=r"it would have to be .* times slower"):
         Lin().plan(arm, IK, arm.home, goal, crawling, DT)
+
+
+def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None:
+    """With the least motion at each step, a joint would run into its limit."""
+    arm, plain = Arm(PANDA), PlainArm(PANDA)
+    rng = np.random.default_rng(59)
+    q = rng.uniform(0.8 * arm.q_min + 0.2 * arm.q_max, 0.2 * arm.q_min + 0.8 * arm.q_max)
+    start = arm.pose(q)
+    goal = shifted(start, rng.normal(size=3) * 0.12)
+    ik = MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))
+    q_start = ik.solve(arm, start, arm.home).q
+    with pytest.raises(LinError) as caught:
+        Lin(retreat=0.0).plan(arm, ik, q_start, goal, PANDA.profile, DT)
+    assert caught.value.obstacle is Obstacle.JOINT_LIMIT
+    trajectory, result = Lin().plan(arm, ik, q_start, goal, PANDA.profile, DT)
+    assert result.converged
+    assert all(plain.inside(row) for row in trajectory.q)
+    assert off_line(plain, trajectory.q[::7], start, goal)[0] < 1e-5
+    check_joints(trajectory, PANDA.profile)

@@ -232,13 +232,13 @@ def test_fingers_that_do_not_press_do_not_hold() -> None:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     program = task.program(simulation)
-    waypoint = next(program)
-    assert waypoint.name == "approach"
-    assert next(program).name == "descend"
+    names = [step.name for step in (next(program), next(program)) if isinstance(step, Waypoint)]
+    assert names == ["approach", "descend"]
     simulation.command_grip(Grip(width=task.edge, force=30.0))
     for _ in range(600):
         simulation.step(simulation.data.qfrc_bias[:7].copy())
     waypoint = next(program)
+    assert isinstance(waypoint, Waypoint)
     assert waypoint.name == "back off"
     assert simulation.width() == pytest.approx(task.edge, abs=1e-4)
 

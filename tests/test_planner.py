@@ -35,7 +35,7 @@ def ahead(arm: Arm, motion: Motion, **changed: object) -> Waypoint:
     return replace(Waypoint(name="ahead", target=target, motion=motion), **changed)  # type: ignore[arg-type]
 
 
-EVERY_MOTION = pytest.mark.parametrize("motion", Motion)
+EVERY_MOTION = pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])
 
 
 @EVERY_MOTION
@@ -180,7 +180,7 @@ def test_a_ptp_waypoint_that_is_not_found_tells_what_remains(robot: Robot, arm: 
 
 def test_a_line_that_fails_on_the_way_tells_where(robot: Robot, arm: Arm) -> None:
     waypoint = Waypoint(name="through the wall", target=FAR, motion=Motion.LIN)
-    message = r"'through the wall' cannot be planned: the straight path fails \d+ % of the way"
+    message = r"'through the wall' cannot be planned: the path fails \d+ % of the way"
     with pytest.raises(PlanError, match=message):
         planner(robot).plan(arm, waypoint, arm.home, DT)
 
@@ -191,7 +191,7 @@ def test_a_line_through_a_joint_limit_cannot_be_planned(robot: Robot, arm: Arm) 
     q[-1] = arm.q_max[-1] - 0.5
     goal = turned(arm.pose(q), 2, 1.5)
     waypoint = Waypoint(name="unscrew", target=goal, motion=Motion.LIN)
-    with pytest.raises(PlanError, match="'unscrew' cannot be planned: the straight path fails"):
+    with pytest.raises(PlanError, match="'unscrew' cannot be planned: the path fails"):
         planner(robot, ik=QpIk()).plan(arm, waypoint, q, DT)
 
 

@@ -12,7 +12,9 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
-from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.route import refused, segment
+from robo47_qp.motion.tracking import LinError
 from robo47_qp.waypoint import Motion, Place, Waypoint
 
 _TOLD = 3
@@ -78,7 +80,7 @@ class Chain:
         back: list[list[int]] = []
         for group, layer in zip(groups, layers, strict=True):
             reached = [branch.results[0].q for branch in layer]
-            straight = group[0].motion is Motion.LIN
+            straight = group[0].motion is not Motion.PTP
             ways = np.array([[_way(q, end, v_max, straight) for end in ends] for q in reached])
             total = ways + cost
             back.append([int(row.argmin()) for row in total])
@@ -106,7 +108,7 @@ class Chain:
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
     ) -> list[Branch]:
         first = group[0]
-        if first.motion is Motion.LIN:
+        if first.motion is not Motion.PTP:
             # The chain begins on a line: the branch is that of its start.
             starts = [_line(arm, ik, lin, first, q_start)]
         else:
@@ -164,16 +166,18 @@ def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
 
 
 def _groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
-    """Each PTP waypoint with the LIN waypoints after it."""
+    """Each PTP waypoint with the LIN and CIRC waypoints after it."""
     cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
     return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
 
 
 def _line(arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
+    way = segment(waypoint, arm.pose(q), tool_target(arm, waypoint))
     try:
-        return lin.follow(arm, ik, q, tool_target(arm, waypoint))
+        return lin.follow(arm, ik, q, way)
     except LinError as error:
-        raise PlanError(waypoint.name, str(error)) from error
+        time = error.fraction * lin.profile.least_time(way.length, way.angle)
+        raise refused(waypoint, error, time) from error
 
 
 def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:
@@ -201,4 +205,5 @@ def _ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanEr
         f"none of {len(failed)} configurations of {order[0]!r} leads there: "
         + "; ".join(reasons[:_TOLD])
         + more,
+        furthest.rejection,
     )

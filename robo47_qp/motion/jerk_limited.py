@@ -5,6 +5,7 @@ Everything is computed here, by Ruckig's state-to-state planner (Berscheid and K
 its waypoint planner calls a remote service and is not used.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +27,53 @@ class Samples(NamedTuple):
     a: Matrix
 
 
+def s_curve(length: float, bounds: Vector, dt: float) -> Matrix:
+    """Move one coordinate from 0 to a length.
+
+    Args:
+        length: Positive.
+        bounds: On velocity, acceleration and jerk (3,), positive.
+        dt: Time between samples [s].
+
+    Returns:
+        Position, velocity and acceleration at 0, dt, 2 dt, ... (N + 1, 3); the duration is the
+        shortest that is a multiple of dt, the last sample is the goal, at rest.
+
+    Raises:
+        InvalidValueError: A number is not finite, a bound or dt is not positive, or Ruckig
+            finds no motion.
+    """
+    v_max, a_max, j_max = bounds[:, None]
+    _check(np.zeros(1), np.array([length]), v_max, a_max, j_max, dt)
+    request = ruckig.InputParameter(1)
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    request.current_position, request.target_position = [0.0], [length]
+    request.max_velocity = [float(v_max[0])]
+    request.max_acceleration = [float(a_max[0])]
+    request.max_jerk = [float(j_max[0])]
+    plan = ruckig.Trajectory(1)
+    try:
+        ruckig.Ruckig(1, dt).calculate(request, plan)
+    except ruckig.RuckigError as error:
+        expected = "one that Ruckig can plan"
+        raise InvalidValueError("motion", f"0 to {length} ({error})", expected) from error
+    steps = round(plan.duration / dt)
+    rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
+    return np.vstack([rows, [length, 0.0, 0.0]])
+
+
+Run = Callable[[float, Vector, float], Matrix]
+"""Moves one coordinate as `s_curve` does, within those of the bounds that it knows."""
+
+
 def rest_to_rest(
-    start: Vector, goal: Vector, v_max: Vector, a_max: Vector, j_max: Vector, dt: float
+    start: Vector,
+    goal: Vector,
+    v_max: Vector,
+    a_max: Vector,
+    j_max: Vector,
+    dt: float,
+    run: Run = s_curve,
 ) -> Samples:
     """Move on the straight line between two points, each coordinate within its bounds.
 
@@ -38,10 +84,11 @@ def rest_to_rest(
         a_max: Bounds on the acceleration (n,), positive.
         j_max: Bounds on the jerk (n,), positive.
         dt: Time between samples [s].
+        run: How one coordinate is moved.
 
     Returns:
-        The samples; the duration is the shortest on the line that is a multiple of dt, the
-        last sample is the goal, at rest.
+        The samples; with `s_curve` the duration is the shortest on the line that is a
+        multiple of dt, the last sample is the goal, at rest.
 
     Raises:
         InvalidValueError: A position is not finite, a bound or dt is not positive.
@@ -55,24 +102,74 @@ def rest_to_rest(
     way = way / length
     moving = np.abs(way) > _NOTHING
     share = np.abs(way[moving])
-    request = ruckig.InputParameter(1)
-    request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    request.current_position, request.target_position = [0.0], [length]
-    request.max_velocity = [float((v_max[moving] / share).min())]
-    request.max_acceleration = [float((a_max[moving] / share).min())]
-    request.max_jerk = [float((j_max[moving] / share).min())]
-    plan = ruckig.Trajectory(1)
-    try:
-        ruckig.Ruckig(1, dt).calculate(request, plan)
-    except ruckig.RuckigError as error:
-        expected = "one that Ruckig can plan"
-        raise InvalidValueError("motion", f"{start} to {goal} ({error})", expected) from error
-    steps = round(plan.duration / dt)
-    rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
-    s, ds, dds = np.vstack([rows, [length, 0.0, 0.0]]).T[:, :, None]
+    bounds = np.array([float((b[moving] / share).min()) for b in (v_max, a_max, j_max)])
+    s, ds, dds = run(length, bounds, dt).T[:, :, None]
     x = start + s * way
     x[-1] = goal
     return Samples(x, ds * way, dds * way)
+
+
+class Leap:
+    """A motion from one state to another; for n coordinates or, with floats, for one."""
+
+    def __init__(self, plan: ruckig.Trajectory) -> None:
+        """Of what Ruckig planned."""
+        self._plan = plan
+        self.duration = float(plan.duration)
+        """[s]"""
+
+    def at(self, time: float) -> Matrix:
+        """Position, velocity and acceleration at a time (3, n), or (3,) for one coordinate."""
+        state = np.array(self._plan.at_time(time))
+        return state[:, 0] if state.shape[1] == 1 else state
+
+
+def leap(length: float, v_start: float, v_goal: float, bounds: Vector) -> Leap:
+    """One coordinate from 0 to a length, without acceleration at both ends, time-optimal.
+
+    Args:
+        length: Positive.
+        v_start: Speed at the start, at least 0.
+        v_goal: Speed at the end, at least 0; to be reached within the length.
+        bounds: On speed, acceleration and jerk (3,), positive.
+
+    Raises:
+        InvalidValueError: Ruckig finds no such motion.
+    """
+    start, goal = np.zeros(3)[:, None], np.array([length, v_goal, 0.0])[:, None]
+    start[1] = v_start
+    # Speeds at the bound itself must not fail for their last digit.
+    cap = max(float(bounds[0]), v_start, v_goal)
+    return to_state(start, goal, np.array([cap]), bounds[1:2], bounds[2:3])
+
+
+def to_state(start: Matrix, goal: Matrix, v_max: Vector, a_max: Vector, j_max: Vector) -> Leap:
+    """Time-optimal motion of all coordinates from one state to another, ending together.
+
+    Args:
+        start: Position, velocity and acceleration now (3, n).
+        goal: The same at the end (3, n).
+        v_max: Bounds on the velocity (n,), positive; exceeded only while the start does.
+        a_max: Bounds on the acceleration (n,), positive.
+        j_max: Bounds on the jerk (n,), positive.
+
+    Raises:
+        InvalidValueError: A number is not finite, a bound not positive, or there is no motion.
+    """
+    n = len(v_max)
+    _check(np.ravel(start), np.ravel(goal), v_max, a_max, j_max, 1.0)
+    request, plan = ruckig.InputParameter(n), ruckig.Trajectory(n)
+    now, then = start.tolist(), goal.tolist()
+    request.current_position, request.current_velocity, request.current_acceleration = now
+    request.target_position, request.target_velocity, request.target_acceleration = then
+    request.max_velocity, request.max_acceleration = v_max.tolist(), a_max.tolist()
+    request.max_jerk = j_max.tolist()
+    try:
+        ruckig.Ruckig(n).calculate(request, plan)
+    except ruckig.RuckigError as error:
+        expected = "one that Ruckig can plan"
+        raise InvalidValueError("motion", f"{now} to {then} ({error})", expected) from error
+    return Leap(plan)
 
 
 def _check(

@@ -22,12 +22,24 @@ class Line:
         self.angle = float(np.linalg.norm(self._turn))
         """[rad]"""
 
+    @property
+    def turn(self) -> Vector:
+        """Rotation vector from start to goal in the frame of the start [rad]."""
+        return self._turn.copy()
+
     def at(self, s: float) -> SE3:
         """T_world_tcp at s in [0, 1]."""
         return SE3.from_rotation_and_translation(
             self._start.rotation() @ SO3.exp(s * self._turn),
             self._start.translation() + s * self._shift,
         )
+
+    def position(self, s: float, order: int) -> Vector:
+        """Derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        if order == 0:
+            place: Vector = self._start.translation() + s * self._shift
+            return place
+        return self._shift.copy() if order == 1 else np.zeros(3)
 
     def distances(self, positions: Matrix) -> Vector:
         """Distance of points (N, 3) from the line between the two poses, shape (N,) [m]."""

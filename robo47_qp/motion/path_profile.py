@@ -34,3 +34,16 @@ class PathProfile:
             bounds = np.minimum(bounds, np.array(self.angular) / angle)
         bounds *= speed ** np.arange(1, 4)
         return bounds
+
+    def least_time(self, length: float, angle: float) -> float:
+        """Time to go a way and turn an angle at full speed [s]."""
+        return max(length / self.linear[0], angle / self.angular[0])
+
+    def slowed(self, speed: float) -> "PathProfile":
+        """The bounds of the same paths run at `speed` times the pace."""
+        v, a, j = self.linear
+        w, b, k = self.angular
+        return PathProfile(
+            linear=(v * speed, a * speed**2, j * speed**3),
+            angular=(w * speed, b * speed**2, k * speed**3),
+        )

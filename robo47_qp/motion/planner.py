@@ -1,17 +1,25 @@
-"""From waypoints to trajectories: IK, then PTP or LIN."""
+"""Planner: from waypoints to the trajectories that lead there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import PlanError
-from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.motion.arc import Arc
 from robo47_qp.motion.chain import Chain, tool_target
-from robo47_qp.motion.lin import Lin, LinError
+from robo47_qp.motion.collisions import Collisions
+from robo47_qp.motion.continuous import Continuous, Pace
+from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.line import Line
+from robo47_qp.motion.lower_bound import lower_bound
+from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.route import misshapen, refused, segment
+from robo47_qp.motion.time_law import S_CURVE, TimeLaw
+from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 from robo47_qp.waypoint import Motion, Waypoint
@@ -28,11 +36,16 @@ class Leg:
     """Tool pose at the start."""
     T_world_goal: SE3
     """Tool pose asked for."""
+    way: Line | Arc | None = None
+    """What the tool is to stay on; None for PTP motions and where corners are blended."""
+    lower_bound: float = 0.0
+    """Time that no motion along the same path can beat [s]; 0 where parts of one motion follow
+    each other without a stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Planner:
-    """Plans one leg at a time. Its fields are settings."""
+    """Plans motions whole, before they run. Its fields are settings."""
 
     ik: IkSolver
     profile: MotionProfile
@@ -42,6 +55,12 @@ class Planner:
     lin: Lin = Lin()
     chain: Chain = Chain()
     """How configurations are chosen."""
+    continuous: Continuous = Continuous()
+    """How arcs and motions without stops are planned."""
+    law: TimeLaw = S_CURVE
+    """How PTP and LIN motions run from rest to rest."""
+    collisions: Collisions | None = None
+    """What is not to be hit; None checks nothing."""
 
     def __post_init__(self) -> None:
         """Check the pace.
@@ -64,56 +83,122 @@ class Planner:
                 it does not lead on; the waypoint that is in the way is named.
         """
         q_start = arm.checked_q("q_start", q_start)
-        if waypoint.motion is Motion.LIN:
-            return self._lin(arm, waypoint, q_start, dt)
-        result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
-        return self._ptp(arm, waypoint, result, q_start, dt)
+        if not waypoint.rests:
+            raise misshapen(waypoint, "it is not to be stopped at and nothing is known to follow")
+        if waypoint.motion is Motion.PTP:
+            result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
+            return self._ptp(arm, waypoint, result, q_start, dt)
+        return self._tool(arm, waypoint, q_start, dt)
 
     def plan_chain(
         self, arm: Arm, waypoints: Sequence[Waypoint], q_start: Vector, dt: float
     ) -> list[Leg]:
         """Plan through waypoints that are all known, their configurations chosen together.
 
+        Those that are blended or passed are run through without a stop; the legs of such a
+        motion follow each other at speed.
+
         Raises:
             InvalidValueError: `q_start` is not finite.
-            PlanError: No choice leads through; the waypoint that rules the chain out is named.
+            PlanError: No choice leads through, or the motion is refused; the waypoint that is
+                in the way is named.
         """
         q = arm.checked_q("q_start", q_start)
+        if waypoints and not waypoints[-1].rests:
+            raise misshapen(waypoints[-1], "it is the last and not to be stopped at")
         v_max = self.profile.v_max
         chosen = self.chain.choose(arm, self.ik, self.lin, waypoints, q, v_max)
         legs: list[Leg] = []
-        for waypoint, result in zip(waypoints, chosen, strict=True):
-            if waypoint.motion is Motion.LIN:
-                legs.append(self._lin(arm, waypoint, q, dt))
+        first = 0
+        for i, waypoint in enumerate(waypoints):
+            if not waypoint.rests:
+                continue
+            run, results = waypoints[first : i + 1], chosen[first : i + 1]
+            if len(run) > 1:
+                legs += self._without_stops(arm, run, results, q, dt)
+            elif waypoint.motion is Motion.PTP:
+                legs.append(self._ptp(arm, waypoint, results[0], q, dt))
             else:
-                legs.append(self._ptp(arm, waypoint, result, q, dt))
-            q = legs[-1].trajectory.end.q
+                legs.append(self._tool(arm, waypoint, q, dt))
+            first, q = i + 1, legs[-1].trajectory.end.q
         return legs
 
     def _ptp(
         self, arm: Arm, waypoint: Waypoint, result: IkResult, q_start: Vector, dt: float
     ) -> Leg:
         profile = self.profile.slowed(self.speed * waypoint.speed)
-        trajectory = plan_ptp(q_start, result.q, profile, dt)
-        return _leg(arm, waypoint, result, trajectory, q_start)
+        if self.continuous.free is not None and (result.q != q_start).any():
+            return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
+        trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
+        leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
+        return replace(leg, lower_bound=bound)
 
-    def _lin(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
+    def _tool(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         pace = self.speed * waypoint.speed
         profile, target = self.profile.slowed(pace), tool_target(arm, waypoint)
+        way = segment(waypoint, arm.pose(q_start), target)
+        if isinstance(way, Arc):
+            end = judged(arm, target, q_start, self.ik.tolerance, 0)
+            leg = self._without_stops(arm, [waypoint], [end], q_start, dt)[0]
+            return replace(leg, way=way)
+        lin = replace(self.lin, law=self.law)
         try:
-            trajectory, result = self.lin.plan(arm, self.ik, q_start, target, profile, dt, pace)
+            trajectory, result = lin.plan(arm, self.ik, q_start, target, profile, dt, pace)
         except LinError as error:
-            raise PlanError(waypoint.name, str(error)) from error
-        return _leg(arm, waypoint, result, trajectory, q_start)
+            time = error.fraction * self.lin.profile.least_time(way.length, way.angle)
+            raise refused(waypoint, error, time) from error
+        leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        bound = self._bound(arm, trajectory, pace, self.lin.profile, True)
+        return replace(leg, way=way, lower_bound=bound)
 
+    def _without_stops(
+        self,
+        arm: Arm,
+        run: Sequence[Waypoint],
+        results: Sequence[IkResult],
+        q_start: Vector,
+        dt: float,
+    ) -> list[Leg]:
+        goals = [result.q for result in results]
+        planned = self.continuous.plan(
+            arm, self.ik, q_start, run, goals, Pace(self.profile, self.speed), dt
+        )
+        whole, ends = planned.trajectory, [*planned.passes, planned.trajectory.steps]
+        legs: list[Leg] = []
+        for waypoint, first, last in zip(run, [0, *ends], ends, strict=False):
+            part = whole.part(first, last)
+            target = tool_target(arm, waypoint)
+            there = judged(arm, target, part.end.q, self.ik.tolerance, 0)
+            result = replace(
+                there, iterations=planned.effort.iterations, seconds=planned.effort.seconds
+            )
+            legs.append(self._leg(arm, waypoint, result, part, part.q[0]))
+        pace = self.speed * max(waypoint.speed for waypoint in run)
+        tool = None if any(w.motion is Motion.PTP for w in run) else self.continuous.profile
+        bound = self._bound(arm, whole, pace, tool, False)
+        return [replace(legs[0], lower_bound=bound), *legs[1:]]
 
-def _leg(
-    arm: Arm, waypoint: Waypoint, result: IkResult, trajectory: Trajectory, q_start: Vector
-) -> Leg:
-    return Leg(
-        waypoint=waypoint,
-        ik=result,
-        trajectory=trajectory,
-        T_world_start=arm.pose(q_start),
-        T_world_goal=tool_target(arm, waypoint),
-    )
+    def _bound(
+        self, arm: Arm, motion: Trajectory, pace: float, tool: PathProfile | None, straight: bool
+    ) -> float:
+        slowed = None if tool is None else tool.slowed(pace)
+        return lower_bound(arm, motion.q, self.profile.slowed(pace), slowed, straight)
+
+    def _leg(
+        self,
+        arm: Arm,
+        waypoint: Waypoint,
+        result: IkResult,
+        trajectory: Trajectory,
+        q_start: Vector,
+    ) -> Leg:
+        if self.collisions is not None:
+            self.collisions.check(waypoint.name, trajectory)
+        return Leg(
+            waypoint=waypoint,
+            ik=result,
+            trajectory=trajectory,
+            T_world_start=arm.pose(q_start),
+            T_world_goal=tool_target(arm, waypoint),
+        )

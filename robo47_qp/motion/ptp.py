@@ -2,11 +2,14 @@
 
 from robo47_qp.arrays import Vector
 from robo47_qp.motion.jerk_limited import rest_to_rest
+from robo47_qp.motion.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 
 
-def plan_ptp(q_start: Vector, q_goal: Vector, profile: MotionProfile, dt: float) -> Trajectory:
+def plan_ptp(
+    q_start: Vector, q_goal: Vector, profile: MotionProfile, dt: float, law: TimeLaw = S_CURVE
+) -> Trajectory:
     """Straight line in joint space from rest to rest.
 
     Between two configurations inside the joint limits every sample is inside them. The tool
@@ -17,9 +20,11 @@ def plan_ptp(q_start: Vector, q_goal: Vector, profile: MotionProfile, dt: float)
         q_goal: (n,) [rad].
         profile: Bounds of the joints.
         dt: Time between samples [s].
+        law: How the way is run.
 
     Raises:
         InvalidValueError: A configuration is not finite.
     """
-    samples = rest_to_rest(q_start, q_goal, profile.v_max, profile.a_max, profile.j_max, dt)
+    bounds = (profile.v_max, profile.a_max, profile.j_max)
+    samples = rest_to_rest(q_start, q_goal, *bounds, dt, law.run)
     return Trajectory(dt=dt, q=samples.x, v=samples.v, a=samples.a)

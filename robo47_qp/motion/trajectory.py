@@ -10,8 +10,9 @@ from robo47_qp.arrays import Matrix, Vector
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """References at the instants 0, dt, 2 dt, ..., of which the last is the goal, at rest.
+    """References at the instants 0, dt, 2 dt, ..., of which the last is the goal.
 
+    It starts and ends at rest, unless it is a part of a motion without stops.
     A trajectory of N + 1 samples takes N control periods. Its last sample belongs to the
     instant at which the next one starts: that one's first sample repeats it.
     """
@@ -37,13 +38,20 @@ class Trajectory:
 
     @property
     def end(self) -> JointReference:
-        """The goal, at rest."""
+        """The goal, at rest unless another part follows."""
         return JointReference(self.q[-1].copy(), self.v[-1].copy(), self.a[-1].copy())
 
     @property
     def jerk(self) -> Matrix:
         """Mean jerk between samples (N, n) [rad/s³]."""
         return np.diff(self.a, axis=0) / self.dt
+
+    def part(self, first: int, last: int) -> "Trajectory":
+        """From one sample to another, both included."""
+        rows = slice(first, last + 1)
+        return Trajectory(
+            dt=self.dt, q=self.q[rows].copy(), v=self.v[rows].copy(), a=self.a[rows].copy()
+        )
 
 
 def hold(q: Vector, steps: int, dt: float) -> Trajectory:

@@ -1,0 +1,129 @@
+"""Arc: the motion of a tool on a circle between two poses."""
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError
+
+_FLAT = 1e-6
+"""Sine of an angle below which three points lie on one line."""
+_ROUND = 1e-4
+"""Difference of the distances to a centre that is rounded off, as a part of the radius."""
+
+
+class Arc:
+    """The position goes round a circle at a steady rate; the orientation turns about one axis."""
+
+    def __init__(self, start: SE3, goal: SE3, centre: Vector, turn: Vector) -> None:
+        """From `start` to `goal`, both T_world_tcp.
+
+        Args:
+            start: Where it starts, on the circle.
+            goal: Where it ends; only the orientation is used.
+            centre: Centre of the circle [m].
+            turn: Rotation vector of the way round it [rad].
+        """
+        self._start = start
+        self._centre = centre
+        self._sweep = float(np.linalg.norm(turn))
+        self._x = start.translation() - centre
+        self._y = np.cross(turn / self._sweep, self._x)
+        self._turn = np.zeros(3)
+        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
+        self.radius = float(np.linalg.norm(self._x))
+        """[m]"""
+        self.length = self.radius * self._sweep
+        """[m]"""
+        self.angle = float(np.linalg.norm(self._turn))
+        """How far the tool turns [rad]; not how far it goes round."""
+
+    @property
+    def turn(self) -> Vector:
+        """Rotation vector from start to goal in the frame of the start [rad]."""
+        return self._turn.copy()
+
+    def at(self, s: float) -> SE3:
+        """T_world_tcp at s in [0, 1]."""
+        return SE3.from_rotation_and_translation(
+            self._start.rotation() @ SO3.exp(s * self._turn), self.position(s, 0)
+        )
+
+    def position(self, s: float, order: int) -> Vector:
+        """Derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        angle = s * self._sweep + 0.5 * np.pi * order
+        point: Vector = np.cos(angle) * self._x + np.sin(angle) * self._y
+        return self._centre + point if order == 0 else self._sweep**order * point
+
+    def distances(self, positions: Matrix) -> Vector:
+        """Distance of points (N, 3) from the arc, shape (N,) [m]."""
+        offset = positions - self._centre
+        x, y = offset @ self._x / self.radius, offset @ self._y / self.radius
+        angle = np.mod(np.arctan2(y, x), 2.0 * np.pi)
+        # Points beside the arc belong to its nearer end.
+        beyond = angle > self._sweep
+        back = np.where(angle - self._sweep < 2.0 * np.pi - angle, self._sweep, 0.0)
+        angle = np.where(beyond, back, angle)
+        nearest = np.cos(angle)[:, None] * self._x + np.sin(angle)[:, None] * self._y
+        distance: Vector = np.linalg.norm(offset - nearest, axis=1)
+        return distance
+
+
+def arc_through(start: SE3, goal: SE3, through: Vector) -> Arc:
+    """The arc from start to goal on which a point lies in between.
+
+    Raises:
+        InvalidValueError: The three points lie on a line, or two of them coincide.
+    """
+    a, b = through - start.translation(), goal.translation() - start.translation()
+    normal = np.cross(a, b)
+    size, spread = float(normal @ normal), float(np.linalg.norm(a) * np.linalg.norm(b))
+    apart = float(np.linalg.norm(b - a))
+    flat = size**0.5 <= _FLAT * spread or apart <= _FLAT * np.linalg.norm(a)
+    if spread == 0.0 or flat:
+        raise InvalidValueError(
+            "the point that an arc goes through",
+            through.tolist(),
+            f"off the line through start {start.translation().tolist()} and goal "
+            f"{goal.translation().tolist()}",
+        )
+    # Centre of the circle through 0, a and b.
+    c = (b @ b * np.cross(normal, a) + a @ a * np.cross(b, normal)) / (2.0 * size)
+    axis = normal / size**0.5
+    x, z = -c, b - c
+    sweep = float(np.arctan2(axis @ np.cross(x, z), x @ z)) % (2.0 * np.pi)
+    return Arc(start, goal, start.translation() + c, sweep * axis)
+
+
+def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
+    """The shorter arc from start to goal about a centre.
+
+    Raises:
+        InvalidValueError: Start and goal are not at one distance from the centre, or lie on
+            one line with it.
+    """
+    x, z = start.translation() - centre, goal.translation() - centre
+    near, far = float(np.linalg.norm(x)), float(np.linalg.norm(z))
+    if abs(near - far) > _ROUND * max(near, far) or near == 0.0:
+        raise InvalidValueError(
+            "centre of an arc",
+            f"{near:.6f} m from the start and {far:.6f} m from the goal",
+            "equally far from both",
+        )
+    normal = np.cross(x, z)
+    size = float(np.linalg.norm(normal))
+    if size <= _FLAT * near * far:
+        raise InvalidValueError(
+            "centre of an arc",
+            f"{centre.tolist()} in line with start and goal",
+            "off the line between them; give a point that the arc goes through instead",
+        )
+    # A centre that is rounded off is moved to where both distances are the same.
+    chord = z - x
+    across = x + 0.5 * chord
+    across -= (across @ chord) / (chord @ chord) * chord
+    exact = start.translation() + 0.5 * chord - across
+    x, z = start.translation() - exact, goal.translation() - exact
+    sweep = float(np.arctan2(np.linalg.norm(np.cross(x, z)), x @ z))
+    return Arc(start, goal, exact, sweep * normal / size)

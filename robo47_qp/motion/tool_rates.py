@@ -1,0 +1,40 @@
+"""Speeds, accelerations and jerks of the tool by differences of its poses."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+
+
+class ToolRates(NamedTuple):
+    """Sizes of the first three derivatives, moving and turning; each (N, 2).
+
+    Means over one, two and three steps: each is bounded by what bounds the derivative.
+    """
+
+    v: Matrix
+    a: Matrix
+    j: Matrix
+
+
+def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
+    """Of configurations (N, n) that are dt apart, at rest before the first and after the last."""
+    positions, quats = np.empty((len(q), 3)), np.empty((len(q), 4))
+    for row, (position, quat) in zip(q, zip(positions, quats, strict=True), strict=True):
+        pose = arm.pose(row).wxyz_xyz
+        position[:], quat[:3], quat[3] = pose[4:], pose[1:4], pose[0]
+    rotations = Rotation.from_quat(quats)
+    turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
+    steps = np.stack([np.diff(positions, axis=0), turns], axis=1)
+    still = np.zeros((2, 2, 3))
+    v = np.concatenate([still, steps, still]) / dt
+    a = np.diff(v, axis=0) / dt
+    return ToolRates(*(_sizes(x) for x in (v[2:-2], a, np.diff(a, axis=0) / dt)))
+
+
+def _sizes(values: Matrix) -> Matrix:
+    sizes: Vector = np.linalg.norm(values, axis=2)
+    return sizes

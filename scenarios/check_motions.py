@@ -1,0 +1,193 @@
+"""Random motions on several arms: is every limit kept, and is every refusal right?"""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from mink import SE3, SO3
+from rich.console import Console
+from rich.table import Table
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.command import main
+from robo47_qp.errors import PlanError
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.stall import Stall
+from robo47_qp.motion.motion_check import broken, confirmed
+from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.robot import Robot
+from robo47_qp.robots.iiwa14 import iiwa14
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.robots.xarm7 import xarm7
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.waypoint import Motion, Waypoint
+
+KINDS = ("PTP", "LIN", "CIRC", "blended", "via")
+ROBOTS = {"panda": lambda: PANDA, "iiwa14": iiwa14, "xarm7": xarm7}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions:
+    """Options of this scenario."""
+
+    n: int = 200
+    """LIN, CIRC, blended and via motions to draw, each, per robot."""
+    ptp: int = 1000
+    """PTP motions to draw, per robot."""
+    robots: tuple[str, ...] = ("panda",)
+    """Of panda, iiwa14 and xarm7; all but the panda need MuJoCo Menagerie."""
+    seed: int = 0
+    """Seed of the random motions."""
+    out: Path | None = None
+    """Where to write the figures as JSON."""
+
+
+@dataclass
+class Tally:
+    """What was seen of one kind of motion."""
+
+    planned: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
+    unconfirmed: list[str] = field(default_factory=list)
+    violations: list[str] = field(default_factory=list)
+    off: float = 0.0
+    """Largest distance of the commanded tool from its line or arc [m]."""
+    ratios: list[float] = field(default_factory=list)
+    """Durations per lower bound."""
+    seconds: list[float] = field(default_factory=list)
+    """Processor time of planning, refusals included [s]."""
+
+
+def draw(kind: str, arm: Arm, rng: np.random.Generator) -> tuple[Vector, list[Waypoint]]:
+    """A start configuration inside the joint limits and the waypoints of a motion."""
+    low, high = 0.98 * arm.q_min + 0.02 * arm.q_max, 0.02 * arm.q_min + 0.98 * arm.q_max
+    q = rng.uniform(low, high)
+    start = arm.pose(q)
+    if kind == "PTP":
+        return q, [Waypoint(name="goal", target=arm.pose(rng.uniform(low, high)))]
+    poses = [start]
+    for _ in range(1 if kind in ("LIN", "CIRC") else 3):
+        poses.append(_near(poses[-1], rng))
+    if kind == "LIN":
+        return q, [Waypoint(name="goal", target=poses[1], motion=Motion.LIN)]
+    if kind == "CIRC":
+        through = 0.5 * (start.translation() + poses[1].translation()) + rng.normal(0.0, 0.05, 3)
+        goal = Waypoint(name="goal", target=poses[1], motion=Motion.CIRC, through=through)
+        return q, [goal]
+    names = ("first", "second", "goal")
+    how: list[dict[str, object]] = [{"stop": False}, {"stop": False}, {}]
+    if kind == "blended":
+        how = [{"blend": radius} for radius in rng.uniform(0.005, 0.04, 2)] + [{}]
+    waypoints = [
+        Waypoint(name=name, target=pose, motion=Motion.LIN, **one)  # type: ignore[arg-type]
+        for name, pose, one in zip(names, poses[1:], how, strict=True)
+    ]
+    return q, waypoints
+
+
+def _near(pose: SE3, rng: np.random.Generator) -> SE3:
+    shift, turn = rng.normal(0.0, 0.1, 3), rng.normal(0.0, 0.3, 3)
+    rotation = pose.rotation() @ SO3.exp(turn)
+    return SE3.from_rotation_and_translation(rotation, pose.translation() + shift)
+
+
+def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tally:
+    """Plan motions of one kind and look at each."""
+    arm, tally = Arm(robot), Tally()
+    ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
+    planner = Planner(ik=ik, profile=robot.profile)
+    for k in range(count):
+        q, waypoints = draw(kind, arm, rng)
+        began = process_time()
+        try:
+            legs = planner.plan_chain(arm, waypoints, q, TIMESTEP)
+        except PlanError as error:
+            tally.seconds.append(process_time() - began)
+            found = error.rejection
+            name = "pose not reached" if found is None else found.obstacle.value
+            tally.refused[name] = tally.refused.get(name, 0) + 1
+            doubt = confirmed(arm, q, waypoints, error)
+            if doubt is not None:
+                tally.unconfirmed.append(f"{k}: {error} | {doubt}")
+            continue
+        tally.seconds.append(process_time() - began)
+        tally.planned += 1
+        tally.violations += [f"{k}: {what}" for what in broken(arm, legs, robot.profile)]
+        tally.off = max(tally.off, *(_off(arm, leg) for leg in legs))
+        bound = sum(leg.lower_bound for leg in legs)
+        if bound > 0.0:
+            tally.ratios.append(sum(leg.trajectory.duration for leg in legs) / bound)
+    return tally
+
+
+def _off(arm: Arm, leg: Leg) -> float:
+    if leg.way is None:
+        return 0.0
+    tool = np.array([arm.pose(q).translation() for q in leg.trajectory.q[::5]])
+    return float(leg.way.distances(tool).max())
+
+
+def figures(tally: Tally) -> dict[str, object]:
+    """A tally as plain numbers."""
+    return {
+        "planned": tally.planned,
+        "refused": tally.refused,
+        "unconfirmed": tally.unconfirmed,
+        "violations": tally.violations,
+        "off_m": tally.off,
+        "duration_per_bound_median": float(np.median(tally.ratios)) if tally.ratios else None,
+        "plan_ms_median": 1e3 * float(np.median(tally.seconds)),
+        "plan_ms_p99": 1e3 * float(np.quantile(tally.seconds, 0.99)),
+    }
+
+
+def show(console: Console, rows: Sequence[tuple[str, str, Tally]]) -> None:
+    """Print the table."""
+    table = Table(title="Random motions", title_justify="left", header_style="", box=None)
+    for heading in ("robot", "motion"):
+        table.add_column(heading)
+    for heading in ("planned", "violations", "refused", "unconfirmed", "off µm"):
+        table.add_column(heading, justify="right")
+    for heading in ("per bound", "plan ms"):
+        table.add_column(heading, justify="right")
+    table.add_column("reasons")
+    for robot, kind, tally in rows:
+        table.add_row(
+            *(robot, kind, str(tally.planned), str(len(tally.violations))),
+            *(str(sum(tally.refused.values())), str(len(tally.unconfirmed))),
+            f"{1e6 * tally.off:.2f}",
+            f"{np.median(tally.ratios):.2f}" if tally.ratios else "-",
+            f"{1e3 * np.median(tally.seconds):.0f}",
+            ", ".join(f"{name} {count}" for name, count in sorted(tally.refused.items())),
+        )
+    console.print(table)
+    for robot, kind, tally in rows:
+        for line in [*tally.violations, *tally.unconfirmed][:5]:
+            console.print(f"{robot} {kind} {line}", highlight=False, markup=False)
+
+
+def run(options: CheckOptions, console: Console) -> int:
+    """Check and print; returns the exit code."""
+    rows = []
+    for name in options.robots:
+        robot = ROBOTS[name]()
+        for number, kind in enumerate(KINDS):
+            rng = np.random.default_rng([options.seed, number])
+            count = options.ptp if kind == "PTP" else options.n
+            rows.append((name, kind, check(robot, kind, count, rng)))
+    show(console, rows)
+    if options.out is not None:
+        summary = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}
+        options.out.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    bad = any(tally.violations or tally.unconfirmed for _, _, tally in rows)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(CheckOptions, run, __doc__))
