@@ -22,6 +22,8 @@ _FAR = 1e3
 _NEAR = 0.03
 """Pairs with less room than this are looked at again at every tick [m]."""
 
+_LEAST = 1e-9
+"""No pair brakes by less than this [m/s²]."""
 _PARTING, _REGAIN = 0.3, 10.0
 """A pair that is too close parts at this part of the speed at which it could still stop, and
 regains this part of what it lacks per second."""
@@ -96,8 +98,10 @@ class Separation:
         bodies = m.geom_bodyid[np.array(self._ends)]
         moves = moved_by(m)
         self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
-        self._root = m.body_rootid[m.jnt_bodyid[0]]
-        self._W = np.zeros((len(self._ends), 6))
+        self._centre: Vector = data.subtree_com[m.body_rootid[m.jnt_bodyid[0]]]
+        self._twists: Matrix = data.cdof
+        self._p = np.ones((len(self._ends), 4))
+        self._products = np.zeros((len(self._ends), 3, 4))
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
         self._budget = budget
         self._A = np.zeros_like(self._L)
@@ -108,10 +112,12 @@ class Separation:
         self.measured: float = np.inf
         """Smallest distance that was measured at the last `rows` or `reset` [m]."""
         self._seen = np.zeros(len(self._ends), dtype=np.bool_)
-        self._brake = np.ones(len(self._ends))
+        self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), _LEAST)
         self._least_brake = _UNSURE * (self._L @ self._a)
         self._bound = np.zeros(len(self._ends))
         self._q = np.zeros(clearance.arm.n)
+        none = np.zeros(0)
+        self._nothing = SpeedRows(self._A[:0], none, none, np.zeros(0, dtype=np.intp))
 
     def reset(self, q: Vector) -> None:
         """Measure every pair at q."""
@@ -127,15 +133,17 @@ class Separation:
             v: Velocity now (n,) [rad/s].
         """
         ways = self._ways(q, v)
-        used = (self._bound - self._d_min) / ways
-        urgent = np.flatnonzero(used < 1.0)
+        ways += self._d_min
+        urgent = (self._bound < ways).nonzero()[0]
         if len(urgent) > self._budget:
-            urgent = urgent[np.argsort(used[urgent], kind="stable")]
+            used = (self._bound[urgent] - self._d_min) / (ways[urgent] - self._d_min)
+            urgent = urgent[np.argsort(used, kind="stable")]
         self.measured = np.inf
-        if len(urgent):
-            picked = urgent[: self._budget]
-            self._update(picked, ways[picked] + (self._d_min + _AHEAD))
-        active = urgent[self._bound[urgent] < ways[urgent] + self._d_min]
+        if not len(urgent):
+            return self._nothing
+        within = ways.take(urgent)
+        self._update(urgent[: self._budget], within[: self._budget] + _AHEAD)
+        active = urgent.compress(self._bound.take(urgent) < within)
         return self._rows_of(active, v)
 
     def _ways(self, q: Vector, v: Vector) -> Vector:
@@ -161,58 +169,75 @@ class Separation:
         return np.maximum(ways, _NEAR, out=ways)
 
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
-        A, room = self._A[pair], self._bound[pair] - self._d_min
-        a_pair = np.maximum(np.abs(A) @ self._a, 1e-9)
-        closing = A @ v
-        upper = fastest(np.abs(room), np.where(room < 0.0, 0.0, closing), a_pair, self._dt)
-        lacking = room < 0.0
-        if lacking.any():
+        A, room = self._A.take(pair, axis=0), self._bound.take(pair) - self._d_min
+        closing, brake = A.dot(v), self._stop.take(pair)
+        if np.count_nonzero(room < 0.0):
+            lacking = room < 0.0
+            upper = fastest(np.abs(room), np.where(lacking, 0.0, closing), brake, self._dt)
             upper[lacking] = -np.minimum(_PARTING * upper[lacking], -_REGAIN * room[lacking])
+        else:
+            upper = fastest(room, closing, brake, self._dt)
         if len(pair) > self._budget:
             kept = np.argsort(upper - closing, kind="stable")[: self._budget]
             return SpeedRows(A[kept], upper[kept], room[kept], pair[kept])
         return SpeedRows(A, upper, room, pair)
 
     def _update(self, picked: NDArray[np.intp], cut_off: Vector) -> None:
-        between, ends, segment = self._measure.between, self._ends, self._segment
-        m, d = self._model, self._data
-        overlapping = (self._bound[picked] <= 0.0).tolist()
-        found = []
-        pairs = zip(picked.tolist(), cut_off.tolist(), overlapping, self._segments, strict=False)
-        for i, far, perhaps, ends_of_way in pairs:
+        between, ends = self._measure.between, self._ends
+        m, d, geom_distance = self._model, self._data, mujoco.mj_geomDistance
+        bounds, found = self._bound.take(picked).tolist(), []
+        pairs = zip(picked.tolist(), cut_off.tolist(), bounds, self._segments, strict=False)
+        for i, far, bound, ends_of_way in pairs:
             a, b = ends[i]
-            if perhaps:
+            if bound <= 0.0:
                 found.append(between(a, b, far))
                 ends_of_way[:] = self._measure.segment
             else:
                 # What cannot overlap needs none of the second looks that `between` takes.
-                found.append(mujoco.mj_geomDistance(m, d, a, b, far, ends_of_way))
+                found.append(geom_distance(m, d, a, b, far, ends_of_way))
+        self.measured = min(found)
         distance = np.array(found)
         self._bound[picked] = np.minimum(distance, cut_off)
-        self.measured = float(distance.min())
+        segment = self._segment[: len(picked)]
         seen = distance < cut_off
         self._seen[picked] = seen
-        self._A[picked[~seen]] = 0.0
-        # Nearest points that touch show no direction: such a pair keeps its last row.
-        seen &= np.abs(distance) > _TOUCH
-        close = picked[seen]
-        self._A[close] = A = self._closing(close, distance[seen], segment[: len(picked)][seen])
-        self._brake[close] = np.maximum(np.abs(A).dot(self._a), self._least_brake[close])
+        if self.measured < _TOUCH or np.count_nonzero(seen) < len(picked):
+            self._A[picked[~seen]], self._stop[picked[~seen]] = 0.0, _LEAST
+            # Nearest points that touch show no direction: such a pair keeps its last row.
+            seen &= np.abs(distance) > _TOUCH
+            picked, distance, segment = picked[seen], distance[seen], segment[seen]
+        A = self._closing(picked, distance, segment)
+        self._A[picked] = A
+        stop = np.abs(A).dot(self._a)
+        self._stop[picked] = np.maximum(stop, _LEAST)
+        self._brake[picked] = np.maximum(stop, self._least_brake.take(picked))
 
     def _closing(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
         """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
 
-        MuJoCo's `cdof` holds the twist of each joint about the centre of mass c: it moves a
-        point p along n by n . v + w . ((p - c) x n). The two nearest points lie on one line
-        along n, so either will do for both Jacobians.
+        MuJoCo's `cdof` holds the twist (w, v) of each joint about the centre of mass c: it moves
+        a point p along n by n . (v + w x (p - c)) = Σ_ik n_i S_ik (p - c, 1)_k with
+        S = ([w]×, v). The two nearest points lie on one line along n, so either will do for both
+        Jacobians.
         """
-        W = self._W[: len(pair)]
-        n = (segment[:, 3:] - segment[:, :3]) / distance[:, None]
-        p = segment[:, :3] - self._data.subtree_com[self._root]
-        W[:, 0] = p[:, 1] * n[:, 2] - p[:, 2] * n[:, 1]
-        W[:, 1] = p[:, 2] * n[:, 0] - p[:, 0] * n[:, 2]
-        W[:, 2] = p[:, 0] * n[:, 1] - p[:, 1] * n[:, 0]
-        W[:, 3:] = n
-        A: Matrix = W @ self._data.cdof.T
-        A *= self._sign[pair]
+        k = len(pair)
+        p, products = self._p[:k], self._products[:k]
+        n = segment[:, 3:] - segment[:, :3]
+        n /= distance[:, None]
+        np.subtract(segment[:, :3], self._centre, out=p[:, :3])
+        np.multiply(n[:, :, None], p[:, None, :], out=products)
+        A: Matrix = products.reshape(k, 12) @ (_SKEW @ self._twists.T)
+        A *= self._sign.take(pair, axis=0)
         return A
+
+
+def _skew() -> Matrix:
+    """Maps (w, v) to ([w]×, v), row by row (12, 6)."""
+    out = np.zeros((3, 4, 6))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i, k, j], out[i, j, k], out[i, 3, 3 + i] = 1.0, -1.0, 1.0
+    return out.reshape(12, 6)
+
+
+_SKEW = _skew()
