@@ -10,8 +10,9 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.braking import fastest
 from robo47_qp.ik.clearance import Clearance
+from robo47_qp.ik.closing import Closing
 from robo47_qp.ik.geom_distance import GeomDistance
-from robo47_qp.ik.levers import levers, moved_by
+from robo47_qp.ik.levers import levers
 
 _AHEAD = 0.1
 """Beyond what is needed, distances are told apart up to this much further [m]."""
@@ -95,23 +96,19 @@ class Separation:
         self._measure = GeomDistance(m, data)
         self._ends = clearance.pairs.kept
         self._L = levers(m, self._ends)
-        bodies = m.geom_bodyid[np.array(self._ends)]
-        moves = moved_by(m)
-        self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
-        self._centre: Vector = data.subtree_com[m.body_rootid[m.jnt_bodyid[0]]]
-        self._twists: Matrix = data.cdof
-        self._p = np.ones((len(self._ends), 4))
-        self._products = np.zeros((len(self._ends), 3, 4))
+        self._closing = Closing(m, data, self._ends)
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
         self._budget = budget
         self._A = np.zeros_like(self._L)
-        self._two_joint = np.zeros((2, clearance.arm.n))
+        self._signed = np.zeros((2, clearance.arm.n))
         self._per_joint = np.zeros((3, clearance.arm.n))
+        self._known, self._sums = np.zeros((2, len(self._ends))), np.zeros((3, len(self._ends)))
         self._segment = np.zeros((len(self._ends), 6))
         self._segments = list(self._segment)
         self.measured: float = np.inf
         """Smallest distance that was measured at the last `rows` or `reset` [m]."""
-        self._seen = np.zeros(len(self._ends), dtype=np.bool_)
+        self._unseen = np.ones(len(self._ends), dtype=np.bool_)
+        self._unsure = self._L.copy()
         self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), _LEAST)
         self._least_brake = _UNSURE * (self._L @ self._a)
         self._bound = np.zeros(len(self._ends))
@@ -121,7 +118,7 @@ class Separation:
 
     def reset(self, q: Vector) -> None:
         """Measure every pair at q."""
-        self._q = q.copy()
+        self._q[:] = q
         self._bound[:] = -np.inf
         self._update(np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
@@ -148,24 +145,27 @@ class Separation:
 
     def _ways(self, q: Vector, v: Vector) -> Vector:
         """Let the bounds sink; room below which each pair needs another look (pairs,) [m]."""
-        per_joint, step = self._per_joint, q - self._q
-        np.abs(step, out=per_joint[0])
-        self._q = q.copy()
-        speed = np.abs(v)
-        speed += self._a * self._dt
-        per_joint[1] = speed * (self._dt + speed / (2.0 * self._a))
-        per_joint[2] = _UNSURE * speed
-        moved, unknown, closing = per_joint @ self._L.T
-        self._two_joint[0], self._two_joint[1] = step, v
-        moved_as_known, closing_as_known = np.maximum(self._two_joint @ self._A.T, 0.0)
-        moved_as_known += _UNSURE * moved
-        self._bound -= np.where(self._seen, moved_as_known, moved)
-        closing += closing_as_known
-        known = closing / self._brake
-        known += 2.0 * self._dt
-        known *= closing
-        known *= 0.5
-        ways: Vector = np.where(self._seen, known, unknown)
+        signed, per_joint, dt = self._signed, self._per_joint, self._dt
+        np.subtract(q, self._q, out=signed[0])
+        self._q[:], signed[1] = q, v
+        np.abs(signed, out=per_joint[:2])
+        speed, way = per_joint[1], per_joint[2]
+        speed += self._a * dt
+        np.divide(speed, 2.0 * self._a, out=way)
+        way += dt
+        way *= speed
+        # Where a pair's row is known, the levers are what it may be wrong by.
+        np.dot(per_joint, self._unsure.T, out=self._sums)
+        np.dot(signed, self._A.T, out=self._known)
+        np.maximum(self._known, 0.0, out=self._known)
+        self._sums[:2] += self._known
+        moved, closing, unknown = self._sums
+        self._bound -= moved
+        ways: Vector = closing / self._brake
+        ways *= 0.5
+        ways += dt
+        ways *= closing
+        np.copyto(ways, unknown, where=self._unseen)
         return np.maximum(ways, _NEAR, out=ways)
 
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
@@ -200,44 +200,17 @@ class Separation:
         self._bound[picked] = np.minimum(distance, cut_off)
         segment = self._segment[: len(picked)]
         seen = distance < cut_off
-        self._seen[picked] = seen
+        if np.count_nonzero(self._unseen.take(picked) == seen):
+            self._unseen[picked] = ~seen
+            part = np.where(seen, _UNSURE, 1.0)
+            self._unsure[picked] = part[:, None] * self._L[picked]
         if self.measured < _TOUCH or np.count_nonzero(seen) < len(picked):
             self._A[picked[~seen]], self._stop[picked[~seen]] = 0.0, _LEAST
             # Nearest points that touch show no direction: such a pair keeps its last row.
             seen &= np.abs(distance) > _TOUCH
             picked, distance, segment = picked[seen], distance[seen], segment[seen]
-        A = self._closing(picked, distance, segment)
+        A = self._closing.rates(picked, distance, segment)
         self._A[picked] = A
         stop = np.abs(A).dot(self._a)
         self._stop[picked] = np.maximum(stop, _LEAST)
         self._brake[picked] = np.maximum(stop, self._least_brake.take(picked))
-
-    def _closing(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
-        """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
-
-        MuJoCo's `cdof` holds the twist (w, v) of each joint about the centre of mass c: it moves
-        a point p along n by n . (v + w x (p - c)) = Σ_ik n_i S_ik (p - c, 1)_k with
-        S = ([w]×, v). The two nearest points lie on one line along n, so either will do for both
-        Jacobians.
-        """
-        k = len(pair)
-        p, products = self._p[:k], self._products[:k]
-        n = segment[:, 3:] - segment[:, :3]
-        n /= distance[:, None]
-        np.subtract(segment[:, :3], self._centre, out=p[:, :3])
-        np.multiply(n[:, :, None], p[:, None, :], out=products)
-        A: Matrix = products.reshape(k, 12) @ (_SKEW @ self._twists.T)
-        A *= self._sign.take(pair, axis=0)
-        return A
-
-
-def _skew() -> Matrix:
-    """Maps (w, v) to ([w]×, v), row by row (12, 6)."""
-    out = np.zeros((3, 4, 6))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[i, k, j], out[i, j, k], out[i, 3, 3 + i] = 1.0, -1.0, 1.0
-    return out.reshape(12, 6)
-
-
-_SKEW = _skew()
