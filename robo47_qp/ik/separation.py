@@ -98,6 +98,7 @@ class Separation:
         self._L = levers(m, self._ends)
         self._closing = Closing(m, data, self._ends)
         self._a, self._dt, self._d_min = share * a_max, dt, d_min
+        self._step, self._twice_a = self._a * dt, 2.0 * self._a
         self._budget = budget
         self._A = np.zeros_like(self._L)
         self._signed = np.zeros((2, clearance.arm.n))
@@ -108,7 +109,7 @@ class Separation:
         self.measured: float = np.inf
         """Smallest distance that was measured at the last `rows` or `reset` [m]."""
         self._unseen = np.ones(len(self._ends), dtype=np.bool_)
-        self._unsure = self._L.copy()
+        self._unsure, self._zero = self._L.T.copy(), np.zeros(len(self._ends))
         self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), _LEAST)
         self._least_brake = _UNSURE * (self._L @ self._a)
         self._bound = np.zeros(len(self._ends))
@@ -150,14 +151,14 @@ class Separation:
         self._q[:], signed[1] = q, v
         np.abs(signed, out=per_joint[:2])
         speed, way = per_joint[1], per_joint[2]
-        speed += self._a * dt
-        np.divide(speed, 2.0 * self._a, out=way)
+        speed += self._step
+        np.divide(speed, self._twice_a, out=way)
         way += dt
         way *= speed
         # Where a pair's row is known, the levers are what it may be wrong by.
-        np.dot(per_joint, self._unsure.T, out=self._sums)
+        np.dot(per_joint, self._unsure, out=self._sums)
         np.dot(signed, self._A.T, out=self._known)
-        np.maximum(self._known, 0.0, out=self._known)
+        np.maximum(self._known, self._zero, out=self._known)
         self._sums[:2] += self._known
         moved, closing, unknown = self._sums
         self._bound -= moved
@@ -202,8 +203,7 @@ class Separation:
         seen = distance < cut_off
         if np.count_nonzero(self._unseen.take(picked) == seen):
             self._unseen[picked] = ~seen
-            part = np.where(seen, _UNSURE, 1.0)
-            self._unsure[picked] = part[:, None] * self._L[picked]
+            self._unsure[:, picked] = np.where(seen, _UNSURE, 1.0) * self._L[picked].T
         if self.measured < _TOUCH or np.count_nonzero(seen) < len(picked):
             self._A[picked[~seen]], self._stop[picked[~seen]] = 0.0, _LEAST
             # Nearest points that touch show no direction: such a pair keeps its last row.
