@@ -30,6 +30,8 @@ _PARTING, _REGAIN = 0.3, 10.0
 regains this part of what it lacks per second."""
 _UNSURE = 0.2
 """Part of a pair's largest closing rate by which its last row may be wrong until it is renewed."""
+_TRUSTED = 2.0 * _UNSURE
+"""Joint travel, summed over the joints, after which a row has to be renewed [rad]."""
 
 
 class SpeedRows(NamedTuple):
@@ -108,6 +110,8 @@ class Separation:
         self._segments = list(self._segment)
         self.measured: float = np.inf
         """Smallest distance that was measured at the last `rows` or `reset` [m]."""
+        self._looked = np.zeros(len(self._ends), dtype=np.bool_)
+        self._travel, self._one = 0.0, np.ones(clearance.arm.n)
         self._unseen = np.ones(len(self._ends), dtype=np.bool_)
         self._unsure, self._zero = self._L.T.copy(), np.zeros(len(self._ends))
         self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), _LEAST)
@@ -119,7 +123,7 @@ class Separation:
 
     def reset(self, q: Vector) -> None:
         """Measure every pair at q."""
-        self._q[:] = q
+        self._q[:], self._travel = q, 0.0
         self._bound[:] = -np.inf
         self._update(np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
@@ -162,12 +166,21 @@ class Separation:
         self._sums[:2] += self._known
         moved, closing, unknown = self._sums
         self._bound -= moved
+        self._travel += float(self._one.dot(per_joint[0]))
+        if self._travel > _TRUSTED / 2.0:
+            self._age()
         ways: Vector = closing / self._brake
         ways *= 0.5
         ways += dt
         ways *= closing
         np.copyto(ways, unknown, where=self._unseen)
         return np.maximum(ways, _NEAR, out=ways)
+
+    def _age(self) -> None:
+        """Trust no row any more that has not been renewed since the last call."""
+        self._unseen |= ~self._looked
+        np.copyto(self._unsure, self._L.T, where=self._unseen)
+        self._looked[:], self._travel = False, 0.0
 
     def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
         A, room = self._A.take(pair, axis=0), self._bound.take(pair) - self._d_min
@@ -199,6 +212,7 @@ class Separation:
         self.measured = min(found)
         distance = np.array(found)
         self._bound[picked] = np.minimum(distance, cut_off)
+        self._looked[picked] = True
         segment = self._segment[: len(picked)]
         seen = distance < cut_off
         if np.count_nonzero(self._unseen.take(picked) == seen):
