@@ -1,5 +1,6 @@
 """Speed limits between geoms: what they let through stops in time, and nothing near is missed."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -188,26 +189,36 @@ _SWING = """
 """
 
 
+_ASIDE = np.pi / 2
+
+
 @pytest.mark.parametrize(
-    ("wall", "end"),
-    # From 10 cm of room to 2.5 within the travel that a row is trusted for; half way round.
-    [(0.83, 0.39), (-0.5, 2.0)],
+    ("wall", "turns"),
+    [
+        # From 10 cm of room to 2.5 within the travel that a row is trusted for.
+        (0.83, [0.0, 0.39]),
+        # Half way round: the first row says all the way that the tip comes no closer.
+        (-0.5, [0.0, 2.0]),
+        # Near and back, which a bound does not know: it is looked at too far away for a row.
+        (-0.24, [_ASIDE, _ASIDE + 0.1, _ASIDE, _ASIDE + 0.15]),
+    ],
+    ids=["close", "round", "back"],
 )
 def test_a_tip_that_swings_towards_a_wall_is_seen_to_come(
-    tmp_path: Path, wall: float, end: float
+    tmp_path: Path, wall: float, turns: list[float]
 ) -> None:
-    """It sets out along the wall, so that its first row says that it comes no closer."""
-    floor = SE3.from_rotation_and_translation(
-        SO3.from_y_radians(np.pi / 2), np.array([wall, 0.0, 0.0])
-    )
-    obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=floor)
+    normal = SO3.from_y_radians(np.pi / 2)
+    T = SE3.from_rotation_and_translation(normal, np.array([wall, 0.0, 0.0]))
+    obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=T)
     made, _ = separation(Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle]))
-    speed, near = 0.05, 0
-    made.reset(np.zeros(1))
-    for q in np.arange(0.0, end, speed * DT):
-        rows = made.rows(np.array([q]), np.array([speed]))
-        room = np.cos(q) - wall - 0.05 - KEEP
-        if room < 0.03:
-            assert rows.room.min() == pytest.approx(room, abs=1e-9)
-            near += 1
+    near = 0
+    made.reset(np.array(turns[:1]))
+    for start, end in pairwise(turns):
+        v = 0.05 * np.sign(end - start)
+        for q in np.arange(start, end, v * DT):
+            rows = made.rows(np.array([q]), np.array([v]))
+            room = np.cos(q) - wall - 0.05 - KEEP
+            if room < 0.03:
+                assert rows.room.min() == pytest.approx(room, abs=1e-9)
+                near += 1
     assert near > 50

@@ -37,8 +37,8 @@ def fastest(distance: ArrayLike, v: ArrayLike, a_max: ArrayLike, dt: float) -> V
 
     It solves dt (v + v') / 2 + stopping_distance(v') = distance for v' >= 0. In units of
     a_max dt and with δ = distance / (a_max dt²) - v / (2 a_max dt) that is
-    m (m + 1) / 2 + r (m + 1) = δ with v' = (m + r) a_max dt, so m + r = m / 2 + δ / (m + 1). Where δ < 0 there is no room even
-    for v' = 0: the answer is 0.
+    m (m + 1) / 2 + r (m + 1) = δ with v' = (m + r) a_max dt, so m + r = m / 2 + δ / (m + 1).
+    Where δ < 0 there is no room even for v' = 0: the answer is 0.
 
     Args:
         distance: Room ahead, in the direction in which v counts positive [rad].
