@@ -160,3 +160,23 @@ def test_an_empty_range_and_a_margin_without_sense_are_refused() -> None:
         brakes(1.0, 1.0, 1.0, 1.0)
     with pytest.raises(InvalidValueError, match=r"at least 0 and below 0\.5"):
         brakes(0.0, 1.0, 1.0, 1.0, margin=0.5)
+
+
+def test_the_box_of_several_joints_is_that_of_each(rng: np.random.Generator) -> None:
+    """Against `fastest` over arrays, near limits and far from them, fast and slow."""
+    q_max, v_max, a_max = np.array([1.0, 0.4, 2.0]), np.array([2.0, 1.0, 0.5]), np.array([15, 7, 1])
+    profile = MotionProfile(v_max=v_max, a_max=a_max, j_max=np.ones(3))
+    three = JointBrakes(-q_max, q_max, profile, DT, 0.0)
+    near = 0
+    for _ in range(500):
+        q = q_max * np.sign(rng.normal(size=3)) * (1.0 - rng.uniform(size=3) ** 3)
+        most, least = (fastest(q_max - s * q, np.zeros(3), a_max, DT) for s in (1, -1))
+        v = np.clip(rng.uniform(-1.0, 1.0, 3) * v_max, -least, most) * (1 - 1e-9)
+        up, down = (fastest(q_max - s * q, s * v, a_max, DT) for s in (1, -1))
+        box = three.box(q, v)
+        high = np.minimum(np.minimum(v + a_max * DT, v_max), up)
+        np.testing.assert_allclose(box.high, high, atol=1e-9)
+        np.testing.assert_allclose(box.low, np.maximum(np.maximum(v - a_max * DT, -v_max), -down))
+        assert not box.recovering
+        near += int((up < v_max).sum())
+    assert near > 50

@@ -59,3 +59,19 @@ def test_a_robot_with_fewer_joints_than_the_tool_has_directions(rng: np.random.G
 def test_no_motion_at_all_is_no_division_by_zero() -> None:
     inverse = DampedInverse(np.zeros((6, 3)), 0.05)
     assert (inverse.velocities(np.ones(6)) == 0.0).all()
+
+
+def test_around_the_threshold_it_is_what_singular_values_say(rng: np.random.Generator) -> None:
+    """By singular values one by one: where some are damped, where none is, and in between."""
+    threshold = 0.05
+    for smallest in np.geomspace(0.005, 0.5, 60):
+        U, _, Vt = np.linalg.svd(rng.normal(size=(6, 7)), full_matrices=False)
+        sigma = 3.0 * np.array([1.0, 0.9, 0.8, 0.5, 0.3, smallest])
+        zero = threshold * sigma[0]
+        damping = np.maximum(zero**2 - sigma**2, 0.0) ** 2 / (4.0 * zero**2)
+        expected = Vt.T @ np.diag(sigma / (sigma**2 + damping)) @ U.T
+        inverse = DampedInverse((U * sigma) @ Vt, threshold)
+        told = np.column_stack([inverse.velocities(twist) for twist in np.eye(6)])
+        np.testing.assert_allclose(told, expected, atol=1e-8)
+        v = rng.normal(size=7)
+        np.testing.assert_allclose(inverse.null(v), v - Vt.T @ (Vt @ v), atol=1e-9)

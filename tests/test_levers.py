@@ -76,3 +76,33 @@ def test_slides_and_joints_beside_the_frame_of_their_body() -> None:
         assert rate <= L[1, 1]
         nearest = max(nearest, rate)
     assert nearest > 0.3
+
+
+BESIDE = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <geom name="wall" type="plane" size="5 5 1" pos="0 -2 0" zaxis="0 1 0"/>
+  <body>
+    <joint axis="0 0 1" range="-3.2 3.2"/>
+    <geom size="0.02"/>
+    <body pos="0.5 0 0">
+      <joint axis="0 0 1" range="-3.2 3.2" pos="0.2 0 0"/>
+      <geom name="tip" size="0.05"/>
+    </body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_a_link_that_swings_about_a_joint_beside_its_frame_reaches_further() -> None:
+    """Folded out, the tip is 0.5 m and twice 0.2 m away from the first joint."""
+    m = mujoco.MjModel.from_xml_string(BESIDE)
+    d = mujoco.MjData(m)
+    wall, tip = m.geom("wall").id, m.geom("tip").id
+    ways = []
+    for first in (-1e-4, 1e-4):
+        d.qpos[:] = first, np.pi
+        mujoco.mj_kinematics(m, d)
+        ways.append(mujoco.mj_geomDistance(m, d, wall, tip, 10.0, None))
+    rate = (ways[1] - ways[0]) / 2e-4
+    assert rate == pytest.approx(0.9, abs=1e-3)
+    assert levers(m, ((wall, tip),))[0, 0] >= rate

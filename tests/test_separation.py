@@ -1,11 +1,13 @@
 """Speed limits between geoms: what they let through stops in time, and nothing near is missed."""
 
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from mink import SE3
+from mink import SE3, SO3
 from numpy.typing import NDArray
 
 from robo47_qp.arm import Arm
@@ -16,6 +18,7 @@ from robo47_qp.ik.clearance import Clearance
 from robo47_qp.ik.separation import Separation, SpeedRows
 from robo47_qp.obstacle import Obstacle, Shape
 from robo47_qp.robot import Robot
+from tests.small_robots import small_robot
 
 DT, KEEP = 1e-3, 0.02
 
@@ -174,3 +177,48 @@ def test_settings_without_sense_are_refused(
     a_max, data = among.robot.rated.a_max, mujoco.MjData(among.model)
     with pytest.raises(InvalidValueError, match=message):
         Separation(Clearance(among, KEEP), data, a_max, DT, **settings)
+
+
+_SWING = """
+<mujoco><compiler angle="radian"/><worldbody><body name="base">
+  <geom name="foot" size="0.01" pos="0 0 -5"/>
+  <body name="arm"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+    <joint name="swing" axis="0 0 1" range="-3 3"/>
+    <geom name="tip" size="0.05" pos="1 0 0"/><site name="tool" pos="1 0 0"/>
+</body></body></worldbody></mujoco>
+"""
+
+
+_ASIDE = np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("wall", "turns"),
+    [
+        # From 10 cm of room to 2.5 within the travel that a row is trusted for.
+        (0.83, [0.0, 0.39]),
+        # Half way round: the first row says all the way that the tip comes no closer.
+        (-0.5, [0.0, 2.0]),
+        # Near and back, which a bound does not know: it is looked at too far away for a row.
+        (-0.24, [_ASIDE, _ASIDE + 0.1, _ASIDE, _ASIDE + 0.15]),
+    ],
+    ids=["close", "round", "back"],
+)
+def test_a_tip_that_swings_towards_a_wall_is_seen_to_come(
+    tmp_path: Path, wall: float, turns: list[float]
+) -> None:
+    normal = SO3.from_y_radians(np.pi / 2)
+    T = SE3.from_rotation_and_translation(normal, np.array([wall, 0.0, 0.0]))
+    obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=T)
+    made, _ = separation(Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle]))
+    near = 0
+    made.reset(np.array(turns[:1]))
+    for start, end in pairwise(turns):
+        v = 0.05 * np.sign(end - start)
+        for q in np.arange(start, end, v * DT):
+            rows = made.rows(np.array([q]), np.array([v]))
+            room = np.cos(q) - wall - 0.05 - KEEP
+            if room < 0.03:
+                assert rows.room.min() == pytest.approx(room, abs=1e-9)
+                near += 1
+    assert near > 50

@@ -26,17 +26,20 @@ def approach_rate(way: Vector, v_max: Vector, a_max: Vector, gain: float) -> flo
         a_max: Largest decelerations to use (n,) [rad/s²].
         gain: K [1/s].
     """
-    d = np.abs(way)
-    soft = a_max / gain**2
-    far = np.maximum(d, soft)
-    braking = np.sqrt(a_max * (2.0 * far - soft)) / far
-    steady = v_max / np.maximum(d, v_max / gain)
-    return float(min(gain, braking.min(), steady.min()))
+    # For a few joints floats are faster than arrays.
+    pace = gain
+    for d, v, a in zip(np.abs(way).tolist(), v_max.tolist(), a_max.tolist(), strict=True):
+        soft = a / gain**2
+        if d > soft:
+            pace = min(pace, sqrt(a * (2.0 * d - soft)) / d)
+        if pace * d > v:
+            pace = v / d
+    return pace
 
 
 def shortened(displacement: Vector, longest: float) -> Vector:
     """The displacement, scaled to a length of at most `longest` [m]; any finite input."""
-    largest = float(np.abs(displacement).max())
+    largest = max(map(abs, displacement.tolist()))
     if largest > longest:
         displacement = displacement * (longest / largest)
     length = sqrt(displacement.dot(displacement))
@@ -76,7 +79,7 @@ class TargetMotion:
         mujoco.mju_subQuat(self._turn, target[:4], last[:4])
         mujoco.mju_rotVecQuat(twist[3:], self._turn, last[:4])
         twist /= self._dt
-        if (np.abs(twist) > fastest).any():
+        if np.count_nonzero(np.abs(twist) > fastest):
             return np.zeros(6), True
         return twist, False
 
@@ -90,11 +93,11 @@ def pose_or_none(T_world_target: object) -> SE3 | None:
         return None
     pose = numbers.astype(np.float64)
     w, x, y, z, *position = pose.tolist()
-    # Chained comparisons are false for NaN; 2 bounds what is squared.
-    if not all(-2.0 < part < 2.0 for part in (w, x, y, z)) or not all(map(isfinite, position)):
-        return None
-    if abs(w * w + x * x + y * y + z * z - 1.0) > 2e-6:
+    # Comparisons are false for NaN, and products of floats overflow to infinity.
+    if not abs(w * w + x * x + y * y + z * z - 1.0) <= 2e-6 or not all(map(isfinite, position)):
         return None
     if max(map(abs, position)) > _FARTHEST:
         np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
+    elif numbers.dtype == np.float64:
+        return T_world_target
     return SE3(pose)

@@ -15,6 +15,8 @@ from robo47_qp.errors import UnknownNameError
 
 _RHO = 0.1
 """Where OSQP's step size starts, its own default."""
+_ENDLESS = 1e30
+"""DAQP's infinity."""
 _OSQP_SETTINGS: dict[str, Any] = {
     "verbose": False,
     "rho": _RHO,
@@ -75,6 +77,8 @@ class _Daqp:
     def __init__(self, n: int) -> None:
         self._no_rows = np.zeros((0, n))
         self._plain: NDArray[np.int32] = np.zeros(n, dtype=np.int32)
+        self._any: NDArray[np.int32] = np.zeros(n, dtype=np.int32)
+        self._free: Vector = np.zeros(0)
 
     def solve(
         self,
@@ -89,9 +93,11 @@ class _Daqp:
             x, _, flag, _ = daqp.solve(H, f, self._no_rows, high, low, self._plain)
         else:
             above = np.concatenate([high, upper])
-            below = np.concatenate([low, np.full(len(upper), -1e30)])
-            sense = np.zeros(len(above), dtype=np.int32)
-            x, _, flag, _ = daqp.solve(H, f, A, above, below, sense)
+            if len(upper) > len(self._free):
+                self._free = np.full(2 * len(upper), -_ENDLESS)
+                self._any = np.zeros(len(low) + 2 * len(upper), dtype=np.int32)
+            below = np.concatenate([low, self._free[: len(upper)]])
+            x, _, flag, _ = daqp.solve(H, f, A, above, below, self._any[: len(above)])
         return x if flag >= 1 else None
 
 

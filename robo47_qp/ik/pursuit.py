@@ -53,6 +53,7 @@ class Pursuit:
             settings.reserve * profile.a_max,
         )
         self._home, self._v_home = arm.home.copy(), _HOMING_SPEED * profile.v_max
+        self._v_home_back = -self._v_home
         self._rest = Wish(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,))
 
     def forget(self) -> None:
@@ -90,9 +91,10 @@ class Pursuit:
         twist *= units
         v_ref += inverse.velocities(twist)
         if settings.homing > 0.0:
-            home = settings.homing * (self._home - q)
+            home = self._home - q
+            home *= settings.homing
             np.minimum(home, self._v_home, out=home)
-            np.maximum(home, -self._v_home, out=home)
+            np.maximum(home, self._v_home_back, out=home)
             v_ref += inverse.null(home)
         H = self._J.T @ self._J
         H += self._regular

@@ -1,5 +1,7 @@
 """The joint velocity closest to a wanted one, among those that limits and clearances allow."""
 
+from math import isfinite
+
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
@@ -41,20 +43,21 @@ class SpeedQp:
         self, H: Matrix, v_ref: Vector, box: VelocityBox, rows: SpeedRows | None
     ) -> tuple[Vector, Event | None]:
         """The velocity for the next tick, and what had to give way for it."""
-        inside = bool((v_ref >= box.low).all() and (v_ref <= box.high).all())
+        held = np.minimum(np.maximum(v_ref, box.low), box.high)
+        inside = not np.count_nonzero(held != v_ref)
         if rows is None or not len(rows.upper):
             if inside:
                 return v_ref, None
-            v = self._strict.solve(H, -(H @ v_ref), box.low, box.high)
+            v = self._strict.solve(H, -H.dot(v_ref), box.low, box.high)
             told: Event | None = None
         else:
-            if inside and (rows.A @ v_ref <= rows.upper).all():
+            if inside and not np.count_nonzero(rows.A.dot(v_ref) > rows.upper):
                 return v_ref, None
-            f = -(H @ v_ref)
+            f = -H.dot(v_ref)
             v, told = self._strict.solve(H, f, box.low, box.high, rows.A, rows.upper), None
-            if v is None or not np.isfinite(v).all():
+            if not _is_answer(v):
                 v, told = self._relaxed(H, f, box, rows), Event.CLEARANCE_RELAXED
-        if v is None or not np.isfinite(v).all():
+        if v is None or not _is_answer(v):
             v, told = np.zeros(self._n), Event.NO_ANSWER
         # QP solvers meet bounds but for rounding; commands meet them exactly.
         return np.minimum(np.maximum(v, box.low), box.high), told
@@ -67,3 +70,7 @@ class SpeedQp:
         A = np.column_stack([rows.A, -share])
         x = self._soft.solve(self._H, self._f, self._low, self._high, A, rows.upper)
         return None if x is None else x[:n]
+
+
+def _is_answer(v: Vector | None) -> bool:
+    return v is not None and isfinite(v.dot(v))

@@ -31,9 +31,15 @@ class StreamIk(StreamSettings):
 
         min over v' of ½ ‖J (v' - v_ref)‖² + ½ μ ‖v' - v_ref‖²   subject to v' in the box
 
-    of `JointBrakes`: limits of position, velocity and acceleration, with the room to brake.
-    The box is hard and never empty, so there is always an answer. What gives way is, in
-    this order: the null-space motion, the tool's way to the target, and never a joint limit.
+    of `JointBrakes`: limits of position, velocity and acceleration, with the room to brake. Where
+    a clearance is asked for, it is also subject to rows A v' <= upper of `Separation`, the speeds
+    at which pairs of geoms may close. What gives way is, in this order:
+
+    1. the null-space motion;
+    2. the tool's way to the target;
+    3. the rows of clearances, where no velocity in the box meets them all: pairs with much room
+       first, those without any last (`SpeedQp`), told by `Event.CLEARANCE_RELAXED`;
+    4. never a limit of q, v or a. The box is not empty, so there is always an answer.
 
     It descends along the way to the target and does not plan. An arm that meets a joint limit
     or an obstacle on that way can stop there though another configuration would reach the
