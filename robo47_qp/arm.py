@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mink import SE3, SO3
+from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Matrix, Vector, checked_vector
@@ -80,7 +80,8 @@ class Arm:
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
         self._q, self._position = d.qpos, d.site_xpos[self._tcp]
-        self._rotation = d.site_xmat[self._tcp].reshape(3, 3)
+        self._flat_rotation = d.site_xmat[self._tcp]
+        self._rotation = self._flat_rotation.reshape(3, 3)
         self._quaternion = d.site_xquat[self._tcp]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()
@@ -92,13 +93,16 @@ class Arm:
     def pose(self, q: Vector) -> SE3:
         """T_world_tcp at q."""
         self._at(q)
-        return SE3.from_rotation_and_translation(SO3.from_matrix(self._rotation), self._position)
+        pose = np.empty(7)
+        mujoco.mju_mat2Quat(pose[:4], self._flat_rotation)
+        pose[4:] = self._position
+        return SE3(pose)
 
     def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
         self._at(q)
         target, way = T_world_target.wxyz_xyz, np.empty(6)
-        np.dot(target[4:] - self._position, self._rotation, out=way[:3])
+        (target[4:] - self._position).dot(self._rotation, way[:3])
         # mink's logarithm is zero at half a turn; this one is not.
         mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
         way[3:] = self._turn
@@ -107,7 +111,8 @@ class Arm:
     def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
         """Distance [m] and angle [rad] between the tool at q and a pose."""
         way = self.way_to(T_world_target, q)
-        return sqrt(way[:3].dot(way[:3])), sqrt(way[3:].dot(way[3:]))
+        p, w = way[:3], way[3:]
+        return sqrt(p.dot(p)), sqrt(w.dot(w))
 
     def jacobian(self, q: Vector) -> Matrix:
         """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
@@ -147,14 +152,15 @@ class Arm:
 
     def limit_margin(self, q: Vector) -> float:
         """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
-        return float(np.minimum(q - self.q_min, self.q_max - q).min())
+        return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
 
     def beyond_reach(self, position: Vector) -> float:
         """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].
 
         The bound is the length of the stretched chain of joints, seen from the first one.
         """
-        return max(0.0, float(np.linalg.norm(position - self._base)) - self._reach)
+        from_base = position - self._base
+        return max(0.0, sqrt(from_base.dot(from_base)) - self._reach)
 
     def checked_q(self, name: str, q: ArrayLike) -> Vector:
         """Copy of q as a vector of shape (n,), finite, for arguments from outside."""
