@@ -100,19 +100,21 @@ class Arm:
 
     def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
-        self._at(q)
-        target, way = T_world_target.wxyz_xyz, np.empty(6)
-        (target[4:] - self._position).dot(self._rotation, way[:3])
-        # mink's logarithm is zero at half a turn; this one is not.
-        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
-        way[3:] = self._turn
-        return way
+        return np.concatenate(self._way(T_world_target, q))
 
     def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
         """Distance [m] and angle [rad] between the tool at q and a pose."""
-        way = self.way_to(T_world_target, q)
-        p, w = way[:3], way[3:]
+        p, w = self._way(T_world_target, q)
         return sqrt(p.dot(p)), sqrt(w.dot(w))
+
+    def _way(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
+        """The two parts of `way_to`; the second is overwritten by the next call."""
+        self._at(q)
+        target = T_world_target.wxyz_xyz
+        p = (target[4:] - self._position).dot(self._rotation)
+        # mink's logarithm is zero at half a turn; this one is not.
+        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
+        return p, self._turn
 
     def jacobian(self, q: Vector) -> Matrix:
         """J of shape (6, n): twist of the tool in the tool frame, linear part first."""

@@ -221,7 +221,8 @@ def is_pose(T_world_target: object) -> bool:
     pose = T_world_target.wxyz_xyz
     if pose.shape != (7,) or not abs(pose[:4].dot(pose[:4]) - 1.0) < 2e-6:
         return False
-    return all(abs(x) <= _FAR for x in pose[4:].tolist())
+    x, y, z = pose[4:].tolist()
+    return bool(abs(x) <= _FAR and abs(y) <= _FAR and abs(z) <= _FAR)
 
 
 def residual(position_error: float, orientation_error: float, iterations: int) -> str:
