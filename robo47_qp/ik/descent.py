@@ -98,9 +98,10 @@ class Descent:
             H, f = expand(error, squared_error, q, q_seed)
             np.subtract(q_min, q, low)
             np.subtract(q_max, q, high)
-            dq = (
-                solve(H, f, low, high) if avoidance is None else self._step(H, f, avoidance.rows(q))
-            )
+            if avoidance is None:
+                dq = solve(H, f, low, high)
+            else:
+                dq = self._step(H, f, avoidance.rows(q))
             if dq is None:
                 break
             q += dq

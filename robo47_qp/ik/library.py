@@ -44,7 +44,7 @@ class Library:
 
     def nearest(self, distances: NDArray[np.float32], count: int) -> Iterator[int]:
         """Places of the `count` least distances, least first; equal ones in their order."""
-        # One by one: most searches end after a few, and sorting costs more than those.
+        # One by one: most searches need a few, which takes less than to sort them all.
         left = distances.copy()
         for _ in range(count):
             place = int(left.argmin())

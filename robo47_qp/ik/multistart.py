@@ -15,15 +15,7 @@ from robo47_qp.ik.attempt import Miss, attempts_of
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.library import feature_of, library_of
 from robo47_qp.ik.preference import Preference
-from robo47_qp.ik.solver import (
-    Hasty,
-    IkResult,
-    IkSolver,
-    Reason,
-    Tolerance,
-    is_pose,
-    judged,
-)
+from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Reason, Tolerance, is_pose, judged
 
 _HOPELESS = (Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
 _DIAGNOSES = 8
@@ -98,7 +90,8 @@ class MultiStart:
         started = process_time()
         q_seed = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
-            return (self.solver.solve(arm, T_world_target, q_seed),)
+            none = self.solver.solve(arm, T_world_target, q_seed)
+            return (replace(none, seconds=process_time() - started),)
         tally = _Tally(self.answers, self.apart)
         self._search(arm, T_world_target, q_seed, tally)
         iterations, restarts = tally.iterations, tally.starts - 1
