@@ -3,18 +3,17 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from mink import SE3, SO3
+from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
+from robo47_qp.arm_model import compile_arm
 from robo47_qp.arrays import Matrix, Vector, checked_vector
-from robo47_qp.errors import ModelError
-from robo47_qp.obstacle import Obstacle, add_obstacle
+from robo47_qp.obstacle import Obstacle
 from robo47_qp.robot import Robot
-from robo47_qp.robot_model import add_payload, robot_spec, without_looks
 from robo47_qp.waypoint import Payload
 
 _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
@@ -71,7 +70,7 @@ class Arm:
         self.robot = robot
         self.payload = payload
         self.obstacles = tuple(obstacles)
-        self.model = _compile(robot, payload, self.obstacles)
+        self.model = compile_arm(robot, payload, self.obstacles)
         self._data = mujoco.MjData(self.model)
         self.n = len(robot.joints)
         self.q_min: Vector = self.model.jnt_range[:, 0].copy()
@@ -85,7 +84,8 @@ class Arm:
         d = self._data
         self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
         self._position = d.site_xpos[self._tcp]
-        self._rotation = d.site_xmat[self._tcp].reshape(3, 3)
+        self._flat_rotation = d.site_xmat[self._tcp]
+        self._rotation = self._flat_rotation.reshape(3, 3)
         self._quaternion = d.site_xquat[self._tcp]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()
@@ -97,22 +97,28 @@ class Arm:
     def pose(self, q: Vector) -> SE3:
         """T_world_tcp at q."""
         self._at(q)
-        return SE3.from_rotation_and_translation(SO3.from_matrix(self._rotation), self._position)
+        pose = np.empty(7)
+        mujoco.mju_mat2Quat(pose[:4], self._flat_rotation)
+        pose[4:] = self._position
+        return SE3(pose)
 
     def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
-        self._at(q)
-        target, way = T_world_target.wxyz_xyz, np.empty(6)
-        np.dot(target[4:] - self._position, self._rotation, out=way[:3])
-        # mink's logarithm is zero at half a turn; this one is not.
-        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
-        way[3:] = self._turn
-        return way
+        return np.concatenate(self._way(T_world_target, q))
 
     def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
         """Distance [m] and angle [rad] between the tool at q and a pose."""
-        way = self.way_to(T_world_target, q)
-        return sqrt(way[:3].dot(way[:3])), sqrt(way[3:].dot(way[3:]))
+        p, w = self._way(T_world_target, q)
+        return sqrt(p.dot(p)), sqrt(w.dot(w))
+
+    def _way(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
+        """The two parts of `way_to`; the second is overwritten by the next call."""
+        self._at(q)
+        target = T_world_target.wxyz_xyz
+        p = (target[4:] - self._position).dot(self._rotation)
+        # mink's logarithm is zero at half a turn; this one is not.
+        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
+        return p, self._turn
 
     def jacobian(self, q: Vector) -> Matrix:
         """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
@@ -178,14 +184,15 @@ class Arm:
 
     def limit_margin(self, q: Vector) -> float:
         """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
-        return float(np.minimum(q - self.q_min, self.q_max - q).min())
+        return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
 
     def beyond_reach(self, position: Vector) -> float:
         """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].
 
         The bound is the length of the stretched chain of joints, seen from the first one.
         """
-        return max(0.0, float(np.linalg.norm(position - self._base)) - self._reach)
+        from_base = position - self._base
+        return max(0.0, sqrt(from_base.dot(from_base)) - self._reach)
 
     def checked_q(self, name: str, q: ArrayLike) -> Vector:
         """Copy of q as a vector of shape (n,), finite, for arguments from outside."""
@@ -205,45 +212,3 @@ class Arm:
         self._q[:] = q
         mujoco.mj_kinematics(self.model, self._data)
         return self._data
-
-
-def _compile(
-    robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
-) -> mujoco.MjModel:
-    spec = robot_spec(robot)
-    drives: list[Any] = [
-        *spec.actuators,
-        *spec.sensors,
-        *spec.tendons,
-        *spec.equalities,
-    ]
-    for element in drives:
-        spec.delete(element)
-    for joint in list(spec.joints):
-        if joint.name not in robot.joints:
-            spec.delete(joint)
-    without_looks(spec)
-    if payload is not None:
-        add_payload(spec, robot, payload, "payload")
-    for obstacle in obstacles:
-        add_obstacle(spec, obstacle)
-    # No contacts and no joint stops: inverse dynamics of the free arm.
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    model = spec.compile()
-    order = tuple(model.joint(i).name for i in range(model.njnt))
-    if order != robot.joints or model.nq != model.nv:
-        raise ModelError(
-            f"Robot {robot.name!r} names the joints {robot.joints}; its model has {order} "
-            "in that order once all others are welded. List them from base to tip."
-        )
-    sliding = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)
-    slides = tuple(order[i] for i in sliding)
-    if set(slides) != set(robot.slides):
-        raise ModelError(
-            f"Robot {robot.name!r} says that of its joints {robot.slides} slide; in its model "
-            f"{slides} do. List those as `slides`."
-        )
-    if not model.jnt_limited.all():
-        free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]
-        raise ModelError(f"Robot {robot.name!r} has joints without a range: {free}.")
-    return model

@@ -1,5 +1,6 @@
 """Array types, and the check that every array from outside passes."""
 
+from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
@@ -24,7 +25,7 @@ def checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
         raise InvalidValueError(name, repr(value), expected) from error
     if vector.shape != (size,):
         raise InvalidValueError(name, f"shape {vector.shape}", expected)
-    if not np.isfinite(vector).all():
+    if not all(map(isfinite, vector.tolist())):
         raise InvalidValueError(name, vector.tolist(), expected)
     return vector
 

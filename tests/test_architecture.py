@@ -13,6 +13,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("arrays", "comparison", "files", "json_file"),
     ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
+    ("arm_model",),
     ("robots.*", "arm"),
     ("ik.*",),
     ("motion.*",),

@@ -94,8 +94,8 @@ def test_the_nearest_are_those_of_brute_force(arm: Arm, plain: PlainArm) -> None
         constant = distances - 0.5 * away**2
         assert np.ptp(constant) < 1e-5
         for count in (1, 2, 40, 500):
-            near = library.nearest(distances, count)
-            assert len(set(near.tolist())) == count
+            near = list(library.nearest(distances, count))
+            assert len(set(near)) == count
             assert away[near] == pytest.approx(np.sort(away)[:count], abs=1e-5)
 
 
@@ -107,8 +107,8 @@ def test_equal_ones_come_in_their_order(arm: Arm, count: int) -> None:
     for _ in range(50):
         distances = rng.integers(0, 3, 9).astype(np.float32)
         expected = sorted(range(9), key=lambda k: (distances[k], k))[:count]
-        assert library.nearest(distances, count).tolist() == expected
-    assert library.nearest(np.zeros(9, dtype=np.float32), count).tolist() == list(range(count))
+        assert list(library.nearest(distances, count)) == expected
+    assert list(library.nearest(np.zeros(9, dtype=np.float32), count)) == list(range(count))
 
 
 def test_many_equal_ones_come_in_their_order(arm: Arm) -> None:
@@ -116,7 +116,7 @@ def test_many_equal_ones_come_in_their_order(arm: Arm) -> None:
     distances = np.zeros(3000, dtype=np.float32)
     distances[::3] = 1.0
     expected = [k for k in range(3000) if k % 3][:40]
-    assert library.nearest(distances, 40).tolist() == expected
+    assert list(library.nearest(distances, 40)) == expected
 
 
 def test_what_is_in_memory_is_given_again_and_cannot_be_written_to(

@@ -1,5 +1,6 @@
 """The loop that LM and QP share: linearise, solve a QP inside the joint limits, step."""
 
+from math import sqrt
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +13,10 @@ from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.ik.stall import Stall
 from robo47_qp.ik.tool_error import ToolError
+
+_ROUNDING = 100.0
+"""Beyond so many times the tolerance, squared, an end is no answer whatever rounding does: QP
+solvers leave the limits by as much as a tolerance of theirs, and answers are put back."""
 
 
 class Objective(Protocol):
@@ -43,10 +48,14 @@ class Descent:
         self._q_min = arm.q_min if limited else -everywhere
         self._q_max = arm.q_max if limited else everywhere
         self._turns = rows == 6
-        self._objective, self._qp = objective, qp
+        self._expand, self._qp = objective.expand, qp
         self._error = ToolError(arm)
         self._low, self._high = np.empty(arm.n), np.empty(arm.n)
         self.q: Vector = np.empty(arm.n)
+        self.error = np.inf
+        """Distance and angle that were left at the last look [m + rad]."""
+        self.missed = True
+        """True where more was left than rounding at the limits explains."""
 
     def run(
         self,
@@ -65,9 +74,11 @@ class Descent:
             The number of steps.
         """
         error, q, low, high = self._error, self.q, self._low, self._high
+        q_min, q_max, expand, solve = self._q_min, self._q_max, self._expand, self._qp.solve
+        distance2 = angle2 = np.inf
         error.aim(T_world_target)
-        np.maximum(q_seed, self._q_min, out=q)
-        np.minimum(q, self._q_max, out=q)
+        np.maximum(q_seed, q_min, out=q)
+        np.minimum(q, q_max, out=q)
         close = tolerance.position**2
         aligned = tolerance.orientation**2 if self._turns else np.inf
         history: list[float] = []
@@ -84,26 +95,31 @@ class Descent:
             if iteration == max_iterations:
                 break
             error.differentiate()
-            H, f = self._objective.expand(error, squared_error, q, q_seed)
-            np.subtract(self._q_min, q, out=low)
-            np.subtract(self._q_max, q, out=high)
-            dq = self._step(H, f, None if avoidance is None else avoidance.rows(q))
+            H, f = expand(error, squared_error, q, q_seed)
+            np.subtract(q_min, q, low)
+            np.subtract(q_max, q, high)
+            if avoidance is None:
+                dq = solve(H, f, low, high)
+            else:
+                dq = self._step(H, f, avoidance.rows(q))
             if dq is None:
                 break
-            np.add(q, dq, out=q)
+            q += dq
         # QP solvers meet bounds but for rounding; answers meet them exactly.
-        np.maximum(q, self._q_min, out=q)
-        np.minimum(q, self._q_max, out=q)
+        np.maximum(q, q_min, out=q)
+        np.minimum(q, q_max, out=q)
+        self.error = sqrt(distance2) + sqrt(angle2)
+        self.missed = distance2 > _ROUNDING * close or angle2 > _ROUNDING * aligned
         return iteration
 
-    def _step(self, H: Matrix, f: Vector, rows: Rows | None) -> Vector | None:
+    def _step(self, H: Matrix, f: Vector, rows: Rows) -> Vector | None:
         """The step within the bounds and the rows.
 
         Bounds and rows together may leave no step where pairs have to part. Then the parting
         gives way, and the rows only keep what distance there is: no step at all does that.
         """
         low, high = self._low, self._high
-        if rows is None or len(rows.upper) == 0:
+        if len(rows.upper) == 0:
             return self._qp.solve(H, f, low, high)
         dq = self._qp.solve(H, f, low, high, rows.A, rows.upper)
         if dq is None and rows.upper.min() < 0.0:

@@ -1,5 +1,6 @@
 """Seeds for IK: configurations of one arm with the tool poses they give."""
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -38,14 +39,17 @@ class Library:
 
     def distances(self, target: NDArray[np.float32]) -> NDArray[np.float32]:
         """Half the squared distance of each feature to a pose's, but for one constant."""
-        distances: NDArray[np.float32] = self.half_square - self.feature.dot(target)
-        return distances
+        distances: NDArray[np.float32] = self.feature.dot(target)
+        return np.subtract(self.half_square, distances, out=distances)
 
-    def nearest(self, distances: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+    def nearest(self, distances: NDArray[np.float32], count: int) -> Iterator[int]:
         """Places of the `count` least distances, least first; equal ones in their order."""
-        # More than `count` where the last of them has equals.
-        among = np.flatnonzero(distances <= np.partition(distances, count - 1)[count - 1])
-        return among[np.argsort(distances[among], kind="stable")][:count]
+        # One by one: most searches need a few, which takes less than to sort them all.
+        left = distances.copy()
+        for _ in range(count):
+            place = int(left.argmin())
+            yield place
+            left[place] = np.inf
 
 
 def feature_of(pose: SE3) -> NDArray[np.float32]:

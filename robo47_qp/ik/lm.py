@@ -1,17 +1,18 @@
 """Levenberg-Marquardt inside the joint limits: the fast path."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.attempt import Attempt
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
-from robo47_qp.ik.search import Limits, searched
+from robo47_qp.ik.search import Limits, attempted, searched
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
@@ -62,13 +63,21 @@ class LmIk:
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
+        return searched(arm, self._descent(arm), T_world_target, self._limits(), q)
+
+    def attempts(self, arm: Arm, T_world_target: SE3) -> Attempt:
+        """See `attempt.MakeAttempts`."""
+        return partial(attempted, arm, self._descent(arm), T_world_target, self._limits())
+
+    def _descent(self, arm: Arm) -> Descent:
+        rows = 3 if self.position_only else 6
+        return _descent(arm, self.damping, rows, self.within_limits)
+
+    def _limits(self) -> Limits:
         tolerance = self.tolerance
         if self.position_only:
             tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
-        rows = 3 if self.position_only else 6
-        descent = _descent(arm, self.damping, rows, self.within_limits)
-        limits = Limits(tolerance, self.max_iterations, self.stall, self.clearance)
-        return searched(arm, descent, T_world_target, q, limits)
+        return Limits(tolerance, self.max_iterations, self.stall, self.clearance)
 
     def patient(self) -> "LmIk":
         """See `Hasty.patient`."""
@@ -87,12 +96,14 @@ class _Damped:
     def expand(
         self, error: ToolError, squared_error: float, q: Vector, q_seed: Vector
     ) -> tuple[Matrix, Vector]:
-        J, e = error.J[: self._rows], error.e[: self._rows]
-        np.dot(J.T, J, out=self._H)
+        J, e, H, f = error.J, error.e, self._H, self._f
+        if self._rows < 6:
+            J, e = J[: self._rows], e[: self._rows]
+        J.T.dot(J, H)
         self._diagonal += self._damping * squared_error + _FLOOR
-        np.dot(e, J, out=self._f)
-        np.negative(self._f, out=self._f)
-        return self._H, self._f
+        e.dot(J, f)
+        np.negative(f, f)
+        return H, f
 
 
 @lru_cache(maxsize=16)

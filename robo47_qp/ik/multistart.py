@@ -11,10 +11,11 @@ from mink import SE3
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.attempt import Miss, attempts_of
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.library import feature_of, library_of
 from robo47_qp.ik.preference import Preference
-from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Reason, Tolerance, is_pose
+from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Reason, Tolerance, is_pose, judged
 
 _HOPELESS = (Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
 _DIAGNOSES = 8
@@ -87,47 +88,56 @@ class MultiStart:
             InvalidValueError: `q_seed` is not a finite vector of shape (n,).
         """
         started = process_time()
+        q_seed = arm.checked_q("q_seed", q_seed)
+        if not is_pose(T_world_target):
+            none = self.solver.solve(arm, T_world_target, q_seed)
+            return (replace(none, seconds=process_time() - started),)
         tally = _Tally(self.answers, self.apart)
-        for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
-            tally.starts += 1
-            if tally.take(self.solver.solve(arm, T_world_target, q_start)):
-                break
-            if tally.starts in _SECOND_LOOKS and isinstance(self.solver, Hasty):
-                patient = self.solver.patient()
-                if any(tally.take(patient.solve(arm, T_world_target, q)) for q in tally.ends()):
-                    break
+        self._search(arm, T_world_target, q_seed, tally)
         iterations, restarts = tally.iterations, tally.starts - 1
-        found = tally.found
-        if not found and tally.best is not None:
-            best = replace(tally.best, iterations=iterations, restarts=restarts)
+        found, best = tally.found, tally.best
+        if not found and best is not None:
+            if isinstance(best, Miss):
+                best = judged(arm, T_world_target, best.q, self.tolerance, best.iterations)
+            best = replace(best, iterations=iterations, restarts=restarts)
             starts = list(islice(self._starts(arm, T_world_target, q_seed), _DIAGNOSES))
             found = [diagnosed(arm, T_world_target, best, starts, self.tolerance)]
         ranked = self.preference.ranked(arm, found, q_seed)
         seconds = process_time() - started
         return tuple(
-            replace(result, iterations=iterations, restarts=restarts, seconds=seconds)
+            result.with_effort(iterations=iterations, restarts=restarts, seconds=seconds)
             for result in ranked
         )
 
+    def _search(self, arm: Arm, T_world_target: SE3, q_seed: Vector, tally: "_Tally") -> None:
+        """Take starts until there are answers enough, or nothing left to hope for."""
+        attempt = attempts_of(self.solver, arm, T_world_target)
+        for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
+            tally.starts += 1
+            if tally.take(attempt(q_start)):
+                return
+            if tally.starts in _SECOND_LOOKS and isinstance(self.solver, Hasty):
+                again = attempts_of(self.solver.patient(), arm, T_world_target)
+                if any(tally.take(again(q)) for q in tally.ends()):
+                    return
+
     def _starts(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> Iterator[Vector]:
         """The seed in its place, the nearest of the library, then all others in their order."""
-        known = is_pose(T_world_target)
-        if self.seed_first or not known:
+        if self.seed_first:
             yield q_seed
-        if not known:
-            return
         library, target = library_of(arm, self.library), feature_of(T_world_target)
         distances = library.distances(target)
-        first = int(distances.argmin())
-        if not self.seed_first:
-            seed = feature_of(arm.pose(arm.checked_q("q_seed", q_seed)))
-            if seed.dot(0.5 * seed - target) <= distances[first]:
-                yield q_seed
-        yield library.q[first]
         near = library.nearest(distances, min(self.near, len(distances)))
-        for k in near[1:]:
+        taken = [next(near)]
+        if not self.seed_first:
+            seed = feature_of(arm.pose(q_seed))
+            if seed.dot(0.5 * seed - target) <= distances[taken[0]]:
+                yield q_seed
+        yield library.q[taken[0]]
+        for k in near:
+            taken.append(k)
             yield library.q[k]
-        for k in np.setdiff1d(np.arange(len(distances)), near):
+        for k in np.setdiff1d(np.arange(len(distances)), taken):
             yield library.q[k]
 
 
@@ -138,20 +148,22 @@ class _Tally:
         self._answers, self._apart = answers, apart
         self.starts, self.iterations = 0, 0
         self.found: list[IkResult] = []
-        self.best: IkResult | None = None
-        self._close: list[IkResult] = []
+        self.best: IkResult | Miss | None = None
+        self._close: list[IkResult | Miss] = []
 
-    def take(self, result: IkResult) -> bool:
+    def take(self, result: IkResult | Miss) -> bool:
         """Count a result; True where no further one is needed, or would help."""
         self.iterations += result.iterations
-        if result.converged:
+        if isinstance(result, IkResult) and result.converged:
             if all(np.abs(result.q - other.q).max() > self._apart for other in self.found):
                 self.found.append(result)
             return len(self.found) == self._answers
         if self.best is None or _rank(result) < _rank(self.best):
             self.best = result
-        if result.position_error + result.orientation_error < _CLOSE:
+        if result.error < _CLOSE:
             self._close.append(result)
+        if isinstance(result, Miss):
+            return False
         return result.reason in _HOPELESS or result.inevitable
 
     def ends(self) -> list[Vector]:
@@ -165,8 +177,8 @@ class _Tally:
         return ends[:_ENDS]
 
 
-def _rank(result: IkResult) -> tuple[bool, float]:
+def _rank(result: IkResult | Miss) -> tuple[bool, float]:
     """How far a result is from an answer: one that is reached but too close comes first."""
-    if result.reason is Reason.COLLISION and result.clearance is not None:
-        return False, -result.clearance
-    return True, result.position_error + result.orientation_error
+    if isinstance(result, Miss) or result.reason is not Reason.COLLISION:
+        return True, result.error
+    return False, -(result.clearance or 0.0)

@@ -1,17 +1,19 @@
 """Inverse kinematics as a constrained quadratic program: mink's problem, without its overhead."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from mink import SE3
+from mujoco import mju_addToScl
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.attempt import Attempt
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
-from robo47_qp.ik.search import Limits, searched
+from robo47_qp.ik.search import Limits, attempted, searched
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
@@ -65,9 +67,17 @@ class QpIk:
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
-        descent = _descent(arm, self.backend, self.lm_damping, self.posture_cost)
-        limits = Limits(self.tolerance, self.max_iterations, self.stall, self.clearance)
-        return searched(arm, descent, T_world_target, q, limits)
+        return searched(arm, self._descent(arm), T_world_target, self._limits(), q)
+
+    def attempts(self, arm: Arm, T_world_target: SE3) -> Attempt:
+        """See `attempt.MakeAttempts`."""
+        return partial(attempted, arm, self._descent(arm), T_world_target, self._limits())
+
+    def _descent(self, arm: Arm) -> Descent:
+        return _descent(arm, self.backend, self.lm_damping, self.posture_cost)
+
+    def _limits(self) -> Limits:
+        return Limits(self.tolerance, self.max_iterations, self.stall, self.clearance)
 
     def patient(self) -> "QpIk":
         """See `Hasty.patient`."""
@@ -90,16 +100,15 @@ class _TwistAndPosture:
     ) -> tuple[Matrix, Vector]:
         e, slope = self._twist.towards(error.e)
         J, H, f, lean = self._J, self._H, self._f, self._lean
-        np.dot(slope, error.J, out=J)
-        np.dot(J.T, J, out=H)
+        slope.dot(error.J, J)
+        J.T.dot(J, H)
         squared = float(e.dot(e))
         posture = self._posture * squared
         self._diagonal += self._lm_damping * squared + posture + _FLOOR
-        np.dot(e, J, out=f)
+        e.dot(J, f)
         np.subtract(q_seed, q, out=lean)
-        lean *= posture
-        f += lean
-        np.negative(f, out=f)
+        mju_addToScl(f, lean, posture)
+        np.negative(f, f)
         return H, f
 
 

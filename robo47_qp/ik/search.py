@@ -9,6 +9,7 @@ from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.attempt import Miss
 from robo47_qp.ik.avoidance import Avoidance
 from robo47_qp.ik.clearance import clearance_of
 from robo47_qp.ik.descent import Descent
@@ -32,26 +33,39 @@ class Limits(NamedTuple):
 
 
 def searched(
-    arm: Arm, descent: Descent, T_world_target: SE3, q_seed: Vector, limits: Limits
+    arm: Arm, descent: Descent, T_world_target: SE3, limits: Limits, q_seed: Vector
 ) -> IkResult:
-    """The judged end of a search from q_seed.
+    """The judged end of a search from q_seed."""
+    started = process_time()
+    end = attempted(arm, descent, T_world_target, limits, q_seed)
+    if isinstance(end, Miss):
+        end = judged(arm, T_world_target, end.q, limits.tolerance, end.iterations)
+    seconds = process_time() - started
+    return end.with_effort(iterations=end.iterations, restarts=0, seconds=seconds)
+
+
+def attempted(
+    arm: Arm, descent: Descent, T_world_target: SE3, limits: Limits, q_seed: Vector
+) -> IkResult | Miss:
+    """The end of a search from q_seed, judged unless it missed.
 
     The way to an answer is not driven, so nothing has to stay clear on it: the first search
     looks at the tool alone. Where its answer is closer than `clearance` to anything, a second
     one from the same start has every step keep the distance, or regain it.
     """
-    started = process_time()
     tolerance, count, stall, clearance = limits
     iterations = descent.run(T_world_target, q_seed, tolerance, count, stall)
-    free = judged(arm, T_world_target, descent.q, tolerance, iterations, started, clearance)
+    if descent.missed and arm.beyond_reach(T_world_target.wxyz_xyz[4:]) <= 0.0:
+        return Miss(descent.q.copy(), iterations, descent.error)
+    free = judged(arm, T_world_target, descent.q, tolerance, iterations, None, clearance)
     if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
         return free
     avoidance = _avoidance(arm, clearance)
     iterations += descent.run(T_world_target, q_seed, tolerance, count, stall, avoidance)
-    kept = judged(arm, T_world_target, descent.q, tolerance, iterations, started, clearance)
+    kept = judged(arm, T_world_target, descent.q, tolerance, iterations, None, clearance)
     # A pose that is reached too close to something tells more than one that is not reached.
     if kept.reason is Reason.NOT_CONVERGED:
-        return replace(free, iterations=iterations, seconds=kept.seconds)
+        return replace(free, iterations=iterations)
     return kept
 
 

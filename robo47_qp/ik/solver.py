@@ -93,6 +93,20 @@ class IkResult:
         """True where the target was reached inside the joint limits."""
         return self.reason is None
 
+    @property
+    def error(self) -> float:
+        """Distance and angle together [m + rad]."""
+        return self.position_error + self.orientation_error
+
+    def with_effort(self, *, iterations: int, restarts: int, seconds: float) -> "IkResult":
+        """The same end, with the effort of a whole search."""
+        result = object.__new__(IkResult)
+        # As `dataclasses.replace`, but for setting each field anew: a tenth of the time.
+        result.__dict__.update(
+            self.__dict__, iterations=iterations, restarts=restarts, seconds=seconds
+        )
+        return result
+
 
 class IkSolver(Protocol):
     """Finds a configuration that puts the tool at a pose. The solver is its settings."""
@@ -207,7 +221,8 @@ def is_pose(T_world_target: object) -> bool:
     pose = T_world_target.wxyz_xyz
     if pose.shape != (7,) or not abs(pose[:4].dot(pose[:4]) - 1.0) < 2e-6:
         return False
-    return bool(np.abs(pose[4:]).max() <= _FAR)
+    x, y, z = pose[4:].tolist()
+    return bool(abs(x) <= _FAR and abs(y) <= _FAR and abs(z) <= _FAR)
 
 
 def residual(position_error: float, orientation_error: float, iterations: int) -> str:

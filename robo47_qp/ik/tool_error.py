@@ -1,5 +1,7 @@
 """The tool's way to a target and its slope, recomputed in place on the hot path."""
 
+from functools import partial
+
 import mujoco
 import numpy as np
 from mink import SE3
@@ -17,18 +19,22 @@ class ToolError:
 
     def __init__(self, arm: Arm) -> None:
         """Make the memory for an arm."""
-        self._model, self._data = arm.model, mujoco.MjData(arm.model)
-        d, tcp = self._data, arm.model.site(arm.robot.tcp).id
-        self._tcp, self._q = tcp, d.qpos
-        self._position, self._quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
+        m, d = arm.model, mujoco.MjData(arm.model)
+        tcp = m.site(arm.robot.tcp).id
+        self._data, self._q, self._position = d, d.qpos, d.site_xpos[tcp]
         self._target_position, self._target_quaternion = np.zeros(3), np.zeros(4)
-        self._turn = np.zeros(3)
+        turn, quaternion = np.zeros(3), d.site_xquat[tcp]
         self.e: Vector = np.zeros(6)
         """To the target: displacement [m], rotation vector [rad]."""
         self._p, self._w = self.e[:3], self.e[3:]
         self.J: Matrix = np.zeros((6, arm.n))
         """Twist of the tool per joint, linear part first."""
-        self._Jp, self._Jr = self.J[:3], self.J[3:]
+        # Every array keeps its place: what is called on the hot path is bound to them once.
+        self._kinematics = partial(mujoco.mj_kinematics, m, d)
+        self._turn_left = partial(mujoco.mju_subQuat, turn, self._target_quaternion, quaternion)
+        self._to_world = partial(mujoco.mju_rotVecQuat, self._w, turn, quaternion)
+        self._com_position = partial(mujoco.mj_comPos, m, d)
+        self._jacobian = partial(mujoco.mj_jacSite, m, d, self.J[:3], self.J[3:], tcp)
 
     @property
     def data(self) -> mujoco.MjData:
@@ -43,14 +49,14 @@ class ToolError:
     def move(self, q: Vector) -> tuple[float, float]:
         """Put the arm at q; the squared distance [m²] and the squared angle [rad²] that remain."""
         self._q[:] = q
-        mujoco.mj_kinematics(self._model, self._data)
+        self._kinematics()
         p, w = self._p, self._w
-        np.subtract(self._target_position, self._position, out=p)
-        mujoco.mju_subQuat(self._turn, self._target_quaternion, self._quaternion)
-        mujoco.mju_rotVecQuat(w, self._turn, self._quaternion)
+        np.subtract(self._target_position, self._position, p)
+        self._turn_left()
+        self._to_world()
         return float(p.dot(p)), float(w.dot(w))
 
     def differentiate(self) -> None:
         """Bring `J` up to date with the last `move`."""
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_jacSite(self._model, self._data, self._Jp, self._Jr, self._tcp)
+        self._com_position()
+        self._jacobian()

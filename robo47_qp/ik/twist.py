@@ -3,6 +3,7 @@
 from math import tan
 
 import numpy as np
+from mujoco import mju_addToScl
 
 from robo47_qp.arrays import Matrix, Vector
 
@@ -23,14 +24,15 @@ class Twist:
             for row, column, source in blocks
             for i, k, sign, axis in _SKEW_ALL
         ]
-        self._places = np.array([place for place, _, _ in entries])
-        self._signs = np.array([sign for _, sign, _ in entries])
-        self._sources = np.array([source for _, _, source in entries])
+        self._bracket = np.zeros((36, 6))
+        for place, sign, source in entries:
+            self._bracket[place, source] = sign
         self._ad, self._ad2, self._ad4 = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-        self._flat = self._ad.reshape(-1)
         self._turning = self._ad[:3, :3]
-        self._identity = np.eye(6)
+        self._identity, self._slope = np.eye(6), np.empty((6, 6))
+        self._flat = [m.reshape(-1) for m in (self._slope, self._ad, self._ad2, self._ad4)]
         self._twist = np.zeros(6)
+        self._v = self._twist[:3]
 
     def towards(self, e: Vector) -> tuple[Vector, Matrix]:
         """The steady twist that covers a way in unit time, and how it falls on the way.
@@ -47,22 +49,22 @@ class Twist:
         Returns:
             The twist (6,), linear part first, and its slope (6, 6).
         """
-        twist, ad = self._twist, self._ad
+        twist, v, slope, turning = self._twist, self._v, self._slope, self._turning
+        flat_slope, flat, flat2, flat4 = self._flat
+        w = e[3:]
+        c, c2, c4 = _coefficients(float(w.dot(w)) ** 0.5)
         twist[:] = e
-        angle = float(e[3:].dot(e[3:])) ** 0.5
-        c, c2, c4 = _coefficients(angle)
-        self._flat[self._places] = self._signs * twist[self._sources]
-        p = e[:3]
-        across = self._turning.dot(p)
-        twist[:3] = p - 0.5 * across + c * self._turning.dot(across)
-        self._flat[self._places] = self._signs * twist[self._sources]
-        np.dot(ad, ad, out=self._ad2)
-        np.dot(self._ad2, self._ad2, out=self._ad4)
-        slope = self._identity - 0.5 * ad
-        self._ad2 *= c2
-        self._ad4 *= c4
-        slope += self._ad2
-        slope += self._ad4
+        self._bracket.dot(twist, flat)
+        across = turning.dot(v)
+        mju_addToScl(v, across, -0.5)
+        mju_addToScl(v, turning.dot(across), c)
+        self._bracket.dot(twist, flat)
+        self._ad.dot(self._ad, self._ad2)
+        self._ad2.dot(self._ad2, self._ad4)
+        slope[:] = self._identity
+        mju_addToScl(flat_slope, flat, -0.5)
+        mju_addToScl(flat_slope, flat2, c2)
+        mju_addToScl(flat_slope, flat4, c4)
         return twist, slope
 
 
