@@ -200,7 +200,7 @@ _ASIDE = np.pi / 2
         # Half way round: the first row says all the way that the tip comes no closer.
         (-0.5, [0.0, 2.0]),
         # Near and back, which a bound does not know: it is looked at too far away for a row.
-        (-0.24, [_ASIDE, _ASIDE + 0.1, _ASIDE, _ASIDE + 0.15]),
+        (-0.25, [_ASIDE, _ASIDE + 0.1, _ASIDE - 0.05, _ASIDE + 0.16]),
     ],
     ids=["close", "round", "back"],
 )
