@@ -29,11 +29,13 @@ def menagerie_file(model: str) -> Path:
     if not (directory and slash and entry) or "/" in entry or ".." in model:
         raise InvalidValueError("Menagerie model", repr(model), "of the form 'directory/file'")
     root = os.environ.get(ROOT_VARIABLE)
-    folder = _fetched(model, directory) if root is None else Path(root) / directory
+    folder = Path(root) / directory if root else _fetched(model, directory)
     found = folder / f"{entry}.xml"
     if not found.is_file():
         there = ", ".join(sorted(path.stem for path in folder.glob("*.xml"))) or "none"
         why = f"there is no {found.name}; models there: {there}"
+        if not folder.is_dir():
+            why = f"there is no such folder; {ROOT_VARIABLE} must name a checkout of Menagerie"
         raise MenagerieError(model, str(folder), why)
     return found
 

@@ -60,6 +60,9 @@ class Obstacle:
         if (size <= 0.0).any():
             raise InvalidValueError(f"size of {title}", size.tolist(), "positive lengths [m]")
         object.__setattr__(self, "size", tuple(size.tolist()))
+        if not isinstance(self.T_world_obstacle, SE3):
+            found = type(self.T_world_obstacle).__name__
+            raise InvalidValueError(f"pose of {title}", f"a {found}", "a mink.SE3")
         pose = checked_vector(f"pose of {title}", self.T_world_obstacle.wxyz_xyz, 7)
         if abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-6:
             raise InvalidValueError(

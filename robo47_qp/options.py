@@ -65,6 +65,8 @@ class RunOptions:
             raise InvalidValueError("--speed", self.speed, f"between {_SLOWEST} and 1")
         if self.seed is not None and self.seed < 0:
             raise InvalidValueError("--seed", self.seed, "0 or more")
+        if self.qp_solver != "daqp" and self.ik != "qp":
+            raise InvalidValueError("--qp-solver", self.qp_solver, "left out unless --ik is qp")
         files = {"--log": (self.log, ".rrd"), "--plot": (self.plot, ".png")}
         files["--video"] = (self.video, ".mp4")
         for option, (path, ending) in files.items():

@@ -35,6 +35,8 @@ class StudyOptions:
         Raises:
             InvalidValueError: A number is out of range.
         """
+        if self.report.suffix != ".json":
+            raise InvalidValueError("--report", self.report, "a file that ends with .json")
         if self.starts < 1:
             raise InvalidValueError("--starts", self.starts, "1 or more")
         if self.seed < 0:

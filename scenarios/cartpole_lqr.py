@@ -20,6 +20,7 @@ from scipy.linalg import solve_discrete_are
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.command import FAILED, OK, main
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.files import claim
 from robo47_qp.options import LOGS
 from robo47_qp.settling import settling_time
 from robo47_qp.settling_study import StudyOptions, conclude
@@ -133,6 +134,7 @@ def error(states: Matrix) -> Vector:
 
 def run(options: CartPoleOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
+    claim(options.report)
     model = mujoco.MjModel.from_xml_string(MJCF)
     A, B = linearised(model)
     K = lqr_gain(A, B, np.diag(TOLERABLE**-2.0), np.array([[TOLERABLE_FORCE**-2.0]]))

@@ -1,6 +1,5 @@
 """IK that keeps its distance: a Panda in a cell, judged by contacts of a model of its own."""
 
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -16,12 +15,15 @@ from scipy.stats import binomtest
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.command import main
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.files import claim
 from robo47_qp.ik.clearance import Clearance
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.ik.stall import Stall
+from robo47_qp.json_file import write_json
 from robo47_qp.obstacle import Obstacle, Shape
 from robo47_qp.robots.panda import PANDA
 
@@ -29,6 +31,9 @@ SEEN = 0.2
 """Contacts are reported up to this distance [m]."""
 REACHED = 1e-6
 """What the judge accepts beside the pose asked for [m, rad], plus rounding."""
+
+_LARGEST = 0.05
+"""Clearance beyond which hardly any configuration of the arm in its cell is left [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +50,25 @@ class CollisionIkOptions:
     """Distance to be kept [m]."""
     exhaustive: int = 600
     """Restarts that look for an answer where a solver found none."""
-    json: Path | None = None
-    """File for the figures."""
+    report: Path | None = None
+    """File for the figures (JSON)."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: A number is out of range, or the file has the wrong ending.
+        """
+        least = {"n": 1, "cluttered": 0, "exhaustive": 0, "seed": 0}
+        for name, bound in least.items():
+            if getattr(self, name) < bound:
+                raise InvalidValueError(f"--{name}", getattr(self, name), f"{bound} or more")
+        if not 0.0 < self.clearance <= _LARGEST:
+            raise InvalidValueError(
+                "--clearance", self.clearance, f"above 0 and at most {_LARGEST} [m]"
+            )
+        if self.report is not None and self.report.suffix != ".json":
+            raise InvalidValueError("--report", self.report, "a file that ends with .json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +198,8 @@ def solvers(clearance: float) -> dict[str, IkSolver]:
 
 def run(options: CollisionIkOptions, console: Console) -> int:
     """Solve, judge and print; returns the exit code."""
+    if options.report is not None:
+        claim(options.report)
     arm = Arm(PANDA, obstacles=cell())
     clearance, judge = Clearance(arm, options.clearance), Judge(cell())
     patient = MultiStart(
@@ -189,6 +213,8 @@ def run(options: CollisionIkOptions, console: Console) -> int:
     rows: list[Figures] = []
     for kind in ("clear", "cluttered"):
         poses = list(targets(arm, clearance, options, clear=kind == "clear"))
+        if not poses:
+            continue
         results = {}
         for name, solver in solvers(options.clearance).items():
             solver.solve(arm, poses[0], arm.home)
@@ -203,9 +229,8 @@ def run(options: CollisionIkOptions, console: Console) -> int:
             _figures(name, kind, poses, result, solvable, judge) for name, result in results.items()
         ]
     _show(rows, console)
-    if options.json is not None:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps({"rows": [asdict(row) for row in rows]}, indent=1))
+    if options.report is not None:
+        write_json(options.report, {"rows": [asdict(row) for row in rows]})
     kept = min(row.least_clearance_mm for row in rows) >= 1e3 * options.clearance - 0.1
     return 0 if kept and all(row.solved >= 0.995 * row.solvable for row in rows) else 1
 
@@ -222,8 +247,11 @@ def _figures(
     answers = [result for pose, result, _ in pairs if result.converged]
     solved = sum(judge.accepts(result, pose) for pose, result, _ in pairs if result.converged)
     count = sum(solvable)
-    share = binomtest(solved, count).proportion_ci(method="wilson")
-    ms = 1e3 * np.array([result.seconds for _, result, has_answer in pairs if has_answer])
+    low, high = 0.0, 1.0
+    if count:
+        share = binomtest(solved, count).proportion_ci(method="wilson")
+        low, high = float(share.low), float(share.high)
+    ms = 1e3 * np.array([result.seconds for _, result, has_answer in pairs if has_answer] or [0.0])
     rest = [1e3 * result.seconds for _, result, has_answer in pairs if not has_answer]
     return Figures(
         solver=name,
@@ -231,8 +259,9 @@ def _figures(
         n=len(poses),
         solvable=count,
         solved=solved,
-        interval=(float(share.low), float(share.high)),
-        least_clearance_mm=1e3 * min(judge.clearance(result.q) for result in answers),
+        interval=(low, high),
+        least_clearance_mm=1e3
+        * min((judge.clearance(result.q) for result in answers), default=SEEN),
         median_ms=float(np.median(ms)),
         p95_ms=float(np.quantile(ms, 0.95)),
         p99_ms=float(np.quantile(ms, 0.99)),

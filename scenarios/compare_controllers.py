@@ -24,7 +24,7 @@ from robo47_qp.controllers.controller import Controller
 from robo47_qp.controllers.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.controllers.operational_space import OperationalSpace
 from robo47_qp.disturbance import Disturbance, Push
-from robo47_qp.errors import UnknownNameError
+from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.files import claim
 from robo47_qp.json_file import write_json
 from robo47_qp.options import LOGS
@@ -54,6 +54,15 @@ class ControllersOptions:
     """Conditions to try, by name; without it, all."""
     json: bool = False
     """Print the report as JSON on the standard output and nothing else."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: The file has the wrong ending.
+        """
+        if self.log.suffix != ".rrd":
+            raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
 
 
 def conditions(start: float) -> list[Condition]:
@@ -110,7 +119,7 @@ def run(options: ControllersOptions, console: Console) -> int:
     known = {condition.name: condition for condition in conditions(bench.way.duration)}
     for name in options.only:
         if name not in known:
-            raise UnknownNameError("condition", name, known)
+            raise UnknownNameError("condition", name, [repr(one) for one in known])
     chosen = [known[name] for name in options.only or known]
     for ending in (".rrd", ".png", ".json"):
         claim(options.log.with_suffix(ending))

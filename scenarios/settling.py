@@ -20,6 +20,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.command import FAILED, OK, main
 from robo47_qp.controllers.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.files import claim
 from robo47_qp.options import LOGS
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.scene import TIMESTEP
@@ -82,6 +83,7 @@ def step_response(simulation: Simulation, arm: Arm, offset: Vector, seconds: flo
 
 def run(options: SettlingOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
+    claim(options.report)
     arm, simulation = Arm(PANDA), Simulation(PANDA, _nothing_else)
     rng = np.random.default_rng(options.seed)
     offsets = rng.uniform(-options.offset, options.offset, (options.starts, arm.n))

@@ -19,6 +19,7 @@ from robo47_qp.controllers.active import ActiveController
 from robo47_qp.controllers.cartesian_impedance import CartesianImpedance
 from robo47_qp.controllers.controller import Controller
 from robo47_qp.controllers.operational_space import OperationalSpace
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.options import RunOptions
 from robo47_qp.recording import Rows
 from robo47_qp.rerun_log import RerunLog
@@ -37,6 +38,15 @@ class StepCostOptions:
 
     rounds: int = 5
     """How often everything is measured, in turn; the medians are shown."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: There is nothing to measure.
+        """
+        if self.rounds < 1:
+            raise InvalidValueError("--rounds", self.rounds, "1 or more")
 
 
 class TimedLog:

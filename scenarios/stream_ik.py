@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isnan
 from time import process_time_ns
 from typing import Any, Literal
 
@@ -99,7 +100,11 @@ def run(options: StreamOptions, console: Console) -> int:
     figures |= far_targets(options.settings().build(arm), options, rng)
     figures["limits"] = options.limits
     if options.json:
-        sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+        told = {
+            name: None if _is_real(value) and isnan(value) else value
+            for name, value in figures.items()
+        }
+        sys.stdout.write(json.dumps(told, indent=2, allow_nan=False) + "\n")
     else:
         table = Table(box=None, header_style="")
         table.add_column("what")

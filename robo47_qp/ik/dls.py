@@ -8,6 +8,7 @@ from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.settings import check_steps, check_weight
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 
 
@@ -31,6 +32,15 @@ class DlsIk:
     max_iterations: int = 200
     """Steps before giving up."""
     tolerance: Tolerance = Tolerance()
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A number is negative or not finite.
+        """
+        check_steps("max_iterations", self.max_iterations)
+        check_weight("damping", self.damping)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""

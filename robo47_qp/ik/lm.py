@@ -13,6 +13,7 @@ from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.search import Limits, attempted, searched
+from robo47_qp.ik.settings import check_steps, check_weight
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
@@ -55,6 +56,8 @@ class LmIk:
         Raises:
             InvalidValueError: The clearance is negative or not finite.
         """
+        check_steps("max_iterations", self.max_iterations)
+        check_weight("damping", self.damping)
         if self.clearance is not None:
             check_clearance(self.clearance)
 

@@ -14,6 +14,7 @@ from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.search import Limits, attempted, searched
+from robo47_qp.ik.settings import check_steps, check_weight
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.tool_error import ToolError
@@ -58,6 +59,9 @@ class QpIk:
             InvalidValueError: The clearance is negative or not finite.
             UnknownNameError: The QP solver is not one of `backends()`.
         """
+        check_steps("max_iterations", self.max_iterations)
+        check_weight("lm_damping", self.lm_damping)
+        check_weight("posture_cost", self.posture_cost)
         box_qp(self.backend, 1)
         if self.clearance is not None:
             check_clearance(self.clearance)

@@ -206,7 +206,7 @@ def rejected(arm: Arm, q_seed: Vector) -> IkResult:
     return IkResult(
         q=q_seed.copy(),
         reason=Reason.INVALID_TARGET,
-        explanation="the target is not a finite pose with a unit quaternion, or is beyond 1e9 m",
+        explanation="the target, a mink.SE3, is not a finite pose with a unit quaternion",
         position_error=float("nan"),
         orientation_error=float("nan"),
         limit_margin=arm.limit_margin(q_seed),
