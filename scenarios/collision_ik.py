@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from mink import SE3, SO3
 from rich.console import Console
@@ -13,7 +12,6 @@ from rich.table import Table
 from scipy.stats import binomtest
 
 from robo47_qp.arm import Arm
-from robo47_qp.arrays import Vector
 from robo47_qp.command import main
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.files import claim
@@ -23,14 +21,10 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.ik.stall import Stall
+from robo47_qp.ik_benchmark.contact_judge import SEEN, ContactJudge
 from robo47_qp.json_file import write_json
 from robo47_qp.obstacle import Obstacle, Shape
 from robo47_qp.robots.panda import PANDA
-
-SEEN = 0.2
-"""Contacts are reported up to this distance [m]."""
-REACHED = 1e-6
-"""What the judge accepts beside the pose asked for [m, rad], plus rounding."""
 
 _LARGEST = 0.05
 """Clearance beyond which hardly any configuration of the arm in its cell is left [m]."""
@@ -114,69 +108,6 @@ def cell() -> list[Obstacle]:
     ]
 
 
-class Judge:
-    """The robot's own file and the cell, compiled apart from the package; its contacts.
-
-    Capsules are a cylinder and two spheres here, so that other routines of MuJoCo measure them.
-    Neighbours are left out where the robot's file excludes them, and nowhere else.
-    """
-
-    def __init__(self, obstacles: list[Obstacle]) -> None:
-        spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
-        for obstacle in obstacles:
-            pose = obstacle.T_world_obstacle
-            spec.worldbody.add_geom(
-                name=obstacle.name,
-                type=getattr(mujoco.mjtGeom, f"mjGEOM_{obstacle.shape.name}"),
-                size=[*obstacle.size, *(3 - len(obstacle.size)) * [0.0]],
-                pos=pose.translation(),
-                quat=pose.rotation().wxyz,
-            )
-        compiled = spec.compile()
-        # Numbers of geoms change as soon as one is added.
-        numbered = [(geom, int(geom.id)) for geom in spec.geoms if geom.contype]
-        for geom, number in numbered:
-            if compiled.geom_type[number] == mujoco.mjtGeom.mjGEOM_CAPSULE:
-                _take_apart(geom, number, compiled)
-        for geom in spec.geoms:
-            geom.margin = SEEN / 2
-        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
-        self.model = spec.compile()
-        self.data = mujoco.MjData(self.model)
-        self.q = [int(self.model.joint(name).qposadr[0]) for name in PANDA.joints]
-
-    def clearance(self, q: Vector) -> float:
-        """Smallest distance of any contact [m]; SEEN where there is none."""
-        self.data.qpos[:] = 0.0
-        self.data.qpos[self.q] = q
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_collision(self.model, self.data)
-        return float(np.min(self.data.contact.dist, initial=SEEN))
-
-    def accepts(self, result: IkResult, target: SE3) -> bool:
-        """True where the pose is reached inside the joint limits, whatever the result says."""
-        self.clearance(result.q)
-        site = self.data.site(PANDA.tcp)
-        away = np.linalg.norm(site.xpos - target.translation())
-        R = site.xmat.reshape(3, 3)
-        turn = SO3.from_matrix(R.T @ target.rotation().as_matrix()).log()
-        ranges = self.model.jnt_range[[self.model.joint(name).id for name in PANDA.joints]]
-        inside = (result.q >= ranges[:, 0]).all() and (result.q <= ranges[:, 1]).all()
-        return bool(inside and max(away, np.linalg.norm(turn)) < 1.01 * REACHED)
-
-
-def _take_apart(geom: mujoco.MjsGeom, number: int, compiled: mujoco.MjModel) -> None:
-    pos, quat = compiled.geom_pos[number], compiled.geom_quat[number]
-    radius, half, _ = compiled.geom_size[number]
-    axis = SO3(quat).as_matrix()[:, 2] * half
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    geom.parent.add_geom(type=cylinder, size=[radius, half, 0], pos=pos, quat=quat, mass=0)
-    for end in (pos + axis, pos - axis):
-        geom.parent.add_geom(size=[radius, 0, 0], pos=end, mass=0)
-    geom.contype = geom.conaffinity = 0
-
-
 def targets(
     arm: Arm, clearance: Clearance, options: CollisionIkOptions, *, clear: bool
 ) -> Iterator[SE3]:
@@ -201,7 +132,7 @@ def run(options: CollisionIkOptions, console: Console) -> int:
     if options.report is not None:
         claim(options.report)
     arm = Arm(PANDA, obstacles=cell())
-    clearance, judge = Clearance(arm, options.clearance), Judge(cell())
+    clearance, judge = Clearance(arm, options.clearance), ContactJudge(PANDA, cell())
     patient = MultiStart(
         solver=LmIk(max_iterations=50, stall=Stall(steps=5), clearance=options.clearance),
         max_restarts=options.exhaustive,
@@ -241,7 +172,7 @@ def _figures(
     poses: list[SE3],
     results: list[IkResult],
     solvable: list[bool],
-    judge: Judge,
+    judge: ContactJudge,
 ) -> Figures:
     pairs = list(zip(poses, results, solvable, strict=True))
     answers = [result for pose, result, _ in pairs if result.converged]

@@ -10,6 +10,7 @@ from robo47_qp.arm import Arm
 from robo47_qp.command import OK
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.clearance import Clearance
+from robo47_qp.ik_benchmark.stream_audit import audit, clearance_audit
 from robo47_qp.robots.panda import PANDA
 from scenarios import stream_ik
 from scenarios.stream_ik import DT, OBSTACLES, StreamOptions
@@ -33,7 +34,7 @@ def test_the_audit_sees_each_limit_broken_once() -> None:
     zero = np.zeros_like(still)
 
     def found(q: object = still, v: object = zero, a: object = zero) -> list[int]:
-        told = stream_ik.audit(arm, profile, PANDA.home, np.array(q), np.array(v), np.array(a))
+        told = audit(arm, profile, DT, PANDA.home, np.array(q), np.array(v), np.array(a))
         return [told[f"{name}_violations"] for name in ("q", "v", "a")]
 
     assert found() == [0, 0, 0]
@@ -64,7 +65,7 @@ def test_the_clearance_audit_agrees_with_the_distances_of_the_package() -> None:
     cases = [(now, *clearance.nearest(now)) for now in q]
     clear, close = 0, 0
     for now, distance, names in cases:
-        told = stream_ik.clearance_audit(now[None], 0.02)
+        told = clearance_audit(PANDA, OBSTACLES, now[None], 0.02)
         if distance >= 0.02:
             assert told["clearance_violations"] == 0
             clear += 1
