@@ -37,6 +37,8 @@ def test_the_pose_and_the_limits_are_judged() -> None:
     result = judged(ARM, target, ARM.home, Tolerance(), 0)
     assert JUDGE.accepts(result, target)
     assert not JUDGE.accepts(replace(result, q=ARM.home + 1e-5), target)
+    q = np.random.default_rng(0).uniform(ARM.q_min, ARM.q_max)
+    assert JUDGE.accepts(replace(result, q=q), ARM.pose(q))
     for bound, sign in ((plain.q_min, -1.0), (plain.q_max, 1.0)):
         q = ARM.home.copy()
         q[0] = bound[0]
