@@ -53,7 +53,9 @@ def test_recording_and_plot_hold_every_controller(written: Path) -> None:
 
 def test_a_condition_that_does_not_exist_is_named(tmp_path: Path) -> None:
     options = scenario.ControllersOptions(log=tmp_path / "c.rrd", only=("rain",))
-    with pytest.raises(UnknownNameError, match="No condition is called 'rain'; known: 'free', 'payload"):
+    with pytest.raises(
+        UnknownNameError, match=r"No condition is called 'rain'; known: 'free', 'payload"
+    ):
         scenario.run(options, Console(quiet=True))
     assert not list(tmp_path.iterdir())
 
