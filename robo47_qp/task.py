@@ -8,6 +8,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
+from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Waypoint
 
@@ -49,6 +50,16 @@ class Task(Protocol):
     @property
     def name(self) -> str:
         """Short name for recordings and messages."""
+        ...
+
+    @property
+    def obstacles(self) -> Sequence[Obstacle]:
+        """What stands still in the scene and must not be touched."""
+        ...
+
+    @property
+    def force_max(self) -> float:
+        """Net contact force on the tool, and what it holds, that no run may exceed [N]."""
         ...
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:

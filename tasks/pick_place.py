@@ -8,6 +8,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Cause, Failure, Program
 from robo47_qp.waypoint import Grip, Motion, Payload, Place, Waypoint, tool_down
@@ -46,6 +47,10 @@ class PickPlace:
     """[m]"""
     retries: int = 2
     """Further attempts after a missed or lost grasp."""
+    force_max: float = 60.0
+    """See `Task.force_max` [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Nothing stands on the table but the cube."""
     name: str = "pick_place"
 
     def __post_init__(self) -> None:

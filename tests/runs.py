@@ -13,6 +13,7 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.controllers.joint_impedance import JointImpedance
 from robo47_qp.motion.planner import Leg
 from robo47_qp.observer import Observer
+from robo47_qp.obstacle import Obstacle
 from robo47_qp.options import RunOptions
 from robo47_qp.recording import Sink
 from robo47_qp.robots.panda import PANDA
@@ -69,6 +70,8 @@ class Reach:
     rise: float = 0.02
     carried: Payload | None = None
     ending: Failure | None = None
+    force_max: float = 60.0
+    obstacles: tuple[Obstacle, ...] = ()
     name: str = "reach"
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:

@@ -64,7 +64,7 @@ ONLY_IN = {
     "roboticstoolbox": {"ik.peers.toolbox"},
 }
 """Modules of the package that may import a library."""
-TASKS_MAY_USE = {"errors", "simulation", "task", "waypoint"}
+TASKS_MAY_USE = {"errors", "obstacle", "simulation", "task", "waypoint"}
 MAX_LINES = 250
 
 
