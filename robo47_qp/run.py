@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robo47_qp.controllers.controller import Controller
+from robo47_qp.failure import Failure
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.recording import Rows
 from robo47_qp.robot import Robot
-from robo47_qp.task import Failure, Task
+from robo47_qp.task import Task
+from robo47_qp.watch import Watch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,6 +22,8 @@ class Scenario:
     controller: Controller
     seed: int | None = None
     """Seed of the task's random start; None takes the task's default start."""
+    watch: Watch = Watch()
+    """What ends the run at once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +35,10 @@ class Phase:
     """First row."""
     leg: Leg | None
     """The planned motion; None while the arm holds still."""
+    compliant: bool = False
+    """True where the tool gives way: it need not be where its reference is."""
+    streamed: bool = False
+    """True where the reference follows a moving target tick by tick: its jerk is not bounded."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

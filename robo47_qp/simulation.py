@@ -130,7 +130,11 @@ class Simulation:
         np.concatenate(self._views_last, out=row)
 
     def state(self) -> JointState:
-        """Joint positions and velocities now."""
+        """Joint positions and velocities now, as the sensors say."""
+        return JointState(self._q.copy(), self._v.copy())
+
+    def true_state(self) -> JointState:
+        """Joint positions and velocities now, whatever the sensors say."""
         return JointState(self._q.copy(), self._v.copy())
 
     def tool_pose(self) -> SE3:

@@ -1,47 +1,19 @@
 """What every task is: a job for the robot that ends in success or in a named failure."""
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from enum import Enum
 from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from robo47_qp.failure import Failure
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
-from robo47_qp.waypoint import Waypoint
+from robo47_qp.steps import Step
 
-
-class Cause(Enum):
-    """Why a run failed."""
-
-    PLAN = "plan"
-    """A waypoint could not be reached or planned to while the robot was under way."""
-    GRASP = "grasp"
-    """The fingers closed and did not hold the object."""
-    DROP = "drop"
-    """The object was held and got lost."""
-    PLACE = "place"
-    """The object is not where it should be at the end."""
-    HOME = "home"
-    """The robot did not end at home with an open gripper."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Failure:
-    """How a run failed."""
-
-    cause: Cause
-    evidence: str
-    """What was seen, with numbers."""
-
-
-Step = Waypoint | tuple[Waypoint, ...]
-"""A waypoint, or several that are known together: planned as one, without a stop where they are
-blended or passed."""
 Program = Generator[Step, None, Failure | None]
-"""Yields steps, each when the one before is done, and returns why it gave up, if so."""
+"""Yields steps, each when the one before is done, and returns why it gave up, if so. A step that
+fails raises `StepFailed` where it was yielded; a program that does not catch it ends with it."""
 
 
 class Task(Protocol):
@@ -71,11 +43,11 @@ class Task(Protocol):
         ...
 
     def outlook(self, simulation: Simulation) -> Sequence[Step]:
-        """The waypoints foreseen from here, so that they can be checked before moving."""
+        """The motions foreseen from here, so that they can be checked before moving."""
         ...
 
     def program(self, simulation: Simulation) -> Program:
-        """What to do, looking at the world as it is whenever the next waypoint is due."""
+        """What to do, looking at the world as it is whenever the next step is due."""
         ...
 
     def verdict(self, simulation: Simulation) -> Failure | None:

@@ -8,9 +8,10 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause, Failure
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
-from robo47_qp.task import Cause, Failure, Program
+from robo47_qp.task import Program
 from robo47_qp.waypoint import Grip, Motion, Payload, Place, Waypoint, tool_down
 from tasks.headings import heading, quarter, upright
 from tasks.table import TABLE_TOP, add_table
@@ -143,7 +144,7 @@ class PickPlace:
                 f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
                 f"at least {1e3 * open_width:.1f} mm"
             )
-            return Failure(cause=Cause.HOME, evidence=evidence)
+            return Failure(cause=Cause.PLACE, evidence=evidence)
         return None
 
     def measures(self, simulation: Simulation) -> dict[str, float]:

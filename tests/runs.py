@@ -11,6 +11,7 @@ from mink import SE3
 from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix
 from robo47_qp.controllers.joint_impedance import JointImpedance
+from robo47_qp.failure import Failure
 from robo47_qp.motion.planner import Leg
 from robo47_qp.observer import Observer
 from robo47_qp.obstacle import Obstacle
@@ -20,7 +21,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
-from robo47_qp.task import Failure, Program, Task
+from robo47_qp.task import Program, Task
 from robo47_qp.waypoint import Motion, Payload, Place, Waypoint
 from tasks.pick_place import PickPlace
 from tasks.table import add_table

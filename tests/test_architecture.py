@@ -20,7 +20,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("controllers.*", "scene"),
     ("robot_defaults", "simulated_gripper"),
     ("disturbance", "robot_loading", "simulation", "visuals"),
-    ("task", "recording"),
+    ("failure", "recording", "steps"),
+    ("task", "watch"),
     ("signals", "run"),
     ("metrics", "audit", "plots", "settling", "comparison_page"),
     ("report",),
@@ -29,6 +30,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rerun_blueprint",),
     ("rerun_log",),
     ("pacing", "terminal", "video"),
+    ("loop",),
+    ("step_failures",),
+    ("following", "touching"),
+    ("actions",),
     ("runner",),
     ("options", "settling_study"),
     ("command",),
@@ -64,7 +69,7 @@ ONLY_IN = {
     "roboticstoolbox": {"ik.peers.toolbox"},
 }
 """Modules of the package that may import a library."""
-TASKS_MAY_USE = {"errors", "obstacle", "simulation", "task", "waypoint"}
+TASKS_MAY_USE = {"errors", "failure", "obstacle", "simulation", "steps", "task", "waypoint"}
 MAX_LINES = 250
 
 

@@ -9,7 +9,8 @@ from mink import SE3
 from robo47_qp.audit import audit
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
-from robo47_qp.task import Program, Step
+from robo47_qp.steps import Step
+from robo47_qp.task import Program
 from robo47_qp.waypoint import Motion, Place, Waypoint
 from tests.examples import shifted
 from tests.runs import Reach, carry_out

@@ -13,11 +13,11 @@ from mink import SE3, SO3
 from robo47_qp.arrays import Vector
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause
 from robo47_qp.metrics import metrics
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
-from robo47_qp.task import Cause
 from robo47_qp.waypoint import Grip, Motion, Place, Waypoint
 from tasks.pick_place import PickPlace
 from tests.robots import GRIPPER
@@ -205,11 +205,11 @@ def test_a_cube_lost_on_the_way_is_fetched() -> None:
     assert names(run).count("back off") == 1
 
 
-def test_a_cube_that_gets_out_of_reach_is_a_failure_to_plan() -> None:
+def test_a_cube_that_gets_out_of_reach_is_a_failure_of_ik() -> None:
     meddler = Meddler("approach", moves_cube(0.85, 0.20), after=0.5)
     run = carry_out(PickPlace(), observers=[meddler])
     assert run.failure is not None
-    assert run.failure.cause is Cause.PLAN
+    assert run.failure.cause is Cause.IK
     assert "Waypoint 'approach' cannot be planned" in run.failure.evidence
 
 
@@ -305,7 +305,7 @@ def test_a_closed_gripper_is_not_the_end(done: tuple[PickPlace, Simulation]) -> 
         simulation.data.joint(finger).qpos[0] = 0.039
     failure = task.verdict(simulation)
     assert failure is not None
-    assert failure.cause is Cause.HOME
+    assert failure.cause is Cause.PLACE
     assert "the gripper is open 78.0 mm" in failure.evidence
 
 
@@ -319,7 +319,7 @@ def test_a_joint_away_from_home_is_not_the_end(
     simulation.data.joint(joint).qpos[0] -= 0.020
     failure = task.verdict(simulation)
     assert failure is not None
-    assert failure.cause is Cause.HOME
+    assert failure.cause is Cause.PLACE
     assert "a joint is 0.011 rad from home" in failure.evidence
 
 

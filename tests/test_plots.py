@@ -9,9 +9,9 @@ import pytest
 from matplotlib.image import imread
 
 from robo47_qp.errors import RecordingError
+from robo47_qp.failure import Cause, Failure
 from robo47_qp.plots import plot_run
 from robo47_qp.recording import Rows
-from robo47_qp.task import Cause, Failure
 from tests.runs import picked_and_placed
 
 

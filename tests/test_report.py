@@ -11,11 +11,11 @@ import pytest
 
 import robo47_qp
 from robo47_qp.audit import audit
+from robo47_qp.failure import Cause, Failure
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.metrics import metrics
 from robo47_qp.report import plain, report, summary_markdown, versions
 from robo47_qp.run import Run
-from robo47_qp.task import Cause, Failure
 from tasks.pick_place import PickPlace
 from tests.runs import carry_out, picked_and_placed
 

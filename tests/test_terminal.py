@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from robo47_qp.audit import audit
+from robo47_qp.failure import Cause, Failure
 from robo47_qp.metrics import metrics
 from robo47_qp.run import Run
-from robo47_qp.task import Cause, Failure
 from robo47_qp.terminal import ProgressBar, print_summary
 from tests.runs import Reach, carry_out, picked_and_placed
 

@@ -1,0 +1,61 @@
+"""What makes a step fail: a condition that does not hold, a motion that cannot be planned."""
+
+from collections.abc import Sequence
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.failure import Cause, Failure, StepFailed
+from robo47_qp.loop import ControlLoop
+from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.steps import Condition
+from robo47_qp.waypoint import Waypoint
+
+
+def demand(step: str, conditions: Sequence[Condition]) -> None:
+    """Go on only where conditions hold.
+
+    Raises:
+        StepFailed: One does not.
+    """
+    for condition in conditions:
+        against = condition.against()
+        if against is not None:
+            raise StepFailed(
+                Failure(
+                    cause=condition.cause, evidence=against, step=step, condition=condition.name
+                )
+            )
+
+
+def plan_through(
+    planner: Planner, arm: Arm, waypoints: Sequence[Waypoint], q_start: Vector
+) -> list[Leg]:
+    """Motions from rest through waypoints that are known together.
+
+    Raises:
+        PlanError: There are none.
+    """
+    if len(waypoints) == 1:
+        return [planner.plan(arm, waypoints[0], q_start, TIMESTEP)]
+    return planner.plan_chain(arm, waypoints, q_start, TIMESTEP)
+
+
+def planned(
+    loop: ControlLoop, waypoints: Sequence[Waypoint], planner: Planner | None = None
+) -> list[Leg]:
+    """Motions from where the reference rests.
+
+    Raises:
+        StepFailed: There are none.
+    """
+    planner = loop.scenario.planner if planner is None else planner
+    try:
+        return plan_through(planner, loop.arm, waypoints, loop.reference.q)
+    except PlanError as error:
+        rejection = error.rejection
+        unreached = rejection is None or rejection.obstacle is Obstacle.REACH
+        cause = Cause.IK if unreached else Cause.PLAN
+        failure = Failure(cause=cause, evidence=str(error), step=error.waypoint)
+        raise StepFailed(failure) from error

@@ -1,0 +1,66 @@
+"""Watch: what ends a run at once, wherever its program is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.arm import Arm, JointReference
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause, Failure
+from robo47_qp.simulation import Simulation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Bounds that are looked at every few control periods. Going on beyond them helps nobody."""
+
+    joint_error_max: float = 0.2
+    """How far a joint may be from its reference while the arm is stiff [rad or m]."""
+    time_limit: float = 600.0
+    """How long a run may take [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the bounds.
+
+        Raises:
+            InvalidValueError: One is not positive.
+        """
+        for name in ("joint_error_max", "time_limit"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def seen(
+        self, simulation: Simulation, arm: Arm, reference: JointReference, *, stiff: bool
+    ) -> Failure | None:
+        """What is beyond a bound now; None while all is well.
+
+        Args:
+            simulation: The world.
+            arm: Whose limits are to be kept.
+            reference: What the joints should do now.
+            stiff: Whether the arm is to be where its reference is.
+        """
+        q, joints = simulation.true_state().q, arm.robot.joints
+        room = np.minimum(q - arm.q_min, arm.q_max - q)
+        i = int(np.argmin(room))
+        if room[i] < 0.0:
+            unit = arm.robot.units[i]
+            return Failure(
+                cause=Cause.LIMIT,
+                evidence=f"{joints[i]} is at {q[i]:.4f} {unit}, {-room[i]:.4f} outside its limits",
+            )
+        error = np.abs(q - reference.q)
+        i = int(np.argmax(error))
+        if stiff and error[i] > self.joint_error_max:
+            return Failure(
+                cause=Cause.TRACK,
+                evidence=f"{joints[i]} is {error[i]:.3f} {arm.robot.units[i]} from its reference; "
+                f"allowed are {self.joint_error_max:.3f}",
+            )
+        if simulation.time > self.time_limit:
+            return Failure(
+                cause=Cause.TIMEOUT,
+                evidence=f"the run has taken {simulation.time:.1f} s; "
+                f"allowed are {self.time_limit:.1f} s",
+            )
+        return None
