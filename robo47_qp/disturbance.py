@@ -54,6 +54,8 @@ class Disturbance:
     """Standard deviation of the measured joint positions [rad]."""
     noise_v: float = 0.0
     """Standard deviation of the measured joint velocities [rad/s]."""
+    noise_force: float = 0.0
+    """Standard deviation of each component of the tool force that controllers feel [N]."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -61,7 +63,7 @@ class Disturbance:
         Raises:
             InvalidValueError: A number is negative or not finite, or the factor 0.
         """
-        for name in ("inertia_factor", "noise_q", "noise_v", "delay"):
+        for name in ("inertia_factor", "noise_q", "noise_v", "noise_force", "delay"):
             _check_finite(name, getattr(self, name))
         if self.inertia_factor == 0.0:
             raise InvalidValueError("inertia_factor", 0.0, "above 0")
@@ -70,8 +72,8 @@ class Disturbance:
 class DisturbedSimulation(Simulation):
     """A simulation with a disturbance, which what it records shows and what it measures hides.
 
-    Motors, inertias and the state that the controller sees are disturbed; `write_now` and
-    `write_last` tell the truth.
+    Motors, inertias, the state and the tool force that controllers see are disturbed;
+    `write_now`, `write_last` and `last_tool_force` tell the truth.
     """
 
     def __init__(
@@ -93,7 +95,8 @@ class DisturbedSimulation(Simulation):
             InvalidValueError: There is noise and no generator.
             UnknownNameError, ModelError: See `Simulation`.
         """
-        if rng is None and (disturbance.noise_q or disturbance.noise_v):
+        noises = (disturbance.noise_q, disturbance.noise_v, disturbance.noise_force)
+        if rng is None and any(noises):
             raise InvalidValueError("rng", None, "a numpy Generator where there is sensor noise")
         self.disturbance = disturbance
         self._rng = rng
@@ -126,6 +129,13 @@ class DisturbedSimulation(Simulation):
             state.q + noise.noise_q * self._rng.standard_normal(n),
             state.v + noise.noise_v * self._rng.standard_normal(n),
         )
+
+    def felt_force(self) -> Vector:
+        """What the sensor at the wrist says of `last_tool_force` (3,) [N]."""
+        force = super().felt_force()
+        if self._rng is None or not self.disturbance.noise_force:
+            return force
+        return force + self.disturbance.noise_force * self._rng.standard_normal(3)
 
     def true_state(self) -> JointState:
         """What the joints do."""

@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from robo47_qp.contact_sensing import add_contact_sensors
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robot import Robot
 from robo47_qp.robot_model import robot_spec
@@ -15,9 +16,6 @@ TIMESTEP = 1e-3
 
 BuildScene = Callable[[mujoco.MjSpec], None]
 """Adds bodies to a spec that already holds the robot, its base at the world's origin."""
-
-_FORCE_FIELD, _NET_FORCE, _ONE_SLOT = 1 << 1, 3, 1
-"""Parameters of MuJoCo's contact sensor: report the force, summed over all contacts."""
 
 
 def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
@@ -37,15 +35,8 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10.0
     option.noslip_iterations = 5
-    for finger in () if robot.gripper is None else robot.gripper.fingers:
-        spec.add_sensor(
-            name=contact_sensor(finger),
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            objname=finger,
-            intprm=[_FORCE_FIELD, _NET_FORCE, _ONE_SLOT],
-        )
     build_scene(spec)
+    add_contact_sensors(spec, robot)
     model = spec.compile()
     for name, ids in (
         ("joints", [model.joint(joint).id for joint in robot.joints]),
@@ -57,11 +48,6 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
                 "they must follow each other, base to tip."
             )
     return model
-
-
-def contact_sensor(finger: str) -> str:
-    """Name of the sensor that sums the contact forces on a finger."""
-    return f"{finger}_contact"
 
 
 def free_bodies(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -52,6 +52,8 @@ def last(robot: Robot) -> tuple[Signal, ...]:
     return (
         Signal(name="joints/a", labels=robot.joints, unit=robot.unit("rad/s²", "m/s²")),
         Signal(name="joints/tau", labels=robot.joints, unit=robot.unit("N·m", "N")),
+        Signal(name="contact/tool", labels=("x", "y", "z"), unit="N"),
+        Signal(name="contact/links", labels=("sum",), unit="N"),
         *(
             Signal(name=f"gripper/{finger}_contact", labels=("x", "y", "z"), unit="N")
             for finger in _fingers(robot)

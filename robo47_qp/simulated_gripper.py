@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Vector
+from robo47_qp.contact_sensing import contact_sensor
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.robot import Gripper
-from robo47_qp.scene import TIMESTEP, contact_sensor
+from robo47_qp.scene import TIMESTEP
 from robo47_qp.waypoint import Grip
 
 

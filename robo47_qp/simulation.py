@@ -8,10 +8,12 @@ from mink import SE3
 
 from robo47_qp.arm import JointState
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError, NoGripperError, UnknownNameError
+from robo47_qp.contact_sensing import ContactSensing
+from robo47_qp.errors import InvalidValueError, NoGripperError
 from robo47_qp.robot import Gripper, Robot
-from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene, free_bodies, mocap_bodies
+from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene
 from robo47_qp.simulated_gripper import SimulatedGripper
+from robo47_qp.simulated_objects import SimulatedObjects
 from robo47_qp.waypoint import Grip
 
 
@@ -36,8 +38,8 @@ class Simulation:
         self.robot = robot
         self.model = compile_scene(robot, build_scene)
         self.data = mujoco.MjData(self.model)
-        self.objects = free_bodies(self.model)
-        self.markers = mocap_bodies(self.model)
+        self._bodies = SimulatedObjects(self.model, self.data)
+        self.objects, self.markers = self._bodies.objects, self._bodies.markers
         m, d, n = self.model, self.data, len(robot.joints)
         # The arrays of MjData keep their place: each view is taken once.
         first, motor = m.joint(robot.joints[0]), m.actuator(robot.motors[0]).id
@@ -49,14 +51,16 @@ class Simulation:
         self._tcp_position, self._tcp_quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
         hand = None if robot.gripper is None else SimulatedGripper(robot.gripper, m, d)
         self._hand = hand
-        self._poses = {name: d.qpos[_free_joint(m, name).qposadr[0] :][:7] for name in self.objects}
-        self._twists = {name: d.qvel[_free_joint(m, name).dofadr[0] :][:6] for name in self.objects}
+        self._contact = ContactSensing(m, d)
         self._views_now = (
             *(self._q, self._v, self._tcp_position, self._tcp_quaternion),
             *(() if hand is None else hand.views_now),
-            *self._poses.values(),
+            *self._bodies.views_now,
         )
-        self._views_last = (self._a, self._tau, *(() if hand is None else hand.views_last))
+        self._views_last = (
+            *(self._a, self._tau, *self._contact.views_last),
+            *(() if hand is None else hand.views_last),
+        )
         self._tau_step = robot.tau_rate_max * TIMESTEP
         self._tau_low, self._tau_high = np.empty(n), np.empty(n)
         self.reset()
@@ -127,6 +131,7 @@ class Simulation:
 
     def write_last(self, row: Vector) -> None:
         """Fill a recording's columns `signals.last` with what belongs to the last period."""
+        self._contact.update()
         np.concatenate(self._views_last, out=row)
 
     def state(self) -> JointState:
@@ -173,14 +178,33 @@ class Simulation:
         """Size of the net contact force on each finger in the last period (2,) [N]."""
         return self._needed("the force of its fingers").forces()
 
+    def last_tool_force(self) -> Vector:
+        """Net contact force on the tool in the last period (3,), in the world [N].
+
+        What the rest of the world does to the last joint's body and all that it carries, as a
+        sensor at the wrist reads it, without inertia and weight: a hand that presses on a table
+        feels +z.
+        """
+        return self._contact.tool_force()
+
+    def felt_force(self) -> Vector:
+        """What controllers know of `last_tool_force` (3,) [N]: here, the truth."""
+        return self._contact.tool_force()
+
+    def last_links_force(self) -> float:
+        """Contact forces on the links before the tool in the last period: their sizes' sum [N].
+
+        A sum of sizes, because in a net force links that press on each other would vanish.
+        """
+        return self._contact.links_force()
+
     def object_pose(self, name: str) -> SE3:
         """T_world_object now.
 
         Raises:
             UnknownNameError: No free body has this name.
         """
-        pose = self._poses[self._known(name)]
-        return SE3(np.concatenate([pose[3:], pose[:3]]))
+        return self._bodies.pose(name)
 
     def object_twist(self, name: str) -> Vector:
         """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
@@ -188,7 +212,7 @@ class Simulation:
         Raises:
             UnknownNameError: No free body has this name.
         """
-        return self._twists[self._known(name)].copy()
+        return self._bodies.twist(name)
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
         """Put a free body at a pose, at rest.
@@ -196,11 +220,7 @@ class Simulation:
         Raises:
             UnknownNameError: No free body has this name.
         """
-        pose = self._poses[self._known(name)]
-        pose[:3] = T_world_object.translation()
-        pose[3:] = T_world_object.rotation().wxyz
-        self._twists[name][:] = 0.0
-        mujoco.mj_step1(self.model, self.data)
+        self._bodies.place(name, T_world_object)
 
     def marker_pose(self, name: str) -> SE3:
         """T_world_marker of a body that only the program moves (a mocap body).
@@ -208,8 +228,7 @@ class Simulation:
         Raises:
             UnknownNameError: No marker has this name.
         """
-        i = self._marker(name)
-        return SE3(np.concatenate([self.data.mocap_quat[i], self.data.mocap_pos[i]]))
+        return self._bodies.marker_pose(name)
 
     def place_marker(self, name: str, T_world_marker: SE3) -> None:
         """Put a marker at a pose.
@@ -217,26 +236,9 @@ class Simulation:
         Raises:
             UnknownNameError: No marker has this name.
         """
-        i = self._marker(name)
-        self.data.mocap_pos[i] = T_world_marker.translation()
-        self.data.mocap_quat[i] = T_world_marker.rotation().wxyz
-        mujoco.mj_step1(self.model, self.data)
-
-    def _marker(self, name: str) -> int:
-        if name not in self.markers:
-            raise UnknownNameError("marker", name, self.markers)
-        return self.markers.index(name)
-
-    def _known(self, name: str) -> str:
-        if name not in self._poses:
-            raise UnknownNameError("object", name, self.objects)
-        return name
+        self._bodies.place_marker(name, T_world_marker)
 
     def _needed(self, wanted: str) -> SimulatedGripper:
         if self._hand is None:
             raise NoGripperError(self.robot.name, wanted)
         return self._hand
-
-
-def _free_joint(model: mujoco.MjModel, body: str) -> mujoco._structs._MjModelJointViews:
-    return model.joint(model.body(body).jntadr[0])

@@ -56,6 +56,8 @@ def test_sensors_are_noisy_and_the_recording_tells_the_truth(robot: Robot) -> No
 def test_noise_needs_a_generator(robot: Robot) -> None:
     with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
         DisturbedSimulation(robot, no_objects, Disturbance(noise_q=1e-3))
+    with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
+        DisturbedSimulation(robot, no_objects, Disturbance(noise_force=0.1))
 
 
 def test_an_unknown_payload_pulls_as_one_that_the_arm_knows(robot: Robot, arm: Arm) -> None:
@@ -103,6 +105,7 @@ def test_a_push_is_a_force_at_the_tool_for_its_time(robot: Robot, arm: Arm) -> N
     [
         ({"delay": -1}, "delay must be finite and not negative"),
         ({"noise_q": np.nan}, "noise_q must be finite and not negative"),
+        ({"noise_force": -0.1}, "noise_force must be finite and not negative"),
         ({"inertia_factor": 0.0}, "inertia_factor must be above 0"),
     ],
 )

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from robo47_qp.contact_sensing import contact_sensor
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.robots.panda import PANDA
-from robo47_qp.scene import TIMESTEP, compile_scene, contact_sensor, free_bodies, mocap_bodies
+from robo47_qp.scene import TIMESTEP, compile_scene, free_bodies, mocap_bodies
 from tasks.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import no_objects

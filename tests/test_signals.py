@@ -188,6 +188,9 @@ def test_what_is_written_for_the_last_period_is_what_the_model_says_by_name(
     for i, (joint, motor) in enumerate(zip(PANDA.joints, PANDA.motors, strict=True)):
         assert rows["joints/a"][0, i] == data.joint(joint).qacc[0]
         assert rows["joints/tau"][0, i] == data.actuator(motor).force[0]
+    np.testing.assert_array_equal(rows["contact/tool"][0], busy.last_tool_force())
+    assert rows["contact/links"][0, 0] == busy.last_links_force()
+    assert rows["contact/tool"].any()
     for finger in FINGERS:
         force = rows[f"gripper/{finger}_contact"][0]
         np.testing.assert_array_equal(force, data.sensor(f"{finger}_contact").data)
