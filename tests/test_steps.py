@@ -153,7 +153,7 @@ def test_a_waypoint_out_of_reach_and_a_way_that_is_blocked_have_their_own_causes
 
     def program(simulation: Simulation) -> Program:
         far = SE3.from_translation(np.array([3.0, 0.0, 0.5]))
-        turned = simulation.tool_pose() @ SE3.from_rotation(SO3.from_z_radians(-2.6))
+        turned = simulation.tool_pose() @ SE3.from_rotation(SO3.from_z_radians(3.1))
         for waypoint in (
             Waypoint(name="far", target=far),
             Waypoint(name="turned", target=turned, motion=Motion.LIN),
