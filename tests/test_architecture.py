@@ -16,7 +16,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("arm_model",),
     ("robots.*", "arm"),
     ("ik.*",),
-    ("motion.*",),
+    ("motion.*", "tool_motion"),
     ("controllers.*", "contact_sensing", "scene"),
     ("robot_defaults", "simulated_gripper", "simulated_objects"),
     ("disturbance", "robot_loading", "simulation", "visuals"),
