@@ -31,6 +31,8 @@ class Phase:
     """First row."""
     leg: Leg | None
     """The planned motion; None while the arm holds still."""
+    compliant: bool = False
+    """True where the tool yields to forces: it may leave the way of the leg."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
