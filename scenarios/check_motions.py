@@ -44,6 +44,8 @@ class CheckOptions:
     """PTP motions to draw, per robot."""
     robots: tuple[str, ...] = ("panda",)
     """Of panda, iiwa14 and xarm7; all but the panda need MuJoCo Menagerie."""
+    kinds: tuple[str, ...] = KINDS
+    """Of PTP, LIN, CIRC, blended and via."""
     seed: int = 0
     """Seed of the random motions."""
     out: Path | None = None
@@ -175,6 +177,8 @@ def run(options: CheckOptions, console: Console) -> int:
     for name in options.robots:
         robot = ROBOTS[name]()
         for number, kind in enumerate(KINDS):
+            if kind not in options.kinds:
+                continue
             rng = np.random.default_rng([options.seed, number])
             count = options.ptp if kind == "PTP" else options.n
             rows.append((name, kind, check(robot, kind, count, rng)))

@@ -97,7 +97,14 @@ def leap(length: float, v_start: float, v_goal: float, bounds: Vector) -> Leap:
     return to_state(start, goal, np.array([cap]), bounds[1:2], bounds[2:3])
 
 
-def to_state(start: Matrix, goal: Matrix, v_max: Vector, a_max: Vector, j_max: Vector) -> Leap:
+def to_state(
+    start: Matrix,
+    goal: Matrix,
+    v_max: Vector,
+    a_max: Vector,
+    j_max: Vector,
+    period: float | None = None,
+) -> Leap:
     """Time-optimal motion of all coordinates from one state to another, ending together.
 
     Args:
@@ -106,20 +113,24 @@ def to_state(start: Matrix, goal: Matrix, v_max: Vector, a_max: Vector, j_max: V
         v_max: Bounds on the velocity (n,), positive; exceeded only while the start does.
         a_max: Bounds on the acceleration (n,), positive.
         j_max: Bounds on the jerk (n,), positive.
+        period: The duration is the shortest that is a multiple of this [s]; None leaves it.
 
     Raises:
         InvalidValueError: A number is not finite, a bound not positive, or there is no motion.
     """
     n = len(v_max)
-    check_motion(np.ravel(start), np.ravel(goal), v_max, a_max, j_max, 1.0)
+    step = 1.0 if period is None else period
+    check_motion(np.ravel(start), np.ravel(goal), v_max, a_max, j_max, step)
     request, plan = ruckig.InputParameter(n), ruckig.Trajectory(n)
     now, then = start.tolist(), goal.tolist()
     request.current_position, request.current_velocity, request.current_acceleration = now
     request.target_position, request.target_velocity, request.target_acceleration = then
     request.max_velocity, request.max_acceleration = v_max.tolist(), a_max.tolist()
     request.max_jerk = j_max.tolist()
+    if period is not None:
+        request.duration_discretization = ruckig.DurationDiscretization.Discrete
     try:
-        ruckig.Ruckig(n).calculate(request, plan)
+        ruckig.Ruckig(n, step).calculate(request, plan)
     except ruckig.RuckigError as error:
         expected = "one that Ruckig can plan"
         raise InvalidValueError("motion", f"{now} to {then} ({error})", expected) from error
