@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik_benchmark.statistics import holm, mcnemar, wilson
+from robo47_qp.statistics import holm, mcnemar, wilson
 
 
 @pytest.mark.parametrize(
