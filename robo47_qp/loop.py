@@ -24,6 +24,10 @@ from robo47_qp.waypoint import Payload
 TICK_ROWS = 20
 """Control periods between two looks at the world while a motion runs."""
 
+LOAD_CHANGES = 0.02
+"""How long the torque takes to change with what the tool holds [s]: at once, a heavy load would
+ask for more than the motors' rate."""
+
 
 class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never shown
     """The watch ended the run."""
@@ -135,8 +139,7 @@ class ControlLoop:
         """Take something to be held by the tool, or nothing."""
         if payload is not self.control.arm.payload:
             arm = self.arm if payload is None else self.arm.carrying(payload)
-            # What the tool holds changes in an instant, and so does the torque for it.
-            self.control.believe(arm, seconds=0.0)
+            self.control.believe(arm, seconds=LOAD_CHANGES)
 
     def note(self, text: str, failure: Failure | None = None) -> None:
         """Tell the observers."""
@@ -145,7 +148,13 @@ class ControlLoop:
 
     def _look(self) -> None:
         stiff = not self.phases[-1].compliant
-        seen = self.scenario.watch.seen(self.sim, self.arm, self.reference, stiff=stiff)
+        seen = self.scenario.watch.seen(
+            self.sim,
+            self.arm,
+            self.reference,
+            stiff=stiff,
+            force_max=self.scenario.task.force_max,
+        )
         if seen is not None:
             raise Aborted(seen)
 

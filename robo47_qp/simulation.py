@@ -1,7 +1,5 @@
 """Simulation: the world. The only place that knows MuJoCo addresses of robot and objects."""
 
-from math import isfinite
-
 import mujoco
 import numpy as np
 from mink import SE3
@@ -9,10 +7,11 @@ from mink import SE3
 from robo47_qp.arm import JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.contact_sensing import ContactSensing
-from robo47_qp.errors import InvalidValueError, NoGripperError
+from robo47_qp.errors import NoGripperError
 from robo47_qp.robot import Gripper, Robot
-from robo47_qp.scene import TIMESTEP, BuildScene, compile_scene
+from robo47_qp.scene import BuildScene, compile_scene
 from robo47_qp.simulated_gripper import SimulatedGripper
+from robo47_qp.simulated_motors import SimulatedMotors
 from robo47_qp.simulated_objects import SimulatedObjects
 from robo47_qp.waypoint import Grip
 
@@ -61,8 +60,7 @@ class Simulation:
             *(self._a, self._tau, *self._contact.views_last),
             *(() if hand is None else hand.views_last),
         )
-        self._tau_step = robot.tau_rate_max * TIMESTEP
-        self._tau_low, self._tau_high = np.empty(n), np.empty(n)
+        self._motors = SimulatedMotors(robot, self._ctrl)
         self.reset()
 
     def reset(self) -> None:
@@ -72,8 +70,7 @@ class Simulation:
         if self._hand is not None:
             self._hand.reset()
         mujoco.mj_forward(self.model, self.data)
-        limit = self.robot.tau_max
-        np.clip(self._bias - self._passive, -limit, limit, out=self._ctrl)
+        self._motors.start(self._bias - self._passive)
         mujoco.mj_step1(self.model, self.data)
 
     def step(self, tau: Vector) -> None:
@@ -88,15 +85,7 @@ class Simulation:
         Raises:
             InvalidValueError: The command is not finite; nothing has moved.
         """
-        if not isfinite(tau.dot(tau)):
-            raise InvalidValueError("commanded torque", tau.tolist(), "finite [N·m]")
-        ctrl, low, high, limit = self._ctrl, self._tau_low, self._tau_high, self.robot.tau_max
-        np.subtract(ctrl, self._tau_step, out=low)
-        np.add(ctrl, self._tau_step, out=high)
-        np.maximum(tau, low, out=ctrl)
-        np.minimum(ctrl, high, out=ctrl)
-        np.minimum(ctrl, limit, out=ctrl)
-        np.maximum(ctrl, -limit, out=ctrl)
+        self._motors.deliver(tau)
         if self._hand is not None:
             self._hand.move()
         mujoco.mj_step2(self.model, self.data)
@@ -205,6 +194,19 @@ class Simulation:
             UnknownNameError: No free body has this name.
         """
         return self._bodies.pose(name)
+
+    def seen_pose(self, name: str) -> SE3:
+        """T_world_object of a free body as the cell's camera sees it now: here, the truth.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self.object_pose(name)
+
+    @property
+    def camera_noise(self) -> float:
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, none."""
+        return 0.0
 
     def object_twist(self, name: str) -> Vector:
         """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).

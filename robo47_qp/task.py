@@ -34,6 +34,10 @@ class Task(Protocol):
         """Net contact force on the tool, and what it holds, that no run may exceed [N]."""
         ...
 
+    def variant(self, rng: np.random.Generator) -> "Task":
+        """The same job with what its scene is made of drawn at random, before it is built."""
+        ...
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """Add the bodies of the task to a spec that holds the robot at the origin."""
         ...

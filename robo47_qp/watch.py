@@ -16,6 +16,8 @@ class Watch:
 
     joint_error_max: float = 0.2
     """How far a joint may be from its reference while the arm is stiff [rad or m]."""
+    links_force_max: float = 1.0
+    """Contact force on the links before the tool at most [N]."""
     time_limit: float = 600.0
     """How long a run may take [s]."""
 
@@ -25,12 +27,18 @@ class Watch:
         Raises:
             InvalidValueError: One is not positive.
         """
-        for name in ("joint_error_max", "time_limit"):
+        for name in ("joint_error_max", "links_force_max", "time_limit"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "positive")
 
     def seen(
-        self, simulation: Simulation, arm: Arm, reference: JointReference, *, stiff: bool
+        self,
+        simulation: Simulation,
+        arm: Arm,
+        reference: JointReference,
+        *,
+        stiff: bool,
+        force_max: float,
     ) -> Failure | None:
         """What is beyond a bound now; None while all is well.
 
@@ -39,7 +47,11 @@ class Watch:
             arm: Whose limits are to be kept.
             reference: What the joints should do now.
             stiff: Whether the arm is to be where its reference is.
+            force_max: Contact force on the tool at most [N].
         """
+        touched = self._touched(simulation, force_max)
+        if touched is not None:
+            return Failure(cause=Cause.COLLISION, evidence=touched)
         q, joints = simulation.true_state().q, arm.robot.joints
         room = np.minimum(q - arm.q_min, arm.q_max - q)
         i = int(np.argmin(room))
@@ -63,4 +75,16 @@ class Watch:
                 evidence=f"the run has taken {simulation.time:.1f} s; "
                 f"allowed are {self.time_limit:.1f} s",
             )
+        return None
+
+    def _touched(self, simulation: Simulation, force_max: float) -> str | None:
+        force = simulation.last_links_force()
+        if force > self.links_force_max:
+            return (
+                f"the links before the tool are touched with {force:.1f} N; "
+                f"allowed are {self.links_force_max:.1f} N"
+            )
+        force = float(np.linalg.norm(simulation.last_tool_force()))
+        if force > force_max:
+            return f"the tool is pressed with {force:.1f} N; allowed are {force_max:.1f} N"
         return None

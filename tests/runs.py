@@ -75,6 +75,9 @@ class Reach:
     obstacles: tuple[Obstacle, ...] = ()
     name: str = "reach"
 
+    def variant(self, rng: np.random.Generator) -> "Reach":
+        return self
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         add_table(spec)
 

@@ -18,7 +18,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("ik.*",),
     ("motion.*",),
     ("controllers.*", "contact_sensing", "scene"),
-    ("robot_defaults", "simulated_gripper", "simulated_objects"),
+    ("robot_defaults", "simulated_gripper", "simulated_motors", "simulated_objects"),
     ("disturbance", "robot_loading", "simulation", "visuals"),
     ("failure", "recording", "steps"),
     ("task", "watch"),

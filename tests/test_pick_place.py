@@ -18,13 +18,29 @@ from robo47_qp.metrics import metrics
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
+from robo47_qp.steps import Move, as_action
 from robo47_qp.waypoint import Grip, Motion, Place, Waypoint
+from tasks.item import Item
 from tasks.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import Meddler, Witness, carry_out, moves_cube, picked_and_placed
 
 ELSEWHERE = (0.50, 0.10)
 GOAL = np.array([0.40, -0.20, 0.02])
+
+
+def cube(*, edge: float = 0.04, mass: float = 0.1) -> Item:
+    return Item(name="cube", size=(edge, edge, edge), mass=mass)
+
+
+def motions(task: PickPlace, simulation: Simulation) -> dict[str, Waypoint]:
+    """The foreseen waypoints by name."""
+    found = {}
+    for step in task.outlook(simulation):
+        action = as_action(step)
+        for waypoint in action.waypoints if isinstance(action, Move) else ():
+            found[waypoint.name] = waypoint
+    return found
 
 
 def names(run: Run) -> list[str]:
@@ -191,8 +207,10 @@ def test_a_cube_lost_on_the_way_is_noticed(phase: str) -> None:
     run = carry_out(PickPlace(retries=0), observers=[meddler])
     assert run.failure is not None
     assert run.failure.cause is Cause.DROP
-    assert "the fingers are 0.0 mm apart" in run.failure.evidence
-    assert names(run)[-5:] == [phase, "back off", "open gripper", "home", "end"]
+    assert "mm apart, the cube measures 40.0 mm" in run.failure.evidence
+    assert run.failure.step == phase
+    assert run.failure.condition == "the fingers hold the cube"
+    assert names(run)[-6:] == [phase, "stop", "back off", "open gripper", "home", "end"]
     assert is_home(run)
 
 
@@ -214,17 +232,17 @@ def test_a_cube_that_gets_out_of_reach_is_a_failure_of_ik() -> None:
 
 
 def test_a_cube_too_heavy_to_hold_is_a_drop() -> None:
-    run = carry_out(PickPlace(mass=10.0, retries=0))
+    run = carry_out(PickPlace(item=cube(mass=10.0), retries=0, force_max=200.0))
     assert run.failure is not None
     assert run.failure.cause is Cause.DROP
     assert is_home(run)
 
 
-def test_a_cube_wider_than_the_gripper_is_not_grasped() -> None:
-    run = carry_out(PickPlace(edge=0.1, retries=0))
+def test_fingers_that_land_on_a_cube_too_wide_for_them_are_stopped() -> None:
+    run = carry_out(PickPlace(item=cube(edge=0.1), retries=0))
     assert run.failure is not None
-    assert run.failure.cause is Cause.GRASP
-    assert "the cube measures 100.0 mm" in run.failure.evidence
+    assert run.failure.cause is Cause.COLLISION
+    assert "the tool is pressed with" in run.failure.evidence
 
 
 def test_fingers_that_do_not_press_do_not_hold() -> None:
@@ -232,15 +250,16 @@ def test_fingers_that_do_not_press_do_not_hold() -> None:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     program = task.program(simulation)
-    names = [step.name for step in (next(program), next(program)) if isinstance(step, Waypoint)]
-    assert names == ["approach", "descend"]
-    simulation.command_grip(Grip(width=task.edge, force=30.0))
+    steps = [as_action(next(program)) for _ in range(3)]
+    assert [step.name for step in steps] == ["approach", "descend", "close gripper"]
+    simulation.command_grip(Grip(width=task.item.height, force=30.0))
     for _ in range(600):
         simulation.step(simulation.data.qfrc_bias[:7].copy())
-    waypoint = next(program)
-    assert isinstance(waypoint, Waypoint)
-    assert waypoint.name == "back off"
-    assert simulation.width() == pytest.approx(task.edge, abs=1e-4)
+    (held,) = steps[-1].after
+    against = held.against()
+    assert against is not None
+    assert "the fingers press with 0.0 N and 0.0 N, 30.0 N were asked for" in against
+    assert simulation.width() == pytest.approx(task.item.height, abs=1e-4)
 
 
 def test_a_stricter_tolerance_is_not_met() -> None:
@@ -333,7 +352,7 @@ def test_the_foreseen_waypoints_make_sense(seed: int) -> None:
     world = _world()
     task.reset(world, np.random.default_rng(seed))
     T_world_cube, T_world_goal = world.object_pose("cube"), world.marker_pose("goal")
-    outlook = {waypoint.name: waypoint for waypoint in task.outlook(world)}
+    outlook = motions(task, world)
     grasp, lower = pose(outlook["descend"]), pose(outlook["lower"])
     # The tool points down at the cube's centre, its fingers along a side.
     np.testing.assert_allclose(grasp.translation(), T_world_cube.translation(), atol=1e-9)
@@ -345,7 +364,7 @@ def test_the_foreseen_waypoints_make_sense(seed: int) -> None:
     placed = lower @ grasp.inverse() @ T_world_cube
     np.testing.assert_allclose(
         placed.translation(),
-        T_world_goal.translation() + np.array([0.0, 0.0, task.edge / 2]),
+        T_world_goal.translation() + np.array([0.0, 0.0, task.item.height / 2]),
         atol=1e-9,
     )
     off = heading(placed.rotation().wxyz) - heading(T_world_goal.rotation().wxyz)
@@ -364,7 +383,7 @@ def test_the_foreseen_waypoints_make_sense(seed: int) -> None:
     assert outlook["home"].target is Place.HOME
     for name, waypoint in outlook.items():
         assert (waypoint.carried is not None) == (name in ("lift", "carry", "lower"))
-        assert (waypoint.grip is not None) == (name in ("descend",))
+        assert waypoint.grip is None
     # The wrist never turns further than an eighth of a turn from pointing ahead.
     for T in (grasp, lower):
         x, y, _ = T.rotation().as_matrix()[:, 0]
@@ -382,13 +401,13 @@ def pose(waypoint: Waypoint) -> SE3:
 
 
 def test_the_payload_is_the_cube() -> None:
-    task = PickPlace(mass=0.3, edge=0.05)
+    task = PickPlace(item=cube(mass=0.3, edge=0.05))
     simulation = Simulation(PANDA, task.build_scene)
-    lift = next(w for w in task.outlook(simulation) if w.name == "lift")
+    lift = motions(task, simulation)["lift"]
     assert lift.carried is not None
-    cube = simulation.model.body("cube")
-    assert lift.carried.mass == pytest.approx(cube.mass[0])
-    np.testing.assert_allclose(lift.carried.inertia, cube.inertia, rtol=1e-9)
+    body = simulation.model.body("cube")
+    assert lift.carried.mass == pytest.approx(body.mass[0])
+    np.testing.assert_allclose(lift.carried.inertia, body.inertia, rtol=1e-9)
     np.testing.assert_allclose(lift.carried.T_tcp_com.translation(), 0.0, atol=1e-9)
 
 
@@ -398,8 +417,6 @@ def test_the_payload_is_the_cube() -> None:
         ({"pick": (np.nan, 0.0)}, r"pick must be two finite numbers.*nan"),
         ({"place": (0.0, np.inf)}, r"place must be two finite numbers.*inf"),
         ({"pick": (0.4,)}, r"pick must be two finite numbers"),
-        ({"edge": 0.0}, r"edge must be positive; found 0\.0"),
-        ({"mass": -1.0}, r"mass must be positive; found -1\.0"),
         ({"grip_force": np.nan}, r"grip_force must be positive; found nan"),
         ({"clearance": 0.0}, r"clearance must be positive"),
         ({"place_tolerance": 0.0}, r"place_tolerance must be positive"),

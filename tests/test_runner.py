@@ -10,7 +10,7 @@ from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import PlanError, RecordingError
 from robo47_qp.failure import Cause, Failure
-from robo47_qp.loop import TICK_ROWS
+from robo47_qp.loop import LOAD_CHANGES, TICK_ROWS
 from robo47_qp.observer import Observer
 from robo47_qp.recording import Rows
 from robo47_qp.robots.panda import PANDA
@@ -29,7 +29,7 @@ PHASES = [
     "lift",
     "carry",
     "lower",
-    "open gripper",
+    "release",
     "retreat",
     "home",
     "end",
@@ -158,7 +158,8 @@ def test_torques_follow_from_the_belief_the_reference_and_the_state_of_the_row()
             continue
         arm = belief(run, phase.start)
         loaded += arm.payload is not None
-        for k in (phase.start, (phase.start + end) // 2, end - 1):
+        settled = phase.start + round(LOAD_CHANGES / TIMESTEP)
+        for k in (settled, (phase.start + end) // 2, end - 1):
             q, v, a = (rows[f"joints/{s}_ref"][k] for s in "qva")
             tau = arm.inverse_dynamics(q, v, a)
             np.testing.assert_allclose(rows["joints/tau_ref"][k], tau, atol=1e-9)
@@ -200,7 +201,7 @@ def test_phases_come_in_order_and_cover_all_rows() -> None:
     index = run.rows["phase"][:, 0]
     for i, (start, end) in enumerate(zip(starts, ends(run), strict=True)):
         assert (index[start:end] == i).all()
-    still = {"close gripper", "open gripper", "end"}
+    still = {"close gripper", "release", "end"}
     assert [phase.name for phase in run.phases if phase.leg is None] == [
         name for name in PHASES if name in still
     ]
@@ -239,7 +240,7 @@ def test_observers_hear_of_phases_legs_and_events_when_they_happen(
     texts = [text for _, text, _ in witness.notes]
     assert texts[0].startswith("close gripper: 39.")
     assert "fingers 30.0 N" in texts[0]
-    assert texts[1].startswith("open gripper: 80.0 mm")
+    assert texts[1].startswith("release: 80.0 mm")
     assert texts[2:] == ["program done", "success"]
     assert {level for _, _, level in witness.notes} == {"INFO"}
     assert witness.calls[:3] == ["phase", "planned", "tick"]

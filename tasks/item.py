@@ -1,0 +1,114 @@
+"""Item: a box or an upright cylinder that a parallel gripper can hold."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.waypoint import Payload, tool_down
+from tasks.headings import heading, quarter
+
+RED, GREEN, BLUE = (0.85, 0.22, 0.18, 1.0), (0.15, 0.55, 0.30, 1.0), (0.16, 0.36, 0.75, 1.0)
+_FINGERTIP = 0.012
+"""Height of the tool point above what the open fingers may touch from above, at least [m]."""
+_DEPTH = 0.03
+"""How deep below the top of an item the tool point goes, at most [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """A thing that stands on a table, its frame at its centre with z up."""
+
+    name: str
+    """Of its body."""
+    size: tuple[float, float, float]
+    """Lengths along x, y and z; of a cylinder diameter, diameter and height [m]."""
+    round: bool = False
+    """True for a cylinder."""
+    mass: float = 0.1
+    """[kg]"""
+    rgba: tuple[float, float, float, float] = RED
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A length or the mass is not positive, or a cylinder is oval.
+        """
+        for length in (*self.size, self.mass):
+            if not (np.isfinite(length) and length > 0.0):
+                raise InvalidValueError(f"sizes and mass of {self.name!r}", length, "positive")
+        if self.round and self.size[0] != self.size[1]:
+            raise InvalidValueError(f"diameter of {self.name!r}", self.size[:2], "one number twice")
+
+    @property
+    def height(self) -> float:
+        """[m]"""
+        return self.size[2]
+
+    def add(self, spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
+        """Add it as a body that moves freely."""
+        x, y, z = (0.5 * length for length in self.size)
+        body = spec.worldbody.add_body(name=self.name, pos=position)
+        body.add_freejoint()
+        shape = mujoco.mjtGeom.mjGEOM_CYLINDER if self.round else mujoco.mjtGeom.mjGEOM_BOX
+        size = [x, z, 0.0] if self.round else [x, y, z]
+        body.add_geom(name=self.name, type=shape, size=size, mass=self.mass, rgba=self.rgba)
+
+    def grasp(self, T_world_item: SE3, width_max: float) -> SE3:
+        """T_world_tcp with the tool down and the fingers across it, turned as little as possible.
+
+        Args:
+            T_world_item: Where it stands.
+            width_max: How wide the fingers open [m]; a side that is wider is not grasped.
+        """
+        x, y, z = T_world_item.translation()
+        lowest = z - 0.5 * self.height + _FINGERTIP
+        up = max(z, z + 0.5 * self.height - _DEPTH, lowest)
+        return tool_down([x, y, up], self._turned(heading(T_world_item), width_max))
+
+    def width(self, T_world_tcp: SE3, T_world_item: SE3) -> float:
+        """Opening width of fingers that hold it, closing along the y axis of the tool [m]."""
+        if self.round:
+            return self.size[0]
+        y = (T_world_item.inverse() @ T_world_tcp).rotation().as_matrix()[:, 1]
+        return self.size[0] if abs(y[0]) > abs(y[1]) else self.size[1]
+
+    def same_heading(self, turn: float) -> float:
+        """The smallest turn about the vertical that looks the same [rad]."""
+        if self.round:
+            return 0.0
+        if self.size[0] == self.size[1]:
+            return quarter(turn)
+        return (turn + np.pi / 2) % np.pi - np.pi / 2
+
+    def payload(self, T_tcp_item: SE3) -> Payload:
+        """What the tool carries that holds it."""
+        x, y, z = self.size
+        if self.round:
+            across = self.mass * (3 * (0.5 * x) ** 2 + z**2) / 12
+            moments = (across, across, self.mass * (0.5 * x) ** 2 / 2)
+        else:
+            a, b, c = (self.mass * (u**2 + v**2) / 12 for u, v in ((y, z), (x, z), (x, y)))
+            moments = (a, b, c)
+        return Payload(mass=self.mass, inertia=moments, T_tcp_com=T_tcp_item)
+
+    def _turned(self, turn: float, width_max: float) -> float:
+        """Heading of a tool whose fingers close across one of the sides [rad]."""
+        if self.round:
+            return 0.0
+        room = 1e-3
+        fits = [side + room < width_max for side in self.size[:2]]
+        if fits[0] == fits[1]:
+            return quarter(turn)
+        # The fingers close along the tool's y axis: across the item's y at its own heading.
+        turn = turn if fits[1] else turn + np.pi / 2
+        return (turn + np.pi / 2) % np.pi - np.pi / 2
+
+
+def turned_about_vertical(T_world_body: SE3, turn: float, position: np.ndarray) -> SE3:
+    """A pose turned about the vertical, and put elsewhere."""
+    rotation = SO3.from_z_radians(turn) @ T_world_body.rotation()
+    return SE3.from_rotation_and_translation(rotation, position)
