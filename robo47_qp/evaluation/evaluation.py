@@ -17,6 +17,18 @@ Show = Callable[[Sequence[EpisodeResult]], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Finished:
+    """An evaluation that is done."""
+
+    results: Sequence[EpisodeResult]
+    """All of them, in the order of the seeds."""
+    fresh: Sequence[EpisodeResult]
+    """Those that were run now, as they came."""
+    seconds: float
+    """Wall time of these, with the start of the workers [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
     """What is to be evaluated, and on which seeds."""
 
@@ -44,9 +56,7 @@ class Evaluation:
         """All episodes, in their order."""
         return [EpisodeSpec(index=i, seed=self.seed + i) for i in range(self.episodes)]
 
-    def run(
-        self, executor: Executor, path: Path, show: Show, *, resume: bool
-    ) -> tuple[list[EpisodeResult], float]:
+    def run(self, executor: Executor, path: Path, show: Show, *, resume: bool) -> Finished:
         """Run the episodes that a journal does not hold yet.
 
         Args:
@@ -55,24 +65,23 @@ class Evaluation:
             show: Called with all results so far, at the start and after each one.
             resume: Go on with the journal, if there is one.
 
-        Returns:
-            Results in the order of the seeds, and the wall time that this run took [s].
-
         Raises:
             JournalError, RecordingError: See `Journal`.
             WorkerError: See `Executor.run`.
         """
-        started = perf_counter()
+        started, fresh = perf_counter(), []
         with closing(Journal(path, self.settings, resume=resume)) as journal:
-            done = {s.seed: journal.results[s.seed] for s in self.specs if s.seed in journal.results}
-            show(list(done.values()))
-            left = [spec for spec in self.specs if spec.seed not in done]
+            there = journal.results
+            done = [there[spec.seed] for spec in self.specs if spec.seed in there]
+            show(done)
+            left = [spec for spec in self.specs if spec.seed not in there]
             with closing(_generator(executor, self.episode, left)) as results:
                 for result in results:
                     journal.add(result)
-                    done[result.seed] = result
-                    show(list(done.values()))
-        return [done[spec.seed] for spec in self.specs], perf_counter() - started
+                    fresh.append(result)
+                    show([*done, *fresh])
+        found = sorted([*done, *fresh], key=lambda result: result.index)
+        return Finished(results=found, fresh=fresh, seconds=perf_counter() - started)
 
 
 def _generator(

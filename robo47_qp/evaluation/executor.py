@@ -61,9 +61,7 @@ class LocalProcesses:
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         """See `Executor.run`; workers are ended with the iterator."""
         payload, waiting = pickle.dumps(episode), deque(specs)
-        pool = [
-            Worker(payload, _START_TIMEOUT) for _ in range(min(self.workers, len(waiting)))
-        ]
+        pool = [Worker(payload, _START_TIMEOUT) for _ in range(min(self.workers, len(waiting)))]
         try:
             while pool:
                 wait_for(pool)

@@ -32,19 +32,28 @@ class Journal:
         self.path = path
         self.results: dict[int, EpisodeResult] = {}
         """Finished episodes by their seeds."""
-        header = {"journal": 1, **settings}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() and not resume:
                 path.replace(path.with_name(f"{path.name}.old"))
-            kept = self._read(header) if path.exists() else 0
+            whole = _whole_lines(path)
+            self.results = _results(path, whole, settings)
             with path.open("ab") as file:
-                file.truncate(kept)
+                file.truncate(len(whole))
             self._file: TextIO = path.open("a", encoding="utf-8")
-            if not kept:
-                self._write(header)
+            if not whole:
+                self._write(_header(settings))
         except OSError as error:
             raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+    @staticmethod
+    def read(path: Path, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
+        """The results in a file by their seeds; none where there is no file.
+
+        Raises:
+            JournalError: See `Journal`.
+        """
+        return _results(path, _whole_lines(path), settings)
 
     def add(self, result: EpisodeResult) -> None:
         """Write a result and wait until it is on the disk.
@@ -71,37 +80,42 @@ class Journal:
         self._file.flush()
         os.fsync(self._file.fileno())
 
-    def _read(self, header: Mapping[str, Any]) -> int:
-        """Take the results of a file; returns how many of its bytes are whole lines.
 
-        A line without an end was being written when the evaluation was killed.
-        """
-        content = self.path.read_bytes()
-        whole = content.rfind(b"\n") + 1
-        lines = content[:whole].decode("utf-8", errors="replace").splitlines()
-        if not lines:
-            return 0
-        try:
-            first, *entries = [json.loads(line) for line in lines]
-            results = [EpisodeResult.of_entry(entry) for entry in entries]
-        except (ValueError, TypeError, KeyError) as error:
-            raise JournalError(
-                f"{self.path} is no journal of an evaluation: {error}. Name another file with "
-                "--log, or start anew without --resume."
-            ) from error
-        if first != json.loads(json.dumps(header)):
-            others = ", ".join(_differences(first, header)) or "its form"
-            raise JournalError(
-                f"{self.path} is of another evaluation; these differ: {others}. Ask for the "
-                "same settings, name another file with --log, or start anew without --resume."
-            )
-        self.results = {result.seed: result for result in results}
-        return whole
+def _header(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return {"journal": 1, **settings}
+
+
+def _whole_lines(path: Path) -> bytes:
+    """What a file holds up to its last line break; nothing where there is none.
+
+    A line without an end was being written when the evaluation was killed.
+    """
+    content = path.read_bytes() if path.exists() else b""
+    return content[: content.rfind(b"\n") + 1]
+
+
+def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
+    if not whole:
+        return {}
+    try:
+        first, *entries = [json.loads(line) for line in whole.decode("utf-8").splitlines()]
+        results = [EpisodeResult.of_entry(entry) for entry in entries]
+    except (ValueError, TypeError, KeyError) as error:
+        raise JournalError(
+            f"{path} is no journal of an evaluation: {error}. Name another file with --log, or "
+            "start anew without --resume."
+        ) from error
+    differences = _differences(first, json.loads(json.dumps(_header(settings))))
+    if differences:
+        raise JournalError(
+            f"{path} is of another evaluation; these differ: {', '.join(differences)}. Ask for "
+            "the same settings, name another file with --log, or start anew without --resume."
+        )
+    return {result.seed: result for result in results}
 
 
 def _differences(found: Any, asked: Mapping[str, Any]) -> list[str]:
     if not isinstance(found, Mapping):
-        return []
+        return ["its form"]
     names = [*asked, *(name for name in found if name not in asked)]
-    plain = json.loads(json.dumps(asked))
-    return [name for name in names if found.get(name) != plain.get(name)]
+    return [name for name in names if name not in found or found[name] != asked.get(name)]

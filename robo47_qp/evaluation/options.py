@@ -58,7 +58,7 @@ class EvaluateOptions(PerturbOptions):
     """What can be chosen for an evaluation."""
 
     task: str = "pick_place"
-    """Name of a task, or module:Class or file.py:Class of another one."""
+    """Name of a task."""
     policy: str = CLASSICAL
     """The classical stack, or module:Class or file.py:Class of a policy: a class with
     reset(observation) and act(observation)."""

@@ -85,6 +85,14 @@ class PolicyReference:
         raise PolicyFailed(_said("making it", guard)) from guard.error
 
     @property
+    def absolute(self) -> "PolicyReference":
+        """The same for a process in another folder."""
+        place, _, name = self.text.rpartition(":")
+        if not place.endswith(".py"):
+            return self
+        return PolicyReference(text=f"{Path(place).resolve()}:{name}")
+
+    @property
     def digest(self) -> str | None:
         """SHA-256 of the file; None for a module."""
         place = self.text.rpartition(":")[0]

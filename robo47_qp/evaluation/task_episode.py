@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from time import perf_counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -118,19 +118,17 @@ class TaskEpisode:
         return recorded(self.drive, scenario, simulation, spec.recording)
 
 
-def _judged(
-    spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: float
-) -> EpisodeResult:
+def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: float) -> EpisodeResult:
     figures = {**metrics(run)}
     timing = {name: figures.pop(name) for name in WALL if name in figures}
     broken = tuple(finding.signal for finding in audit(run) if not finding.ok)
-    more = {
+    more: dict[str, Any] = {
         "measures": _plain(run.measures),
         "metrics": _plain({k: v for k, v in figures.items() if k not in run.measures}),
         "audit_ok": not broken,
         "broken_promises": broken,
         "disturbance": wrong,
-        "sha256": sha256(np.ascontiguousarray(run.rows.values)).hexdigest(),
+        "sha256": sha256(run.rows.values.tobytes()).hexdigest(),
     }
     more["timing"] = {"wall_s": perf_counter() - started, **timing}
     if run.failure is not None:
