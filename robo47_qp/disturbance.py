@@ -183,6 +183,11 @@ class DisturbedSimulation(Simulation):
         T_world_object = self.object_pose(name)
         return T_world_object if self._camera is None else self._camera.seen(name)
 
+    @property
+    def camera_noise(self) -> float:
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]."""
+        return self.disturbance.pose_noise
+
     def place_object(self, name: str, T_world_object: SE3) -> None:
         """As `Simulation.place_object`; the camera sees it at its new place at once."""
         super().place_object(name, T_world_object)

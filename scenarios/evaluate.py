@@ -8,9 +8,7 @@ from typing import cast
 from rich.console import Console
 
 import tasks
-from robo47_qp.command import main
 from robo47_qp.errors import UnknownNameError
-from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.task import Task
@@ -30,6 +28,9 @@ def known_tasks() -> dict[str, type[Task]]:
 
 def run(options: EvaluateOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
+    # Every worker imports this file: plots and recordings are for the main process alone.
+    from robo47_qp.evaluation.evaluate import evaluate
+
     known = known_tasks()
     if options.task not in known:
         raise UnknownNameError("task", options.task, known)
@@ -37,4 +38,6 @@ def run(options: EvaluateOptions, console: Console) -> int:
 
 
 if __name__ == "__main__":
+    from robo47_qp.command import main
+
     sys.exit(main(EvaluateOptions, run, __doc__))
