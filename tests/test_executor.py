@@ -50,7 +50,7 @@ def test_a_death_under_our_own_code_is_our_error() -> None:
 
 
 def test_what_a_worker_cannot_load_is_told() -> None:
-    with pytest.raises(WorkerError, match="cannot start: (.|\n)*nothing like it here"):
+    with pytest.raises(WorkerError, match=r"cannot start: (.|\n)*nothing like it here"):
         list(LocalProcesses(workers=1, timeout=1.0).run(Unloadable(), specs(1)))
 
 

@@ -14,6 +14,13 @@ from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.evaluation.policy import PolicyFailed
 from robo47_qp.failure import Cause, Failure
 
+SETTINGS: dict[str, Any] = {
+    "task": {"name": "toy"},
+    "policy": {"name": "toy"},
+    "robot": "none",
+    "perturbation": {"range": (0.0, 1.0)},
+}
+
 
 @dataclass(frozen=True)
 class Toy:
