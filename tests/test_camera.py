@@ -44,7 +44,7 @@ def test_errors_are_independent_of_each_other() -> None:
     found = np.array([errors(seed) for seed in range(300)])
     columns = found.reshape(300, -1)  # objects, frames, coordinates
     corner = np.corrcoef(columns.T)
-    objects, frames, axes = np.indices(found.shape[1:]).reshape(3, -1)
+    objects, _, axes = np.indices(found.shape[1:]).reshape(3, -1)
     # Frames of one object share its bias, coordinate by coordinate; nothing else is shared.
     shared = (objects[:, None] == objects) & (axes[:, None] == axes) & (axes < 3)
     assert np.abs(corner[~shared & ~np.eye(len(corner), dtype=bool)]).max() < 0.25

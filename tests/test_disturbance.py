@@ -62,7 +62,7 @@ def test_noise_needs_a_generator(robot: Robot) -> None:
         DisturbedSimulation(robot, no_objects, Disturbance(noise_force=0.1))
     for camera in ("pose_noise", "heading_noise", "pose_bias"):
         with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
-            DisturbedSimulation(robot, no_objects, Disturbance(**{camera: 0.1}))
+            DisturbedSimulation(robot, no_objects, Disturbance(**{camera: 0.1}))  # type: ignore[arg-type]
 
 
 def test_an_unknown_payload_pulls_as_one_that_the_arm_knows(robot: Robot, arm: Arm) -> None:
@@ -181,7 +181,8 @@ CAMERA = Disturbance(pose_noise=5e-3, heading_noise=0.05, pose_bias=3e-3)
 
 def test_the_camera_takes_thirty_frames_in_a_second_and_holds_each() -> None:
     sim = DisturbedSimulation(PANDA, two_bricks, CAMERA, np.random.default_rng(3))
-    seen, new = [], []
+    seen: list[list[float]] = []
+    new: list[int] = []
     for k in range(1000):
         pose = sim.seen_pose("left").wxyz_xyz.tolist()
         if not seen or pose != seen[-1]:
