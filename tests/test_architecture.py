@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays", "comparison", "files", "json_file", "statistics"),
+    ("arrays", "comparison", "files", "guard", "json_file", "statistics"),
     ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
     ("arm_model",),

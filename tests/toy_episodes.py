@@ -13,6 +13,7 @@ from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.evaluation.policy import PolicyFailed
 from robo47_qp.failure import Cause, Failure
+from robo47_qp.runner import Runner
 
 SETTINGS: dict[str, Any] = {
     "task": {"name": "toy"},
@@ -105,19 +106,20 @@ class GoodPolicy:
         return observation
 
 
-class BadPolicy:
-    def reset(self, observation: Any) -> None:
-        raise KeyError("camera")
-
-    def act(self, observation: Any) -> Any:
-        return 1 / 0
-
-
 class UnmakeablePolicy(GoodPolicy):
-    def __init__(self, weights: str) -> None:
-        self.weights = weights
+    def __init__(self) -> None:
+        raise OSError("no weights")
 
 
 class NoPolicy:
     def reset(self, observation: Any) -> None:
         pass
+
+
+class GoodCell(Runner):
+    """Lets the classical stack do the work while the policy looks on."""
+
+    def __init__(self, scenario: Any, simulation: Any, policy: Any) -> None:
+        super().__init__(scenario, simulation)
+        policy.reset(simulation.state())
+        policy.act(simulation.state())

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from robo47_qp.evaluation.failures import is_same, picked, record_failures
 from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.options import EvaluateOptions, policy_settings
 from robo47_qp.evaluation.plots import plot_evaluation
-from robo47_qp.evaluation.policy import CLASSICAL, PolicyReference
+from robo47_qp.evaluation.policy import CLASSICAL, Cell, PolicyDrive, PolicyReference
 from robo47_qp.evaluation.progress import EvaluationBar
 from robo47_qp.evaluation.ray_cluster import RayCluster
 from robo47_qp.evaluation.summary import compared, summary, throughput
@@ -30,9 +30,6 @@ from robo47_qp.json_file import read_json
 from robo47_qp.report import plain, versions
 from robo47_qp.robot import Robot
 from robo47_qp.task import Task
-
-Cell = Callable[[PolicyReference], Drive]
-"""Makes the drive of a policy that is not ours."""
 
 
 def evaluate(
@@ -45,7 +42,7 @@ def evaluate(
         robot: Who does it.
         options: All that was chosen.
         console: Where progress and the outcome are printed.
-        cell: Makes the drive of a policy other than the classical stack.
+        cell: Makes the runner of a policy other than the classical stack.
 
     Returns:
         0 where it is done, whatever the success rate; 1 where an episode ended with an error of
@@ -109,7 +106,7 @@ class _Job:
             self.policy.load()
             if self.cell is None:
                 raise InvalidValueError("--policy", self.options.policy, CLASSICAL)
-            drive = self.cell(self.policy)
+            drive = PolicyDrive(reference=self.policy, cell=self.cell)
         return TaskEpisode(
             robot=self.robot,
             task=self.task,

@@ -1,32 +1,27 @@
-"""Policy: code that is not ours and decides what the robot does."""
+"""Policies from elsewhere: where they are found, and how they drive an episode."""
 
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from robo47_qp.errors import Robo47Error
-from robo47_qp.evaluation.guard import Guard
+from robo47_qp.guard import Guard
+from robo47_qp.observer import Observer
+from robo47_qp.recording import Sink
+from robo47_qp.run import Run, Scenario
+from robo47_qp.runner import Runner
+from robo47_qp.simulation import Simulation
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
-
-
-class Policy(Protocol):
-    """What decides: observations in, actions out. What both are is the cell's to say."""
-
-    def reset(self, observation: Any) -> None:
-        """An episode begins."""
-        ...
-
-    def act(self, observation: Any) -> Any:
-        """What to do now."""
-        ...
+Cell: TypeAlias = Callable[[Scenario, Simulation, Any], Runner]
+"""Makes the runner of a policy in a world; goes to worker processes by pickle."""
 
 
 class PolicyLoadError(Robo47Error):
@@ -47,42 +42,46 @@ class PolicyFailed(Robo47Error):  # noqa: N818  # what it tells is a failure, as
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyReference:
-    """Where a policy is to be found: "module:Class" or "path/to/file.py:Class"."""
+    """Where a policy is to be found."""
 
     text: str
+    """module:Class or path/to/file.py:Class."""
 
-    def load(self) -> Callable[[], Policy]:
+    def load(self) -> Callable[[], Any]:
         """The class.
 
         Raises:
-            PolicyLoadError: There is no such module, file or class.
+            PolicyLoadError: There is no such module, file or class, or it is no policy.
         """
         place, _, name = self.text.rpartition(":")
         if not place or not name.isidentifier():
-            raise PolicyLoadError(self.text, "it has no form that could be one")
+            raise PolicyLoadError(self.text, "it names no place and class")
         with Guard() as guard:
-            module = _file_module(Path(place)) if place.endswith(".py") else _module(place)
+            of_file = place.endswith(".py")
+            module = _file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
             found = getattr(module, name)
         if guard.error is not None:
-            raise PolicyLoadError(
-                self.text, f"{type(guard.error).__name__}: {guard.error}"
-            ) from guard.error
+            why = f"{type(guard.error).__name__}: {guard.error}"
+            raise PolicyLoadError(self.text, why) from guard.error
         missing = [method for method in ("reset", "act") if not hasattr(found, method)]
-        if missing or not callable(found):
-            raise PolicyLoadError(self.text, f"it has no {' and no '.join(missing or ['call'])}")
-        return found  # type: ignore[no-any-return]
+        if missing or not isinstance(found, type):
+            why = f"it has no {' and no '.join(missing)}" if missing else "it is no class"
+            raise PolicyLoadError(self.text, why)
+        return found
 
-    def make(self) -> "GuardedPolicy":
-        """A new policy of this class, whose exceptions are its own.
+    def make(self) -> Any:
+        """A new policy.
 
         Raises:
             PolicyLoadError: See `load`.
-            PolicyFailed: The class cannot be called without arguments.
+            PolicyFailed: The class raised something.
         """
         maker = self.load()
         with Guard() as guard:
-            return GuardedPolicy(maker())
-        raise PolicyFailed(_said("making it", guard)) from guard.error
+            return maker()
+        error = guard.error
+        words = f"the policy raised {type(error).__name__} as it was made: {error}"
+        raise PolicyFailed(words) from error
 
     @property
     def absolute(self) -> "PolicyReference":
@@ -94,49 +93,29 @@ class PolicyReference:
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of the file; None for a module."""
-        place = self.text.rpartition(":")[0]
-        if not place.endswith(".py") or not Path(place).is_file():
-            return None
-        return sha256(Path(place).read_bytes()).hexdigest()
+        """SHA-256 of the source file; None where there is none."""
+        path = sys.modules[self.load().__module__].__file__
+        return None if path is None else sha256(Path(path).read_bytes()).hexdigest()
 
 
-class GuardedPolicy:
-    """A policy with a border around it: what it raises becomes `PolicyFailed`."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolicyDrive:
+    """Drives an episode by a policy, made anew for it; see `Drive`."""
 
-    def __init__(self, policy: Policy) -> None:
-        """Put the border around a policy."""
-        self._policy = policy
+    reference: PolicyReference
+    cell: Cell
 
-    def reset(self, observation: Any) -> None:
-        """See `Policy.reset`.
-
-        Raises:
-            PolicyFailed: The policy raised an exception.
-        """
-        with Guard() as guard:
-            self._policy.reset(observation)
-        if guard.error is not None:
-            raise PolicyFailed(_said("reset", guard)) from guard.error
-
-    def act(self, observation: Any) -> Any:
-        """See `Policy.act`.
-
-        Raises:
-            PolicyFailed: The policy raised an exception.
-        """
-        with Guard() as guard:
-            return self._policy.act(observation)
-        raise PolicyFailed(_said("act", guard)) from guard.error
-
-
-def _said(where: str, guard: Guard) -> str:
-    error = guard.error
-    return f"the policy raised {type(error).__name__} in {where}: {error}"
-
-
-def _module(name: str) -> Any:
-    return pkgutil.resolve_name(name)
+    def __call__(
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        *,
+        sinks: Sequence[Sink],
+        observers: Sequence[Observer],
+    ) -> Run:
+        """See `Drive`."""
+        runner = self.cell(scenario, simulation, self.reference.make())
+        return runner.run(sinks=sinks, observers=observers)
 
 
 def _file_module(path: Path) -> ModuleType:

@@ -14,7 +14,7 @@ from typing import Any
 
 from robo47_qp.errors import Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
-from robo47_qp.evaluation.guard import Guard
+from robo47_qp.guard import Guard
 
 READY = "ready"
 """What a worker says when it is ready; anything else is why it cannot be."""

@@ -7,8 +7,8 @@ from types import TracebackType
 class Guard:
     """Keeps what is raised inside a `with` block, whatever it is.
 
-    Only for the two places where code that is not ours, or all of an episode, must not take
-    the evaluation with it. Interrupts and exits go through.
+    Only where code that is not ours is called, which must not take everything else with it.
+    Interrupts and exits go through.
     """
 
     def __init__(self) -> None:
