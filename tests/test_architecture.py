@@ -10,14 +10,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("arrays", "comparison", "files", "json_file"),
+    ("arrays", "comparison", "files", "guard", "json_file", "statistics"),
     ("obstacle", "robot", "waypoint"),
     ("menagerie", "robot_model"),
     ("arm_model",),
     ("robots.*", "arm"),
     ("ik.*",),
     ("motion.*", "tool_motion"),
-    ("controllers.*", "contact_sensing", "scene"),
+    ("controllers.*", "contact_sensing", "camera", "scene"),
     ("robot_defaults", "simulated_gripper", "simulated_motors", "simulated_objects"),
     ("disturbance", "robot_loading", "simulation", "visuals"),
     ("failure", "recording", "steps"),
@@ -38,7 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("runner",),
     ("options", "settling_study"),
     ("command",),
-    ("ik_benchmark.*", "control_benchmark.*"),
+    ("ik_benchmark.*", "control_benchmark.*", "evaluation.*"),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
@@ -58,11 +58,12 @@ ONLY_IN = {
         "ik_benchmark.failure_pages",
         "control_benchmark.trial_log",
     },
-    "matplotlib": {"plots", "ik_benchmark.plots", "control_benchmark.plots"},
+    "matplotlib": {"plots", "ik_benchmark.plots", "control_benchmark.plots", "evaluation.plots"},
     "imageio": {"video"},
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"menagerie"},
     "tyro": {"command"},
+    "ray": {"evaluation.ray_cluster"},
     "pydrake": {"ik.peers.drake"},
     "pink": {"ik.peers.pink"},
     "pinocchio": {"ik.peers.pink"},
