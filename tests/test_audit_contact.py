@@ -134,7 +134,8 @@ def test_a_real_collision_breaks_promises_and_is_told(run: Run) -> None:
     hit = carry_out(Blocked(obstacles=(plate,), force_max=5.0))
     findings = audit(hit)
     told = [name.split(" (")[0] for name in broken(findings)]
-    assert {"LIN measured", "tool contact", "measured clearance"} <= set(told)
+    # Whether it leaves its line before it is stopped is up to who watches the force.
+    assert {"tool contact", "measured clearance"} <= set(told)
     found = finding(findings, "tool contact")
     force = hit.rows["contact/tool"][round(found.time / TIMESTEP)]
     # The plate pushes up.
