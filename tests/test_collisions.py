@@ -1,4 +1,6 @@
+from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,6 +12,7 @@ from robo47_qp.motion.collisions import Collisions, Surroundings
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
+from tests.small_robots import gantry
 
 ARM, DT = Arm(PANDA), 1e-3
 BALL, RADIUS = np.array([0.2, 0.25, 0.5]), 0.05
@@ -255,3 +258,19 @@ def test_a_motion_into_itself_is_refused_where_it_is_too_close() -> None:
     assert oracle.least(np.array(found.q)) < 0.01
     before = motion.q[: int(found.time / DT) - 1]
     assert min(oracle.least(q) for q in before[::10]) > 0.005
+
+
+def test_a_thin_tip_does_not_pass_a_wire_however_far_the_samples_are_apart(tmp_path: Path) -> None:
+    robot = gantry(tmp_path, 'type="sphere" size="0.001"')
+    start, goal = np.zeros(4), np.array([1.0, 0.0, 0.0, 0.0])
+    start[0], rest = -1.0, np.zeros((2, 4))
+    jump = Trajectory(dt=1.0, q=np.array([start, goal]), v=rest, a=rest)
+    for place in (-0.613, 0.0217, 0.7771):
+        wire = post(np.array([place, 0.0, 0.0]), 1e-4)
+        robot_away = replace(robot, home=np.array([-1.5, 0.0, 0.0, 0.0]))
+        error = verdict(Collisions(robot_away, wire, clearance=0.002), jump)
+        assert error is not None
+        found = error.rejection
+        assert found is not None
+        assert found.q is not None
+        assert abs(found.q[0] - place) < 0.001 + 1e-4 + 0.002 + 1e-9
