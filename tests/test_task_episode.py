@@ -29,10 +29,10 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from tasks.table import add_table
 from tests.runs import Reach
-from tests.toy_episodes import Drive, GoodCell
+from tests.toy_policies import Drive, GoodCell
 
 SPEC = EpisodeSpec(index=2, seed=7)
-TOYS = "tests.toy_episodes"
+TOYS = "tests.toy_policies"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +213,7 @@ def test_a_policy_is_found_in_a_module_and_in_a_file(
         ("no_such_module:Policy", "ModuleNotFoundError: No module named 'no_such_module'"),
         ("/no/such/file.py:Policy", "FileNotFoundError"),
         (f"{TOYS}:NoPolicy", "it has no act"),
-        (f"{TOYS}:threads", "it has no reset and no act"),
+        (f"{TOYS}:dataclass", "it has no reset and no act"),
     ],
 )
 def test_a_policy_that_cannot_be_had_is_refused(text: str, why: str) -> None:

@@ -77,7 +77,8 @@ def evaluate(
     if against is not None:
         figures["comparison"] = compared(figures, against)
     figures["timing"] = throughput(done.fresh, done.seconds, options.workers)
-    _write(figures, options)
+    # First of all, what took long: the rest can be made again from the journal.
+    _write_json(figures, options.files["report"])
     failures = picked(done.results, options.failures)
     figures["replayed"] = record_failures(
         evaluation.episode, executor, failures, options.files["recording"]
