@@ -42,7 +42,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
 ONLY_IN = {
-    "ruckig": {"motion.jerk_limited"},
+    "ruckig": {"motion.jerk_limited", "motion.leap"},
     "daqp": {"ik.box_qp"},
     "osqp": {"ik.box_qp"},
     "qpsolvers": {"ik.box_qp"},
