@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.evaluation.drive import classical
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.failures import is_same
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
@@ -21,7 +22,7 @@ from robo47_qp.evaluation.policy import (
     PolicyLoadError,
     PolicyReference,
 )
-from robo47_qp.evaluation.task_episode import TaskEpisode, classical
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.worker import run_guarded
 from robo47_qp.failure import Cause, Failure
 from robo47_qp.options import RunOptions
