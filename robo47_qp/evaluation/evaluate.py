@@ -128,6 +128,7 @@ class _Job:
             "robot": self.robot.name,
             "policy": policy_settings(self.options, digest),
             "perturbation": plain(self.options.perturbation),
+            "speed": self.options.speed,
             "timeout": self.options.timeout,
             "code": code_digest([own, tasks.parent]),
             "versions": versions(),
