@@ -87,7 +87,11 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(tmp_path: Path) -> None:
     assert figures(done) == figures(evaluated(tmp_path / "whole.jsonl", Here()))
 
 
-def test_a_killed_evaluation_loses_nothing_that_was_finished(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_evaluation_loses_nothing_that_was_finished(
+    tmp_path: Path, end: signal.Signals
+) -> None:
+    """SIGINT goes to the whole group, as Ctrl-C does."""
     path = tmp_path / "eval.jsonl"
     code = (
         "import sys; from pathlib import Path\n"
@@ -98,12 +102,25 @@ def test_a_killed_evaluation_loses_nothing_that_was_finished(tmp_path: Path) -> 
         "e.run(LocalProcesses(workers=2, timeout=60.0), Path(sys.argv[1]), print, resume=False)\n"
     )
     command = [sys.executable, "-c", code, str(path)]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     while not path.exists() or path.read_bytes().count(b"\n") < 4:
         assert process.poll() is None
         time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    if end is signal.SIGINT:
+        os.killpg(process.pid, end)
+    else:
+        process.kill()
+    # The workers hold the other end of the pipe: it ends when the last of them has.
+    _, said = process.communicate()
+    assert process.returncode != 0
+    assert said.count("Traceback") == (1 if end is signal.SIGINT else 0)
     kept = path.read_bytes().count(b"\n") - 1
     assert 3 <= kept < 12
     rest = Here()

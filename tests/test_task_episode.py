@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.evaluation.drive import classical
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.failures import is_same
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
@@ -21,7 +22,7 @@ from robo47_qp.evaluation.policy import (
     PolicyLoadError,
     PolicyReference,
 )
-from robo47_qp.evaluation.task_episode import TaskEpisode, classical
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.worker import run_guarded
 from robo47_qp.failure import Cause, Failure
 from robo47_qp.options import RunOptions
@@ -29,10 +30,10 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from tasks.table import add_table
 from tests.runs import Reach
-from tests.toy_episodes import Drive, GoodCell
+from tests.toy_policies import Drive, GoodCell
 
 SPEC = EpisodeSpec(index=2, seed=7)
-TOYS = "tests.toy_episodes"
+TOYS = "tests.toy_policies"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +214,7 @@ def test_a_policy_is_found_in_a_module_and_in_a_file(
         ("no_such_module:Policy", "ModuleNotFoundError: No module named 'no_such_module'"),
         ("/no/such/file.py:Policy", "FileNotFoundError"),
         (f"{TOYS}:NoPolicy", "it has no act"),
-        (f"{TOYS}:threads", "it has no reset and no act"),
+        (f"{TOYS}:dataclass", "it has no reset and no act"),
     ],
 )
 def test_a_policy_that_cannot_be_had_is_refused(text: str, why: str) -> None:

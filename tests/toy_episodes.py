@@ -1,19 +1,16 @@
-"""Episodes and drives for tests: quick ones, and ones that go wrong in every way."""
+"""Episodes for tests of workers: quick to load, and some go wrong in every way."""
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
-from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
-from robo47_qp.evaluation.policy import PolicyFailed
 from robo47_qp.failure import Cause, Failure
-from robo47_qp.runner import Runner
 
 SETTINGS: dict[str, Any] = {
     "task": {"name": "toy"},
@@ -74,52 +71,3 @@ class Unloadable:
 
 def _refuse() -> None:
     raise ImportError("nothing like it here")
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Does not get to the end of an episode."""
-
-    way: str
-
-    def __call__(self, scenario: Any, simulation: Any, *, sinks: Any, observers: Any) -> Any:
-        simulation.step(simulation.motor_torque())
-        match self.way:
-            case "nan":
-                simulation.step(np.full(7, np.nan))
-            case "policy":
-                raise PolicyFailed("the policy raised KeyError in act: 'camera'")
-            case "plan":
-                raise PlanError("lift", "no way")
-            case "value":
-                raise InvalidValueError("grip width", 3.0, "below 0.08")
-        raise ZeroDivisionError("a bug of ours")
-
-
-class GoodPolicy:
-    """Says what it sees."""
-
-    def reset(self, observation: Any) -> None:
-        self.seen: Sequence[Any] = [observation]
-
-    def act(self, observation: Any) -> Any:
-        return observation
-
-
-class UnmakeablePolicy(GoodPolicy):
-    def __init__(self) -> None:
-        raise OSError("no weights")
-
-
-class NoPolicy:
-    def reset(self, observation: Any) -> None:
-        pass
-
-
-class GoodCell(Runner):
-    """Lets the classical stack do the work while the policy looks on."""
-
-    def __init__(self, scenario: Any, simulation: Any, policy: Any) -> None:
-        super().__init__(scenario, simulation)
-        policy.reset(simulation.state())
-        policy.act(simulation.state())

@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from robo47_qp.command import FAILED, INTERRUPTED, OK
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.drive import Drive, classical
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.evaluation import Evaluation, code_digest
 from robo47_qp.evaluation.executor import Executor, LocalProcesses
@@ -23,7 +24,7 @@ from robo47_qp.evaluation.policy import CLASSICAL, Cell, PolicyDrive, PolicyRefe
 from robo47_qp.evaluation.progress import EvaluationBar
 from robo47_qp.evaluation.ray_cluster import RayCluster
 from robo47_qp.evaluation.summary import compared, summary, throughput
-from robo47_qp.evaluation.task_episode import Drive, TaskEpisode, classical
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.words import comparison_line, markdown, rate_line, throughput_line
 from robo47_qp.files import claim, write_text
 from robo47_qp.json_file import read_json
@@ -77,7 +78,8 @@ def evaluate(
     if against is not None:
         figures["comparison"] = compared(figures, against)
     figures["timing"] = throughput(done.fresh, done.seconds, options.workers)
-    _write(figures, options)
+    # First of all, what took long: the rest can be made again from the journal.
+    _write_json(figures, options.files["report"])
     failures = picked(done.results, options.failures)
     figures["replayed"] = record_failures(
         evaluation.episode, executor, failures, options.files["recording"]
@@ -126,6 +128,7 @@ class _Job:
             "robot": self.robot.name,
             "policy": policy_settings(self.options, digest),
             "perturbation": plain(self.options.perturbation),
+            "speed": self.options.speed,
             "timeout": self.options.timeout,
             "code": code_digest([own, tasks.parent]),
             "versions": versions(),

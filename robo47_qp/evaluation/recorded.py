@@ -4,7 +4,7 @@ from pathlib import Path
 
 from robo47_qp import signals
 from robo47_qp.audit import audit
-from robo47_qp.evaluation.task_episode import Drive
+from robo47_qp.evaluation.drive import Drive
 from robo47_qp.metrics import metrics
 from robo47_qp.report import report, summary_markdown
 from robo47_qp.rerun_log import RerunLog

@@ -1,64 +1,30 @@
 """TaskEpisode: an episode of a task in its own world, driven by the stack or by a policy."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from robo47_qp.audit import audit
 from robo47_qp.disturbance import DisturbedSimulation
 from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Robo47Error
+from robo47_qp.evaluation.drive import Drive, classical
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.evaluation.policy import PolicyFailed
 from robo47_qp.failure import Cause, Failure
 from robo47_qp.metrics import metrics
-from robo47_qp.observer import Observer
 from robo47_qp.options import RunOptions
-from robo47_qp.recording import Sink
 from robo47_qp.report import plain
 from robo47_qp.robot import Robot
 from robo47_qp.run import Run, Scenario
-from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
 from robo47_qp.task import Task
 
 WALL = ("step_us", "real_time_factor")
 """Metrics of wall time."""
-
-
-class Drive(Protocol):
-    """Brings a scenario from its start to its end; goes to worker processes by pickle."""
-
-    def __call__(
-        self,
-        scenario: Scenario,
-        simulation: Simulation,
-        *,
-        sinks: Sequence[Sink],
-        observers: Sequence[Observer],
-    ) -> Run:
-        """Reset simulation and task from the scenario's seed, and run.
-
-        Raises:
-            PolicyFailed: The policy raised something.
-            InvalidValueError: A command is none that can be carried out.
-        """
-        ...
-
-
-def classical(
-    scenario: Scenario,
-    simulation: Simulation,
-    *,
-    sinks: Sequence[Sink],
-    observers: Sequence[Observer],
-) -> Run:
-    """The classical stack; see `Drive`."""
-    return Runner(scenario, simulation).run(sinks=sinks, observers=observers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,60 @@
+"""Policies and drives for tests: good ones, and ones that do not get to the end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.evaluation.policy import PolicyFailed
+from robo47_qp.runner import Runner
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Does not get to the end of an episode."""
+
+    way: str
+
+    def __call__(self, scenario: Any, simulation: Any, *, sinks: Any, observers: Any) -> Any:
+        simulation.step(simulation.motor_torque())
+        match self.way:
+            case "nan":
+                simulation.step(np.full(7, np.nan))
+            case "policy":
+                raise PolicyFailed("the policy raised KeyError in act: 'camera'")
+            case "plan":
+                raise PlanError("lift", "no way")
+            case "value":
+                raise InvalidValueError("grip width", 3.0, "below 0.08")
+        raise ZeroDivisionError("a bug of ours")
+
+
+class GoodPolicy:
+    """Says what it sees."""
+
+    def reset(self, observation: Any) -> None:
+        self.seen: Sequence[Any] = [observation]
+
+    def act(self, observation: Any) -> Any:
+        return observation
+
+
+class UnmakeablePolicy(GoodPolicy):
+    def __init__(self) -> None:
+        raise OSError("no weights")
+
+
+class NoPolicy:
+    def reset(self, observation: Any) -> None:
+        pass
+
+
+class GoodCell(Runner):
+    """Lets the classical stack do the work while the policy looks on."""
+
+    def __init__(self, scenario: Any, simulation: Any, policy: Any) -> None:
+        super().__init__(scenario, simulation)
+        policy.reset(simulation.state())
+        policy.act(simulation.state())
