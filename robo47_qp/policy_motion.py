@@ -8,7 +8,7 @@ from robo47_qp.controllers.controller import Controller
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.streaming import StreamIk
 from robo47_qp.loop import ControlLoop
-from robo47_qp.motion.jerk_limited import Leap, to_state
+from robo47_qp.motion.leap import Leap, to_state
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.policy import pose_of

@@ -262,9 +262,9 @@ def test_a_width_that_wobbles_still_holds_the_cube() -> None:
             return answer
 
     run = follow(Shaky(), task=PickPlace(), pace=Pace(seconds=4.5))
-    force = run.rows["gripper/force"][-1000:]
-    assert run.rows["objects/cube"][-1, 2] > 0.1
-    assert force.min() > 20.0
+    lifted = run.rows["objects/cube"][:4500, 2] > 0.03
+    assert lifted.sum() > 500
+    assert run.rows["gripper/force"][:4500][lifted].min() > 20.0
 
 
 def test_a_robot_without_a_gripper_is_driven_too() -> None:
