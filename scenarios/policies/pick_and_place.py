@@ -1,7 +1,7 @@
 """A policy written by hand that solves pick_place from what it observes, by targets of the tool."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mink import SE3
@@ -15,6 +15,8 @@ the table at least."""
 _OPEN = 0.08
 _NEAR, _STILL, _SLOW = 2e-3, 3e-4, 0.02
 """What counts as there [m or rad], as at rest between two looks [m], and as slow [rad/s]."""
+_LEAN, _GAIN = 0.01, 0.15
+"""How far to aim past a pose at most [m], and how much of what is missing in one decision."""
 _FINGERS, _NOTHING = 0.9, 0.005
 """How long the fingers take [s], and the width at which there is nothing between them [m]."""
 
@@ -32,7 +34,7 @@ class PickAndPlace:
 
     def reset(self, observation: Observation) -> None:
         self._q_home = observation.q
-        self._seen = observation
+        self._seen, self._lean = observation, np.zeros(3)
         self._stages = self._plan()
         self._stage: Stage | None = next(self._stages)
 
@@ -40,7 +42,15 @@ class PickAndPlace:
         self._seen = observation
         while self._stage is not None and self._stage.until(observation):
             self._stage = next(self._stages, None)
-        return None if self._stage is None else self._stage.action
+        action = None if self._stage is None else self._stage.action
+        return self._leaning(action, observation) if isinstance(action, ToolTarget) else action
+
+    def _leaning(self, action: ToolTarget, seen: Observation) -> ToolTarget:
+        """Aims past the pose by what the load pulls the tool off it: an integrator."""
+        off = action.pose[:3] - seen.tool[:3]
+        if np.linalg.norm(off) < _LEAN:
+            self._lean = np.clip(self._lean + _GAIN * off, -_LEAN, _LEAN)
+        return replace(action, pose=np.concatenate([action.pose[:3] + self._lean, action.pose[3:]]))
 
     def _plan(self) -> Iterator[Stage]:
         """The stages; each looks at what is seen when it is due."""
