@@ -12,7 +12,7 @@ from robo47_qp.robot_model import robot_spec
 
 Surroundings = Callable[[mujoco.MjSpec], None]
 """Adds what stands around to a spec that holds the robot."""
-STEP = 0.02
+STEP = 0.005
 """Change of a joint between two looks, at most [rad or m]."""
 
 
