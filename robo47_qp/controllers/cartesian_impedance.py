@@ -1,17 +1,22 @@
 """Cartesian impedance control: the tool on a spring, the elbow free to give way."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from robo47_qp.arm import Arm, JointReference, JointState
-from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.controllers.dry_friction import add_dry_friction
+from robo47_qp.controllers.gains import check_not_negative, freeze_not_negative
 from robo47_qp.controllers.tool_space import ToolSpace, tool_space
 from robo47_qp.errors import InvalidValueError
+
+Wrench: TypeAlias = Callable[[ToolSpace, list[float], list[float]], list[float]]
+"""The six forces on the tool from its errors; see `CartesianImpedance.wrench`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,62 +65,84 @@ class CartesianImpedance:
             InvalidValueError: A gain is negative, not finite or of the wrong shape; the frame
                 is unknown.
         """
-        for name in ("stiffness", "error_max"):
-            values = frozen_vector(name, getattr(self, name), 6)
-            if (values < 0.0).any():
-                raise InvalidValueError(name, values.tolist(), "six numbers, none negative")
-            object.__setattr__(self, name, values)
-        for name in ("damping_ratio", "posture_frequency", "posture_damping"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidValueError(name, value, "finite and not negative")
+        freeze_not_negative(self, "stiffness", "error_max", size=6)
+        check_not_negative(self, "damping_ratio", "posture_frequency", "posture_damping")
         if self.frame not in ("world", "tool"):
             raise InvalidValueError("frame", repr(self.frame), "'world' or 'tool'")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
+        return self.torque_with(self.wrench, arm, reference, state)
+
+    def torque_with(
+        self, wrench: Wrench, arm: Arm, reference: JointReference, state: JointState
+    ) -> Vector:
+        """The torque, with something else in place of the springs and dampers of the tool.
+
+        Args:
+            wrench: Computes f(e) + D J (v_ref - v), or what takes its place.
+            arm: See `Controller.torque`.
+            reference: See `Controller.torque`.
+            state: See `Controller.torque`.
+        """
         space, in_tool = tool_space(arm), self.frame == "tool"
-        e_v = reference.v - state.v
-        posture = reference.q - state.q
-        posture *= self.posture_frequency**2
-        posture += self.posture_damping * e_v
+        e_v = space.error_v
+        np.subtract(reference.q, state.q, space.error_q)
+        np.subtract(reference.v, state.v, e_v)
+        # Two rows: the posture's acceleration, and the error of the velocity again.
+        self._posture.dot(space.errors, space.motions)
         space.ask(reference.q)
         arm.place(state.q)
         space.update(in_tool=in_tool)
-        twist = space.J.dot(e_v)
+        a, twist = space.felt
         unfelt = space.unfelt(e_v, twist)
-        tau = arm.inverse_dynamics_here(reference.v - unfelt, reference.a + posture)
-        a = space.J.dot(posture)
+        free = space.inverse_dynamics((reference.v, unfelt), (reference.a, space.motions[0]))
         a -= space.jacobian_rate_times(unfelt, in_tool=in_tool)
-        wrench = self._spring_and_damper(space, twist, in_tool=in_tool)
-        wrench -= space.inertia.dot(a)
-        tau += space.J_T.dot(wrench)
+        force = np.array(wrench(space, space.way(in_tool=in_tool), twist.tolist()))
+        force -= space.inertia.dot(a)
+        tau: Vector = space.J_T.dot(force)
+        tau += free
         if arm.slips:
             add_dry_friction(tau, arm, reference.v)
         return tau
 
-    def _spring_and_damper(self, space: ToolSpace, twist: Vector, *, in_tool: bool) -> Vector:
-        """f(e) + D J (v_ref - v) (6,), along the axes of the frame.
+    def wrench(self, space: ToolSpace, way: list[float], twist: list[float]) -> list[float]:
+        """f(e) + D J (v_ref - v), 6 numbers along the axes of the frame.
 
         Scalars, because numpy takes twice the time for so few numbers.
+
+        Args:
+            space: Where the arm and its reference are.
+            way: From the tool to its reference, 3 numbers [m].
+            twist: J (v_ref - v), 6 numbers.
         """
-        way = space.position_ref - space.position
-        if in_tool:
-            way = way.dot(space.rotation_ref)
-        w, x, y, z = space.turn(in_tool=in_tool)
-        e = (*way.tolist(), 2.0 * x, 2.0 * y, 2.0 * z)
-        springs = zip(e, self._springs, strict=True)
-        f = [k * (m if d > m else -m if d < -m else d) for d, (k, m) in springs]
-        a, b, c = f[3:]
-        # The gradient of the potential 2 εᵀKε: 2 (η Kε - ε × Kε).
-        f[3:] = (w * a + z * b - y * c, w * b + x * c - z * a, w * c + y * a - x * b)
-        dampers = zip(f, self._dampers, space.inertias.tolist(), twist.tolist(), strict=True)
-        return np.array([force + d * sqrt(i) * v for force, d, i, v in dampers])
+        x, y, z = way
+        w, ex, ey, ez = space.turn(in_tool=self.frame == "tool")
+        (kx, mx, dx), (ky, my, dy), (kz, mz, dz), *turning = self._gains
+        (ka, ma, da), (kb, mb, db), (kc, mc, dc) = turning
+        a, b, c = 2.0 * ex, 2.0 * ey, 2.0 * ez
+        a = ka * (ma if a > ma else -ma if a < -ma else a)
+        b = kb * (mb if b > mb else -mb if b < -mb else b)
+        c = kc * (mc if c > mc else -mc if c < -mc else c)
+        ix, iy, iz, ia, ib, ic = space.inertias
+        vx, vy, vz, va, vb, vc = twist
+        return [
+            kx * (mx if x > mx else -mx if x < -mx else x) + dx * sqrt(ix) * vx,
+            ky * (my if y > my else -my if y < -my else y) + dy * sqrt(iy) * vy,
+            kz * (mz if z > mz else -mz if z < -mz else z) + dz * sqrt(iz) * vz,
+            # The gradient of the potential 2 εᵀKε: 2 (η Kε - ε × Kε).
+            w * a + ez * b - ey * c + da * sqrt(ia) * va,
+            w * b + ex * c - ez * a + db * sqrt(ib) * vb,
+            w * c + ey * a - ex * b + dc * sqrt(ic) * vc,
+        ]
 
     @cached_property
-    def _springs(self) -> list[tuple[float, float]]:
-        return list(zip(self.stiffness.tolist(), self.error_max.tolist(), strict=True))
+    def _posture(self) -> Matrix:
+        """Takes errors of position and velocity to the posture's acceleration, and the latter."""
+        return np.array([[self.posture_frequency**2, self.posture_damping], [0.0, 1.0]])
 
     @cached_property
-    def _dampers(self) -> list[float]:
-        return [2.0 * self.damping_ratio * sqrt(k) for k in self.stiffness.tolist()]
+    def _gains(self) -> list[tuple[float, float, float]]:
+        """Stiffness, largest error, and damping over the root of the inertia, per axis."""
+        rates = [2.0 * self.damping_ratio * sqrt(k) for k in self.stiffness.tolist()]
+        return list(zip(self.stiffness.tolist(), self.error_max.tolist(), rates, strict=True))

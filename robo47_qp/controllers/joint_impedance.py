@@ -9,7 +9,7 @@ import numpy as np
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.controllers.dry_friction import add_dry_friction
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.controllers.gains import check_not_negative
 
 
 class FeedForward(Enum):
@@ -50,10 +50,7 @@ class JointImpedance:
         Raises:
             InvalidValueError: A gain is negative or not finite.
         """
-        for name in ("stiffness_scale", "damping_ratio"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidValueError(name, value, "finite and not negative")
+        check_not_negative(self, "stiffness_scale", "damping_ratio")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""

@@ -8,8 +8,8 @@ import numpy as np
 from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.controllers.dry_friction import add_dry_friction
+from robo47_qp.controllers.gains import check_not_negative
 from robo47_qp.controllers.tool_space import tool_space
-from robo47_qp.errors import InvalidValueError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,12 +45,8 @@ class OperationalSpace:
         Raises:
             InvalidValueError: A gain is negative or not finite.
         """
-        for name in ("frequency", "damping_ratio", "posture_frequency", "posture_damping"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidValueError(name, value, "finite and not negative")
-        if not all(np.isfinite(bound) and bound >= 0.0 for bound in self.error_max):
-            raise InvalidValueError("error_max", self.error_max, "finite and not negative")
+        check_not_negative(self, "frequency", "damping_ratio", "error_max")
+        check_not_negative(self, "posture_frequency", "posture_damping")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 from math import inf
-from operator import mul
+from operator import mul, sub
 
 import mujoco
 import numpy as np
@@ -11,8 +11,11 @@ from scipy.linalg import lapack
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 
+_POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
+
 MASS_MAX = 200.0
 """Inertia of the tool above which a direction counts as close to singular [kg]."""
+_solve = lapack.dposv
 _LENGTH = 0.3
 """Lever that makes an inertia comparable with a mass [m]."""
 
@@ -39,22 +42,30 @@ class ToolSpace:
         self._asked = mujoco.MjData(arm.model)
         d, asked, tcp = self._data, self._asked, self._tcp
         # The arrays of MjData keep their place: each view is taken once.
-        self._q_ref = asked.qpos
+        self._q_ref, self._v, self._a, self._tau = asked.qpos, d.qvel, d.qacc, d.qfrc_inverse
         self.position, self.quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
         self.position_ref, self.quaternion_ref = asked.site_xpos[tcp], asked.site_xquat[tcp]
         self.rotation_ref: Matrix = asked.site_xmat[tcp].reshape(3, 3)
         self._body = int(arm.model.site_bodyid[tcp])
-        self._world, self._turned = _Rows(n), _Rows(n)
-        self._J_dot = _Rows(n)
+        self._world, self._turned, self._J_dot = _Rows(n), _Rows(n), _Rows(n)
         self.J, self.J_T = self._world.whole, self._world.whole.T
         """Twist of the tool per joint velocity (6, n), and its transpose."""
-        self._J_over_M, self._inverse = np.zeros((6, n)), np.zeros((6, 6))
-        self._M_over_J = self._J_over_M.T
+        # What J is multiplied with in one go: M⁻¹Jᵀ, and two motions of the joints.
+        self._motions, self._felt = np.zeros((8, n)), np.zeros((8, 6))
+        self._J_over_M, self._inverse = self._motions[:6], self._felt[:6]
+        self.motions: Matrix = self._motions[6:]
+        """Room for two velocities or accelerations of the joints (2, n), before `update`."""
+        self.felt: tuple[Vector, ...] = tuple(self._felt[6:])
+        """J times each of them, after it: two of (6,)."""
         self._pivots = self._inverse.reshape(-1)[::7]
         self.inertia: Matrix = np.zeros((6, 6), order="F")
         """Λ (6, 6) [kg, kg·m, kg·m²]."""
-        self.inertias: Vector = self.inertia.reshape(-1, order="A")[::7]
-        """Its diagonal (6,)."""
+        self._diagonal: Vector = self.inertia.reshape(-1, order="A")[::7]
+        self.inertias: list[float] = []
+        """Its diagonal, 6 numbers."""
+        self.errors: Matrix = np.zeros((2, n))
+        """Room for the joints' errors of position and velocity (2, n)."""
+        self.error_q, self.error_v = self.errors
         self._columns, self._unit = self._inverse.T, np.eye(6, order="F")
         self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
         self._use: list[float] = self._lightest.tolist()
@@ -78,12 +89,18 @@ class ToolSpace:
         self.J, self.J_T = rows.whole, rows.transposed
         mujoco.mj_solveM(m, d, self._J_over_M, self.J)
         regular = self._invert(0.0)
-        inertias = self.inertias.tolist()
-        if regular and max(inertias) < MASS_MAX * _LENGTH**2:
+        if regular and max(self.inertias) < MASS_MAX * _LENGTH**2:
             return
-        heaviest = max(map(mul, inertias, self._use)) if regular else inf
+        heaviest = max(map(mul, self.inertias, self._use)) if regular else inf
         if heaviest > 1.0:
             self._invert((1.0 - 1.0 / heaviest) ** 2)
+
+    def way(self, *, in_tool: bool) -> list[float]:
+        """From the tool to its reference, 3 numbers [m]."""
+        if in_tool:
+            way: list[float] = (self.position_ref - self.position).dot(self.rotation_ref).tolist()
+            return way
+        return list(map(sub, self.position_ref.tolist(), self.position.tolist()))
 
     def turn(self, *, in_tool: bool) -> tuple[float, float, float, float]:
         """Unit quaternion wxyz, w >= 0, that turns the tool into its reference."""
@@ -106,8 +123,23 @@ class ToolSpace:
             v: (n,) [rad/s].
             twist: J v (6,).
         """
-        unfelt: Vector = v - self._M_over_J.dot(self.inertia.dot(twist))
+        unfelt: Vector = v - self.inertia.dot(twist).dot(self._J_over_M)
         return unfelt
+
+    def inverse_dynamics(self, v: tuple[Vector, Vector], a: tuple[Vector, Vector]) -> Vector:
+        """As `Arm.inverse_dynamics_here`, of a difference and a sum, without copies.
+
+        Args:
+            v: The velocity is the first less the second, (n,) each [rad/s].
+            a: The acceleration is the first and the second, (n,) each [rad/s²].
+
+        Returns:
+            (n,) [N·m], overwritten by the next call.
+        """
+        np.subtract(v[0], v[1], self._v)
+        np.add(a[0], a[1], self._a)
+        mujoco.mj_inverseSkip(self._model, self._data, _POSITIONS_DONE, 1)
+        return self._tau
 
     def jacobian_rate_times(self, v: Vector, *, in_tool: bool = False) -> Vector:
         """J̇ v (6,), with J̇ at the velocity of the last inverse dynamics and fixed axes."""
@@ -122,12 +154,14 @@ class ToolSpace:
 
     def _invert(self, damping: float) -> bool:
         """Λ = (J M⁻¹ Jᵀ + ε I)⁻¹; False where it does not exist."""
-        np.dot(self._J_over_M, self.J_T, out=self._inverse)
+        self._motions.dot(self.J_T, self._felt)
         if damping:
             self._pivots += damping * self._lightest
-        np.copyto(self.inertia, self._unit)
-        # In place: the views of both matrices stay valid.
-        failed = lapack.dposv(self._columns, self.inertia, overwrite_a=1, overwrite_b=1)[2]
+        self.inertia[:] = self._unit
+        # In place: the views of both matrices stay valid. Arguments without names, for keywords
+        # take time: upper triangle, overwrite the matrix, overwrite the right side.
+        failed = _solve(self._columns, self.inertia, 0, 1, 1)[2]
+        self.inertias = self._diagonal.tolist()
         return not failed
 
 
