@@ -80,7 +80,8 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	@rm -rf build/lock && $(PYTHON) -m venv build/lock
 	@build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
 	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	  --extra video --extra visuals --extra dev --fork-strategy fewest --generate-hashes --no-header \
+	  --extra video --extra visuals --extra planning --extra gym \
+	  --extra dev --fork-strategy fewest --generate-hashes --no-header \
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 
 clean: ## Remove caches, builds and logs

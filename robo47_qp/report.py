@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robo47_qp import __version__
-from robo47_qp.audit import Finding
+from robo47_qp.finding import Finding
 from robo47_qp.run import Run
 
 _PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "scipy", "rerun-sdk")
@@ -59,9 +59,11 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
         lines += [summary["evidence"], ""]
     lines += ["| figure | value |", "|---|--:|"]
     lines += [f"| {name} | {value:.4g} |" for name, value in summary["metrics"].items()]
-    lines += ["", "| promise | limit | extreme | unit | kept |", "|---|--:|--:|---|---|"]
+    lines += ["", "| promise | limit | extreme | unit | at s | kept |"]
+    lines += ["|---|--:|--:|---|--:|---|"]
     lines += [
         f"| {f['signal']} | {f['limit']:.4g} | {f['extreme']:.4g} | {f['unit']} | "
+        f"{f['time']:.3f} | "
         f"{'yes' if f['ok'] else 'NO'} |"
         for f in summary["audit"]
     ]

@@ -45,11 +45,9 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
     left: list[tuple[rrb.View | rrb.Container, float]] = [
         (_scene(), 4.6),
         (phases, 0.95),
+        (_forces(robot.gripper), 1.9),
         (texts, 2.2),
     ]
-    if robot.gripper is not None:
-        left.append((_grip(robot.gripper), 1.9))
-    left.append((texts, 2.2))
     # Joints have one colour everywhere: one legend is enough and covers no other plot.
     right = rrb.Grid(
         _plot(
@@ -87,7 +85,10 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
     )
 
 
-def _grip(gripper: Gripper) -> rrb.Container:
+def _forces(gripper: Gripper | None) -> rrb.Container:
+    """What touches what, and how wide the gripper is, where there is one."""
+    if gripper is None:
+        return rrb.Horizontal(_contact())
     wide = _rounded_up(gripper.width_max)
     return rrb.Horizontal(
         _plot(
@@ -99,6 +100,21 @@ def _grip(gripper: Gripper) -> rrb.Container:
             legend=_RIGHT_BOTTOM,
         ),
         _plot("Finger force [N]", "gripper/force", gripper.fingers, legend=_RIGHT_TOP),
+        _contact(),
+    )
+
+
+def _contact() -> rrb.View:
+    """Contact force on the tool, by axis of the world, and on the other links."""
+    tool = _lines("contact/tool", ("tool x", "tool y", "tool z"), _PALETTE[:3], 1.25)
+    links = _lines("contact/links", ("links",), _PALETTE[3:4], 1.25)
+    return rrb.TimeSeriesView(
+        name="Contact force [N]",
+        origin="/",
+        contents=[f"/{SIGNALS}"],
+        overrides={SIGNALS: [tool, links]},
+        plot_legend=rrb.PlotLegend(_RIGHT_TOP),
+        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
     )
 
 

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from robo47_qp.audit import Finding
+from robo47_qp.finding import Finding
 from robo47_qp.observer import Observer
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
@@ -61,6 +61,9 @@ def print_summary(
     """Print what happened, how well, and where to look."""
     console.print(_waypoints(run))
     console.print(_audit(findings))
+    broken = [finding for finding in findings if not finding.ok]
+    for finding in broken:
+        console.print(f"[bold red]broken promise[/]  {escape(finding.told)}", highlight=False)
     if run.failure is None:
         console.print("[bold green]success[/]")
     else:
@@ -73,7 +76,13 @@ def print_summary(
     console.print(
         f"  cycle time       {metrics['cycle_time_s']:.2f} s\n"
         f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "
-        f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm\n"
+        f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm, settled within "
+        f"{metrics['settle_time_s']:.3f} s\n"
+        f"  contact          up to {metrics['peak_contact_force_N']:.2f} N on the tool, "
+        f"{metrics['mean_contact_force_N']:.2f} N in the mean while it touches\n"
+        f"  energy           {metrics['energy_J']:.1f} J\n"
+        f"{_smooth(metrics)}"
+        f"  promises         {len(findings) - len(broken)} of {len(findings)} kept\n"
         f"  control loop     {metrics['step_us']:.1f} µs per step, "
         f"{metrics['real_time_factor']:.0f} times real time",
         highlight=False,
@@ -86,6 +95,13 @@ def print_summary(
             highlight=False,
             soft_wrap=True,
         )
+
+
+def _smooth(metrics: Mapping[str, float]) -> str:
+    if "smoothness_ldlj" not in metrics:
+        return ""
+    value = metrics["smoothness_ldlj"]
+    return f"  smoothness       {value:.2f} (log dimensionless jerk; minimum jerk has -5.32)\n"
 
 
 def _waypoints(run: Run) -> Table:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from robo47_qp.arm import Arm
-from robo47_qp.audit import LIN_COMMANDED, LIN_MEASURED, Finding, audit
+from robo47_qp.audit import audit
+from robo47_qp.audit_tool import LIN_COMMANDED, LIN_MEASURED
+from robo47_qp.finding import Finding
 from robo47_qp.recording import Rows
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
@@ -26,11 +28,23 @@ PROMISES = [
     "measured q lower",
     "measured q upper",
     "measured v",
+    "measured a",
     "torque",
     "torque rate",
     "LIN commanded",
     "LIN measured",
+    "reference tool speed",
+    "reference tool acceleration",
+    "reference tool jerk",
+    "reference tool turning speed",
+    "reference tool turning acceleration",
+    "reference tool turning jerk",
+    "measured tool speed",
+    "measured tool turning speed",
+    "tool contact",
+    "link contact",
 ]
+OF_JOINTS = PROMISES[:11]
 
 
 @pytest.fixture(scope="module")
@@ -220,14 +234,22 @@ def test_a_full_speed_run_is_not_a_half_speed_run(run: Run) -> None:
     planner = replace(run.scenario.planner, speed=0.5)
     scenario = replace(run.scenario, planner=planner)
     names = [name.split(" (")[0] for name in broken(audit(replace(run, scenario=scenario)))]
-    assert names == ["reference v", "reference a", "reference jerk"]
+    assert names == [
+        "reference v",
+        "reference a",
+        "reference jerk",
+        "reference tool speed",
+        "reference tool acceleration",
+        "reference tool jerk",
+        "measured tool speed",
+    ]
 
 
 def test_a_run_without_lin_motions_promises_no_line() -> None:
     stuck = carry_out(Reach(rise=5.0))
     assert not any(leg.waypoint.motion is Motion.LIN for leg in stuck.legs)
     titles = [found.signal.split(" (")[0] for found in audit(stuck)]
-    assert titles == PROMISES[:-2]
+    assert titles == [*OF_JOINTS, "tool contact", "link contact"]
 
 
 def test_derived_and_delivered_signals_are_not_what_is_judged(run: Run) -> None:

@@ -134,6 +134,7 @@ def test_the_markdown_tells_figures_and_promises(summary: dict[str, Any]) -> Non
         assert f"| {name} | {value:.4g} |" in text
     for finding in summary["audit"]:
         assert f"| {finding['signal']} | {finding['limit']:.4g} |" in text
+        assert f"| {finding['unit']} | {finding['time']:.3f} | yes |" in text
     assert "| NO |" not in text
     broken = {**summary, "audit": [{**summary["audit"][0], "ok": False}]}
     assert summary_markdown(broken).count("| NO |") == 1

@@ -201,7 +201,7 @@ def test_plots_and_views_show_what_is_recorded(
     monkeypatch.setattr(rerun_blueprint, "_lines", spy)
     rerun_blueprint.blueprint(PANDA)
     held = {**read(path, "/signals"), **read(path, "/limits")}
-    assert len(shown) == 13
+    assert len(shown) == 15
     for name, labels, colours, _ in shown:
         assert {len(row) for row in held[component(name)]} == {len(labels)} == {len(colours)}
 

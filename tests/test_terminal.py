@@ -39,6 +39,11 @@ def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) 
     assert f"cycle time       {figures['cycle_time_s']:.2f} s" in text
     assert f"joints within {1e3 * figures['max_joint_error_rad']:.3f} mrad" in text
     assert f"{figures['step_us']:.1f} µs per step" in text
+    assert f"up to {figures['peak_contact_force_N']:.2f} N on the tool" in text
+    assert f"energy           {figures['energy_J']:.1f} J" in text
+    assert f"smoothness       {figures['smoothness_ldlj']:.2f} (" in text
+    assert f"promises         {len(audit(run))} of {len(audit(run))} kept" in text
+    assert "broken promise" not in text
     # Paths are not broken: they are there to be copied.
     assert f"rerun {long}\n" in text
     assert f"{tmp_path / 'run.json'}\n" in text
@@ -55,6 +60,9 @@ def test_the_summary_tells_a_failure_and_a_broken_promise(tmp_path: Path) -> Non
     assert "failed: grasp  nothing between the fingers [really]" in text
     assert "success" not in text
     assert text.count(" NO") == len(findings)
+    assert f"promises         0 of {len(findings)} kept" in text
+    for finding in findings:
+        assert f"broken promise  {finding.told}" in " ".join(text.split("\n"))
     assert "rerun" not in text
 
 
