@@ -187,6 +187,9 @@ class Comply(_Conditions):
     stay: bool = False
     """True: go on yielding to the next step, if that complies too. It then starts from the
     reference of this one, and with the same compliance nothing changes in between."""
+    renew: bool = False
+    """After a step that stays: True starts from where the tool has come to, its springs without
+    load, instead of from the reference of that step."""
     name: str = "comply"
 
     def __post_init__(self) -> None:

@@ -75,21 +75,30 @@ class Touching:
         """Take where a yielding arm has come to as the reference, and bring it to rest there."""
         if self._stiff is None:
             return
-        loop, state = self._loop, self._loop.sim.state()
-        q = np.clip(state.q, loop.arm.q_min, loop.arm.q_max)
-        # Springs that lose their load at once would be felt: the torque goes over smoothly from
-        # what it was, not from what the old law asks for at the new reference.
-        loop.control.switch(_Held(loop.control.asked.copy()), seconds=0.0)
-        loop.control.switch(self._stiff)
+        loop, stiff = self._loop, self._stiff
         self._stiff = self._compliance = None
-        loop.rest(q)
-        if np.abs(state.v).max() > _STILL:
-            loop.reference = JointReference(q, state.v, np.zeros(loop.arm.n))
+        speed = loop.sim.state().v
+        self._renew(stiff)
+        if np.abs(speed).max() > _STILL:
+            loop.reference = JointReference(loop.reference.q, speed, np.zeros(loop.arm.n))
             loop.halt()
+
+    def _renew(self, controller: Controller) -> None:
+        """Take where the arm is as the reference, at rest, and go on with a controller.
+
+        Springs that lose their load at once would be felt: the torque goes over smoothly from
+        what it was, not from what the old law asks for at the new reference.
+        """
+        loop, control = self._loop, self._loop.control
+        loop.rest(np.clip(loop.sim.state().q, loop.arm.q_min, loop.arm.q_max))
+        control.switch(_Held(control.asked.copy()), seconds=0.0)
+        control.switch(controller)
 
     def _lead(self, step: Comply, looking: "_Looking") -> None:
         loop = self._loop
         planner = _no_faster(loop.scenario.planner, step.speed)
+        if step.renew and self._stiff is not None:
+            self._renew(loop.control.controller)
         legs = planned(loop, step.waypoints, planner) if step.waypoints else []
         self._soften(step.compliance)
         for leg in legs:

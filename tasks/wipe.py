@@ -23,29 +23,32 @@ SURFACE = TABLE_TOP + 0.03
 """Height of the board's surface as far as the robot knows [m]."""
 HEIGHT_ERROR = 5e-3
 """How far the surface may be from there [m]."""
-BOARD = (0.18, 0.29)
+BOARD = (0.19, 0.29)
 """Lengths of the board along its x and y [m]."""
-_STROKE, _LANES = 0.09, (-0.045, 0.0, 0.045)
+_STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
 """Half the length of a stroke along the board's y, and where the strokes are in its x [m]."""
 _DIRTY = (0.065, 0.085)
 """Marks are at most so far from the board's centre, along its x and y [m]."""
 _MARKS = 8
-_SOFT = [-1400.0, -60.0]
+_SOFT = [-700.0, -12.0]
 """Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: with the
-40 g and four corners that it has here, 10 N press the foam in by 5 mm [1/s², 1/s]."""
+40 g and four corners that it has here, 10 N press the foam in by 9 mm. Where it slides with a
+speed v, MuJoCo's convex friction lifts it by μ v times their ratio: 0.4 mm [1/s², 1/s]."""
 _FIRM = np.array([3000.0] * 3 + [100.0] * 3)
 """Stiffness of the tool on the board [N/m, N·m/rad]."""
-_HOVER = 0.015
-"""Of the sponge above where the surface is thought to be, before it is let down [m]."""
+_SPONGE = (0.085, 0.04, 0.065)
+_LET_DOWN = SURFACE + 0.5 * _SPONGE[2] + 0.015
+"""Height of the tool from which the sponge is let down: 15 mm above the surface, as far as that
+is known [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sponge(Item):
     """A stiff back that the fingers hold, and under it a foam that gives way."""
 
-    foam_height: float = 0.015
+    foam_height: float = 0.025
     """[m]"""
-    foam_friction: float = 0.4
+    foam_friction: float = 0.3
     """On whatever it touches [-]."""
 
     @property
@@ -98,13 +101,13 @@ class Wipe:
     """What it takes to wipe a mark off [N]."""
     band: float = 0.05
     """How far the force may be from the one asked for, relative to it [-]."""
-    speed: float = 0.1
+    speed: float = 0.08
     """Of the sponge on the board [m/s]."""
     touch_speed: float = 0.1
     """At which the sponge meets the board, at most [m/s]."""
     sponge: Sponge = field(
         default_factory=lambda: Sponge(
-            name="sponge", size=(0.06, 0.04, 0.05), mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
+            name="sponge", size=_SPONGE, mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
         )
     )
     retries: int = 2
@@ -334,12 +337,20 @@ class Wiper(Handling):
             stay=True,
         )
         yield Comply(
-            name="settle", waypoints=(), compliance=pressing, seconds=0.5, during=held, stay=True
+            name="settle",
+            waypoints=(),
+            compliance=pressing,
+            seconds=2.0,
+            until=self._pressed(),
+            during=held,
+            stay=True,
         )
         yield Comply(
             name="wipe",
-            waypoints=self.strokes(),
+            # Level, at the height at which the tool is now.
+            waypoints=self.strokes(self.simulation.tool_pose().translation()[2]),
             compliance=pressing,
+            renew=True,
             speed=self.task.speed,
             during=held,
             observe=self.notes.take,
@@ -356,24 +367,24 @@ class Wiper(Handling):
     def to_board(self) -> tuple[Waypoint, Waypoint]:
         """To above the first stroke, and down to a little above the board."""
         strokes = self.strokes()
-        start = self._over(_LANES[0], -_STROKE)
+        start = self._over(_LANES[0], -_STROKE, _LET_DOWN)
         payload = self.item.payload(SE3.identity())
         hover = Waypoint(name="hover", target=start, motion=Motion.LIN, carried=payload)
         above = self._up(start)
         onward = (hover, *strokes)
         return Waypoint(name="to the board", target=above, carried=payload, onward=onward), hover
 
-    def strokes(self) -> tuple[Waypoint, ...]:
-        """Up and down the board, without a stop between."""
+    def strokes(self, height: float = _LET_DOWN) -> tuple[Waypoint, ...]:
+        """Up and down the board, without a stop between, the tool at a height [m]."""
         ways, end = [], _STROKE
         for i, x in enumerate(_LANES):
             if i:
-                centre = self._over(0.5 * (x + _LANES[i - 1]), -end)
+                centre = self._over(0.5 * (x + _LANES[i - 1]), -end, height)
                 middle = centre.translation() - np.sign(end) * 0.5 * (x - _LANES[i - 1]) * self._y()
                 ways.append(
                     Waypoint(
                         name=f"turn {i}",
-                        target=self._over(x, -end),
+                        target=self._over(x, -end, height),
                         motion=Motion.CIRC,
                         through=middle,
                         blend=0.01,
@@ -383,7 +394,7 @@ class Wiper(Handling):
             ways.append(
                 Waypoint(
                     name=f"stroke {i + 1}",
-                    target=self._over(x, end),
+                    target=self._over(x, end, height),
                     motion=Motion.LIN,
                     blend=0.0 if last else 0.01,
                 )
@@ -391,16 +402,31 @@ class Wiper(Handling):
             end = -end
         return tuple(ways)
 
-    def _over(self, x: float, y: float) -> SE3:
-        """Tool pose with the sponge over a place of the board."""
+    def _over(self, x: float, y: float, height: float) -> SE3:
+        """Tool pose over a place of the board, at a height in the world [m]."""
         T_world_board = self.simulation.marker_pose("board")
         at = T_world_board @ np.array([x, y, 0.0])
-        at[2] = SURFACE + 0.5 * self.item.height + _HOVER
+        at[2] = height
         return tool_down(at, heading(T_world_board))
 
     def _y(self) -> np.ndarray:
         """Direction of the strokes (3,) [-]."""
         return self.simulation.marker_pose("board").rotation().as_matrix()[:, 1]
+
+    def _pressed(self) -> Condition:
+        """True once the force has been close to the one asked for, for a while."""
+        since = self.simulation.time
+
+        def against() -> str | None:
+            nonlocal since
+            now, force = self.simulation.time, self.notes.pressed()
+            if abs(force - self.task.force) > 0.02 * self.task.force:
+                since = now
+            if now - since >= 0.1:
+                return None
+            return f"the sponge presses with {force:.2f} N, {self.task.force:.2f} N are asked for"
+
+        return Condition(name="the force is steady", cause=Cause.TIMEOUT, against=against)
 
     def _in_contact(self) -> Condition:
         def against() -> str | None:
