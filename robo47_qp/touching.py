@@ -48,7 +48,8 @@ class Touching:
             change = loop.sim.felt_force() - before
             return float(np.sqrt(change.dot(change))) >= step.force
 
-        loop.begin(step.name, leg)
+        # What is touched pushes the tool off its line before the arm stops.
+        loop.begin(step.name, leg, compliant=True)
         if loop.track(leg.trajectory, touched, block=_GUARD_ROWS):
             loop.halt()
         elif step.missing is not None:
