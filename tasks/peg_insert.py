@@ -33,7 +33,7 @@ _TOP = TABLE_TOP + DEPTH + 0.01
 """Height of the block's top [m]."""
 _FACETS, _OUTER = 16, 0.04
 """Boxes around the hole, which touch its circle from outside, and their outer radius [m]."""
-_HARD = {"solref": [3e-3, 0.7], "solimp": [0.9, 0.9, 1e-4, 0.5, 2.0]}
+_HARD = {"solref": [3e-3, 1.0], "solimp": [0.9, 0.9, 1e-4, 0.5, 2.0]}
 """Contacts of peg and hole: 20 N press them into each other by less than 0.05 mm."""
 _FRICTION = [0.3, 0.005, 1e-4]
 _BELOW_TOP = 0.012
