@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from mink import SE3
 
 from robo47_qp.arm import JointState
 from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.camera import Camera, CameraNoise
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.robot import Robot
 from robo47_qp.robot_model import add_payload
@@ -56,24 +58,44 @@ class Disturbance:
     """Standard deviation of the measured joint velocities [rad/s]."""
     noise_force: float = 0.0
     """Standard deviation of each component of the tool force that controllers feel [N]."""
+    object_mass_factor: float = 1.0
+    """Mass and inertia of what moves freely, relative to its model [-]."""
+    friction_factor: float = 1.0
+    """Friction of all contacts, relative to its model: sliding, turning and rolling [-]."""
+    pose_noise: float = 0.0
+    """Standard deviation of each coordinate of an object, in every frame of the camera [m]."""
+    heading_noise: float = 0.0
+    """Standard deviation of an object's turn about the vertical, in every frame [rad]."""
+    pose_bias: float = 0.0
+    """Standard deviation of an error of each coordinate that an object keeps in all frames [m]."""
+    camera_rate: float = 30.0
+    """Frames per second; where the camera errs, objects are seen as they were at the last one,
+    else as they are [1/s]."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: A number is negative or not finite, or the factor 0.
+            InvalidValueError: A number is negative or not finite, or a factor or rate is 0.
         """
-        for name in ("inertia_factor", "noise_q", "noise_v", "noise_force", "delay"):
+        for name in (*_NOISES, *_POSITIVE, "delay"):
             _check_finite(name, getattr(self, name))
-        if self.inertia_factor == 0.0:
-            raise InvalidValueError("inertia_factor", 0.0, "above 0")
+        for name in _POSITIVE:
+            if getattr(self, name) == 0.0:
+                raise InvalidValueError(name, 0.0, "above 0")
+
+    @property
+    def noisy(self) -> bool:
+        """True where something is measured with an error."""
+        return any(getattr(self, name) for name in _NOISES)
 
 
 class DisturbedSimulation(Simulation):
     """A simulation with a disturbance, which what it records shows and what it measures hides.
 
-    Motors, inertias, the state and the tool force that controllers see are disturbed;
-    `write_now`, `write_last` and `last_tool_force` tell the truth.
+    Motors, inertias, friction, the state and the tool force that controllers see, and the poses
+    that the camera sees, are disturbed; `write_now`, `write_last`, `last_tool_force` and
+    `object_pose` tell the truth.
     """
 
     def __init__(
@@ -89,26 +111,35 @@ class DisturbedSimulation(Simulation):
             robot: See `Simulation`.
             build_scene: See `Simulation`.
             disturbance: What is wrong.
-            rng: Source of the sensor noise.
+            rng: Source of the sensor noise; what the camera sees is drawn from it once, here.
 
         Raises:
             InvalidValueError: There is noise and no generator.
             UnknownNameError, ModelError: See `Simulation`.
         """
-        noises = (disturbance.noise_q, disturbance.noise_v, disturbance.noise_force)
-        if rng is None and any(noises):
+        if rng is None and disturbance.noisy:
             raise InvalidValueError("rng", None, "a numpy Generator where there is sensor noise")
         self.disturbance = disturbance
         self._rng = rng
         self._on_the_way: deque[Vector] = deque()
+        self._camera: Camera | None = None
         super().__init__(robot, _carrying(robot, build_scene, disturbance.payload))
-        if disturbance.inertia_factor != 1.0:
-            self._scale_links(disturbance.inertia_factor)
-            self.reset()
+        self._scale_world()
+        noise = CameraNoise(
+            position=disturbance.pose_noise,
+            heading=disturbance.heading_noise,
+            bias=disturbance.pose_bias,
+            rate=disturbance.camera_rate,
+        )
+        if rng is not None and (noise.position or noise.heading or noise.bias):
+            self._camera = Camera(self.objects, noise, int(rng.integers(2**63)))
+            self._camera.take(self.time, self.object_pose)
 
     def reset(self) -> None:
         """As `Simulation.reset`; commands on the way are those that hold the arm."""
         super().reset()
+        if self._camera is not None:
+            self._camera.take(self.time, self.object_pose)
         held = self.motor_torque()
         self._on_the_way = deque(held.copy() for _ in range(self.disturbance.delay))
 
@@ -118,11 +149,13 @@ class DisturbedSimulation(Simulation):
         if self.disturbance.pushes:
             self._push()
         super().step(self._on_the_way.popleft())
+        if self._camera is not None:
+            self._camera.watch(self.time, self.object_pose)
 
     def state(self) -> JointState:
         """What the sensors say."""
         state, noise = super().state(), self.disturbance
-        if self._rng is None:
+        if self._rng is None or not (noise.noise_q or noise.noise_v):
             return state
         n = len(state.q)
         return JointState(
@@ -141,6 +174,26 @@ class DisturbedSimulation(Simulation):
         """What the joints do."""
         return super().state()
 
+    def seen_pose(self, name: str) -> SE3:
+        """T_world_object of a free body in the last frame of the camera, as that errs.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        T_world_object = self.object_pose(name)
+        return T_world_object if self._camera is None else self._camera.seen(name)
+
+    @property
+    def camera_noise(self) -> float:
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]."""
+        return self.disturbance.pose_noise
+
+    def place_object(self, name: str, T_world_object: SE3) -> None:
+        """As `Simulation.place_object`; the camera sees it at its new place at once."""
+        super().place_object(name, T_world_object)
+        if self._camera is not None:
+            self._camera.take(self.time, self.object_pose)
+
     def _push(self) -> None:
         m, d, zero = self.model, self.data, np.zeros(3)
         d.qfrc_applied[:] = 0.0
@@ -151,18 +204,29 @@ class DisturbedSimulation(Simulation):
                 point, body = d.site_xpos[tcp], int(m.site_bodyid[tcp])
                 mujoco.mj_applyFT(m, d, push.force, zero, point, body, d.qfrc_applied)
 
-    def _scale_links(self, factor: float) -> None:
-        m = self.model
+    def _scale_world(self) -> None:
+        m, wrong = self.model, self.disturbance
+        m.geom_friction *= wrong.friction_factor
+        m.pair_friction *= wrong.friction_factor
         tool = int(m.site_bodyid[m.site(self.robot.tcp).id])
         links = m.body_rootid == m.body_rootid[tool]
         for i in np.flatnonzero(links):
             links[i] = m.body(i).name != _PAYLOAD
-        m.body_mass[links] *= factor
-        m.body_inertia[links] *= factor
-        mujoco.mj_setConst(m, self.data)
+        free = np.isin(m.body_rootid, [m.body(name).id for name in self.objects])
+        for bodies, factor in (
+            (links, wrong.inertia_factor),
+            (free, wrong.object_mass_factor),
+        ):
+            m.body_mass[bodies] *= factor
+            m.body_inertia[bodies] *= factor
+        if wrong.inertia_factor != 1.0 or wrong.object_mass_factor != 1.0:
+            mujoco.mj_setConst(m, self.data)
+            self.reset()
 
 
 _PAYLOAD = "unknown_payload"
+_NOISES = ("noise_q", "noise_v", "noise_force", "pose_noise", "heading_noise", "pose_bias")
+_POSITIVE = ("inertia_factor", "object_mass_factor", "friction_factor", "camera_rate")
 
 
 def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) -> BuildScene:

@@ -19,8 +19,10 @@ from robo47_qp.errors import PlanError
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.stall import Stall
-from robo47_qp.motion.motion_check import broken, confirmed
-from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.motion.motion_check import broken, misplaced
+from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.refusal_check import RefusalCheck
+from robo47_qp.motion.second_look import SecondLook
 from robo47_qp.robot import Robot
 from robo47_qp.robots.iiwa14 import iiwa14
 from robo47_qp.robots.panda import PANDA
@@ -42,6 +44,8 @@ class CheckOptions:
     """PTP motions to draw, per robot."""
     robots: tuple[str, ...] = ("panda",)
     """Of panda, iiwa14 and xarm7; all but the panda need MuJoCo Menagerie."""
+    kinds: tuple[str, ...] = KINDS
+    """Of PTP, LIN, CIRC, blended and via."""
     seed: int = 0
     """Seed of the random motions."""
     out: Path | None = None
@@ -99,7 +103,8 @@ def _near(pose: SE3, rng: np.random.Generator) -> SE3:
 
 def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tally:
     """Plan motions of one kind and look at each."""
-    arm, tally = Arm(robot), Tally()
+    arm, look, tally = Arm(robot), SecondLook(robot), Tally()
+    refusals = RefusalCheck(look)
     ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
     planner = Planner(ik=ik, profile=robot.profile)
     for k in range(count):
@@ -112,25 +117,19 @@ def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tall
             found = error.rejection
             name = "pose not reached" if found is None else found.obstacle.value
             tally.refused[name] = tally.refused.get(name, 0) + 1
-            doubt = confirmed(arm, q, waypoints, error)
+            doubt = refusals.doubt(q, waypoints, error)
             if doubt is not None:
                 tally.unconfirmed.append(f"{k}: {error} | {doubt}")
             continue
         tally.seconds.append(process_time() - began)
         tally.planned += 1
-        tally.violations += [f"{k}: {what}" for what in broken(arm, legs, robot.profile)]
-        tally.off = max(tally.off, *(_off(arm, leg) for leg in legs))
+        missed, off = misplaced(look, legs, q, waypoints)
+        tally.violations += [f"{k}: {what}" for what in broken(look, legs, robot.profile) + missed]
+        tally.off = max(tally.off, off)
         bound = sum(leg.lower_bound for leg in legs)
         if bound > 0.0:
             tally.ratios.append(sum(leg.trajectory.duration for leg in legs) / bound)
     return tally
-
-
-def _off(arm: Arm, leg: Leg) -> float:
-    if leg.way is None:
-        return 0.0
-    tool = np.array([arm.pose(q).translation() for q in leg.trajectory.q[::5]])
-    return float(leg.way.distances(tool).max())
 
 
 def figures(tally: Tally) -> dict[str, object]:
@@ -178,6 +177,8 @@ def run(options: CheckOptions, console: Console) -> int:
     for name in options.robots:
         robot = ROBOTS[name]()
         for number, kind in enumerate(KINDS):
+            if kind not in options.kinds:
+                continue
             rng = np.random.default_rng([options.seed, number])
             count = options.ptp if kind == "PTP" else options.n
             rows.append((name, kind, check(robot, kind, count, rng)))

@@ -35,6 +35,8 @@ class Contact:
     """Stiffness of the pad along the tool's z [N/m]; None for one that is rigid."""
     damping: float = 100.0
     """Of the pad [N·s/m]."""
+    friction: float = 0.3
+    """Between pad and table [-]."""
 
     def build(self, spec: mujoco.MjSpec) -> None:
         # The solver's own arrays belong to the next period once a step is over; sensors do not.
@@ -59,7 +61,7 @@ class Contact:
             name="pad", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=0.0
         )
         for geom in (table, pad):
-            geom.solref[0], geom.friction[0] = self.time_constant, 0.3
+            geom.solref[0], geom.friction[0] = self.time_constant, self.friction
 
 
 @cache

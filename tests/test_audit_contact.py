@@ -134,10 +134,22 @@ def test_a_real_collision_breaks_promises_and_is_told(run: Run) -> None:
     hit = carry_out(Blocked(obstacles=(plate,), force_max=5.0))
     findings = audit(hit)
     told = [name.split(" (")[0] for name in broken(findings)]
-    assert {"LIN measured", "tool contact", "measured clearance"} <= set(told)
+    # Whether it leaves its line before it is stopped is up to who watches the force.
+    assert {"tool contact", "measured clearance"} <= set(told)
     found = finding(findings, "tool contact")
     force = hit.rows["contact/tool"][round(found.time / TIMESTEP)]
     # The plate pushes up.
     assert force[2] > 0.9 * np.linalg.norm(force) > 4.5
     assert next(f for f in findings if "clearance" in f.signal).extreme < 0.0
     assert finding(findings, "link contact").ok
+
+
+def test_reference_and_robot_are_looked_at_apart(run: Run) -> None:
+    asked = among(run, replace(WALL, T_world_obstacle=at(0.75, 0, 1)))
+    planner = replace(asked.scenario.planner, collisions=Collisions(PANDA, no_objects, 0.01))
+    asked = replace(asked, scenario=replace(asked.scenario, planner=planner))
+    for signal, title in (("joints/q_ref", "reference"), ("joints/q", "measured")):
+        # Shoulder and elbow stretched for a moment: through the wall.
+        leaning = with_value(with_value(asked, signal, ROW, 1, 1.5), signal, ROW, 3, -0.1)
+        told = [name for name in broken(audit(leaning)) if "clearance" in name]
+        assert [name.split(" (")[0] for name in told] == [f"{title} clearance"]

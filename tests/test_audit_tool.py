@@ -195,3 +195,17 @@ def test_rows_are_left_as_they_are(run: Run) -> None:
     before = Rows(run.rows.signals, run.rows.values.copy())
     audit(run)
     np.testing.assert_array_equal(before.values, run.rows.values)
+
+
+def test_what_uses_most_of_its_own_bound_is_told(run: Run) -> None:
+    """A slow motion at its faster pace, among others that are faster still and may be."""
+    phases = []
+    for phase in run.phases:
+        leg = phase.leg
+        if leg is not None and phase.name == "lower":
+            leg = replace(leg, waypoint=replace(leg.waypoint, speed=0.5))
+        phases.append(replace(phase, leg=leg))
+    findings = audit(replace(run, phases=phases))
+    found = finding(findings, "reference tool speed (lower)")
+    assert (found.limit, found.ok) == (0.125, False)
+    assert found.extreme < named(audit(run), "reference tool speed").extreme

@@ -1,5 +1,6 @@
 """Closest approach against looking at every row."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,7 @@ def test_a_moment_too_close_is_not_overlooked() -> None:
 
 
 def test_the_distance_of_a_probe_is_known_by_hand(tmp_path: Path) -> None:
-    robot = gantry(tmp_path, 'type="sphere" size="0.1"')
-    robot = type(robot)(**{**vars(robot), "gripper": None})
+    robot = replace(gantry(tmp_path, 'type="sphere" size="0.1"'), gripper=None)
     wall = Obstacle(name="wall", shape=Shape.BOX, size=(0.5, 3, 3), T_world_obstacle=at(1.5, 0, 0))
     ball = Obstacle(name="ball", shape=Shape.SPHERE, size=(0.2,), T_world_obstacle=at(0, 0, 1.5))
     closest = ClosestApproach(robot, (wall, ball))
@@ -62,6 +62,17 @@ def test_the_distance_of_a_probe_is_known_by_hand(tmp_path: Path) -> None:
     found = closest.along(q)
     assert (found.obstacle, found.row) == ("ball", 500)
     assert found.distance == pytest.approx(-0.1, abs=1e-6)
+
+
+@pytest.mark.parametrize(("dip", "seen"), [(5e-3, True), (0.5e-3, True), (0.05e-3, False)])
+def test_what_may_be_hidden_is_as_little_as_said(tmp_path: Path, dip: float, seen: bool) -> None:
+    robot = replace(gantry(tmp_path, 'type="sphere" size="0.1"'), gripper=None)
+    wall = Obstacle(name="wall", shape=Shape.BOX, size=(0.5, 3, 3), T_world_obstacle=at(1.5, 0, 0))
+    q = np.zeros((4000, 4))
+    q[2345, 0] = dip
+    found = ClosestApproach(robot, (wall,)).along(q)
+    assert found.distance == pytest.approx(0.9 - dip, abs=1e-9 if seen else HIDDEN)
+    assert (found.row == 2345) == seen
 
 
 def test_open_fingers_reach_further_than_closed_ones() -> None:

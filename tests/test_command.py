@@ -186,6 +186,36 @@ def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Pa
     assert (tmp_path / "run.png").exists()
 
 
+GENTLE = STRICT.replace("place_tolerance=1e-9", "force_max=0.5")
+
+
+def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
+    """The cube weighs 1 N; the task allows half of that."""
+    script = tmp_path / "gentle.py"
+    script.write_text(GENTLE, encoding="utf-8")
+    log = tmp_path / "run.rrd"
+    done = run_script("--log", str(log), cwd=tmp_path, script=script)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    [broken] = [finding for finding in summary["audit"] if not finding["ok"]]
+    assert (broken["signal"], broken["limit"], broken["unit"]) == ("tool contact", 0.5, "N")
+    size, time = f"{broken['extreme']:.4g} N", f"{broken['time']:.3f} s"
+    told = f"tool contact: {size} at {time}, promised is 0.5 N"
+    assert f"broken promise  {told}" in done.stdout
+    texts = {
+        str(chunk.entity_path).strip("/"): chunk.to_record_batch().to_pydict()
+        for chunk in RrdReader(log).stream()
+        if str(chunk.entity_path).strip("/") == "summary"
+    }
+    assert f"| tool contact | 0.5 | {broken['extreme']:.4g} |" in str(texts["summary"])
+    events = [
+        str(chunk.to_record_batch().to_pydict())
+        for chunk in RrdReader(log).stream()
+        if str(chunk.entity_path).strip("/") == "events"
+    ]
+    assert any(f"broken promise: {told}" in event and "ERROR" in event for event in events)
+
+
 # Bad input
 
 

@@ -1,6 +1,8 @@
 """Contact forces on tool and links: against MuJoCo's contacts one by one, and Newton."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,6 +16,7 @@ from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Grip
 from tests.runs import no_objects
+from tests.small_robots import small_robot
 from tests.test_simulation import WEIGHT, cube_on_a_shelf, grasp
 
 BALL, RADIUS = 0.7, 0.06
@@ -172,9 +175,9 @@ def test_what_was_felt_does_not_change_any_more() -> None:
     kept = [read.copy() for read in reads]
     world.command_grip(Grip(width=0.08, force=30.0))
     holder.hold(300)
+    assert not world.last_tool_force().any()
     for read, copy in zip(reads, kept, strict=True):
         np.testing.assert_array_equal(read, copy)
-    assert not world.last_tool_force().any()
 
 
 def test_nothing_touches_a_robot_alone(robot: Robot) -> None:
@@ -205,3 +208,48 @@ def test_without_noise_what_is_felt_is_the_truth_and_takes_no_random_number(robo
     before = rng.bit_generator.state
     np.testing.assert_array_equal(world.felt_force(), world.last_tool_force())
     assert rng.bit_generator.state == before
+
+
+NAMELESS = """
+<mujoco><worldbody><body>
+  <geom type="sphere" size="0.02"/>
+  <body><joint name="a" axis="0 0 1" range="-2 2"/><geom type="sphere" size="0.02" pos="0.3 0 0"/>
+    <body pos="0.6 0 0"><geom type="sphere" size="0.02"/></body>
+    <body pos="0 1 0"><joint name="b" axis="0 0 1" range="-2 2"/><geom type="sphere" size="0.02"/>
+      <body pos="0 0.3 0"><geom type="sphere" size="0.02"/><site name="tool"/></body>
+</body></body></body></worldbody></mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "on_tool", "on_links"),
+    [
+        ((0.0, 0.0), False, False),
+        ((0.3, 0.0), False, True),
+        ((0.6, 0.0), False, True),
+        ((0.0, 1.0), True, False),
+        ((0.0, 1.3), True, False),
+    ],
+)
+def test_bodies_need_no_names(
+    tmp_path: Path, place: tuple[float, float], on_tool: bool, on_links: bool
+) -> None:
+    """Base, link, a body fixed to the link, tool, a body fixed to the tool."""
+    robot = small_robot(tmp_path, NAMELESS, ("a", "b"))
+    world = Simulation(replace(robot, own_motors=False, gripper=None), balls)
+    above = np.array([*place, 0.018 + RADIUS])
+    world.place_object("ball 0", SE3.from_translation(above))
+    mujoco.mj_forward(world.model, world.data)
+    assert bool(world.last_tool_force().any()) == on_tool
+    assert (world.last_links_force() > 0.0) == on_links
+    if on_tool:
+        assert world.last_tool_force()[2] < 0.0
+
+
+def test_an_arm_of_one_joint_has_a_tool_and_no_links(tmp_path: Path) -> None:
+    robot = small_robot(tmp_path, NAMELESS, ("a",))
+    world = Simulation(replace(robot, own_motors=False, gripper=None), balls)
+    world.place_object("ball 0", SE3.from_translation(np.array([0.3, 0.0, 0.018 + RADIUS])))
+    mujoco.mj_forward(world.model, world.data)
+    assert world.last_tool_force()[2] < 0.0
+    assert world.last_links_force() == 0.0

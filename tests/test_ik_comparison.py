@@ -19,11 +19,11 @@ from robo47_qp.ik_benchmark.comparison import Comparison, Field, Start
 from robo47_qp.ik_benchmark.judge import Judge
 from robo47_qp.ik_benchmark.outcome import Outcome, outcomes
 from robo47_qp.ik_benchmark.rows import paired_tests, reason_rows, rows
-from robo47_qp.ik_benchmark.statistics import wilson
 from robo47_qp.ik_benchmark.summary import summary
 from robo47_qp.ik_benchmark.targets import MakeTargets, TargetSet, tabletop, uniform
 from robo47_qp.ik_benchmark.unreachable import hostile, unreachable
 from robo47_qp.robots.panda import PANDA
+from robo47_qp.statistics import wilson
 
 ARM = Arm(PANDA)
 JUDGE = Judge(PANDA)

@@ -127,6 +127,18 @@ def test_a_tool_that_never_settles_takes_all_the_time_there_is() -> None:
     assert figures["settle_time_s"] == pytest.approx((grip[1] - grip[0]) * 1e-3)
 
 
+def test_waiting_in_two_phases_is_waiting_all_the_same() -> None:
+    run = picked_and_placed()
+    grip = next(i for i, phase in enumerate(run.phases) if phase.name == "close gripper")
+    closing = run.phases[grip]
+    later = replace(closing, name="wait", start=closing.start + 50)
+    phases = [*run.phases[: grip + 1], later, *run.phases[grip + 1 :]]
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    rows["errors/tool_position"][later.start + 9, 0] = 1.0
+    figures = metrics(replace(run, rows=rows, phases=phases))
+    assert figures["settle_time_s"] == pytest.approx(0.060)
+
+
 def test_a_run_without_a_motion_has_no_smoothness() -> None:
     stuck = metrics(carry_out(Reach(rise=5.0)))
     assert "smoothness_ldlj" not in stuck

@@ -49,7 +49,7 @@ def test_it_has_what_a_reader_looks_for(summary: dict[str, Any]) -> None:
         assert {"signal", "limit", "extreme", "ok", "time", "unit"} == set(finding)
         assert finding["ok"] is True
         slack = 1e-6 * abs(finding["limit"])
-        if "lower" in finding["signal"]:
+        if " q lower (" in finding["signal"]:
             assert finding["extreme"] >= finding["limit"] - slack
         else:
             assert finding["extreme"] <= finding["limit"] + slack

@@ -1,5 +1,7 @@
 """Motion of the tool against finite differences of its pose."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix
 from robo47_qp.tool_motion import tool_motion
+from tests.small_robots import small_robot
 
 COUNT = 12
 _STENCIL = np.arange(-3, 4)
@@ -54,6 +57,30 @@ def test_it_is_the_derivative_of_the_pose(
         ):
             vector = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
             assert getattr(found, name)[k] == pytest.approx(vector, rel=near, abs=10 * near)
+
+
+SHIFTED = """
+<mujoco><worldbody><body name="base"><geom size="0.02"/>
+  <body pos="0.1 0 0.2"><joint name="a" axis="0.3 0 1" ref="0.7" range="-2 2"/><geom size="0.02"/>
+    <body pos="0 0.3 0"><joint name="b" type="slide" axis="1 0.2 0" ref="-0.1" range="-1 1"/>
+      <geom size="0.02"/>
+      <body pos="0 0.2 0.1"><joint name="c" axis="0 1 0" pos="0 0 0.05" range="-2 2"/>
+        <geom size="0.02"/><site name="tool" pos="0.1 0.2 0.3"/>
+</body></body></body></body></worldbody></mujoco>
+"""
+
+
+def test_joints_may_have_their_zero_anywhere(tmp_path: Path, rng: np.random.Generator) -> None:
+    arm = Arm(small_robot(tmp_path, SHIFTED, ("a", "b", "c"), slides=("b",)))
+    q = rng.uniform(-0.5, 0.5, (COUNT, 3))
+    v, a, j = rng.normal(size=(3, COUNT, 3))
+    found, h = tool_motion(arm, q, v, a, j), 5e-3
+    for k in range(COUNT):
+        t = h * _STENCIL[:, None]
+        way = q[k] + v[k] * t + a[k] * t**2 / 2 + j[k] * t**3 / 6
+        x = np.array([arm.pose(row).translation() for row in way])
+        assert found.v[k] == pytest.approx(_FIRST @ x / h, abs=1e-8)
+        assert found.a[k] == pytest.approx(_SECOND @ x / h**2, abs=1e-6)
 
 
 def test_velocities_are_those_of_the_jacobian(

@@ -37,14 +37,16 @@ def test_jacobian_and_inertia_are_those_of_energies_and_differences(
 def test_what_is_unfelt_does_not_move_the_tool(
     arm: Arm, plain: PlainArm, rng: np.random.Generator
 ) -> None:
-    space, v = ToolSpace(arm), rng.uniform(-1, 1, arm.n)
+    space, motions = ToolSpace(arm), rng.uniform(-1, 1, (2, arm.n))
+    space.motions[:] = motions
     space.ask(arm.home)
     arm.place(arm.home)
     space.update(in_tool=False)
-    unfelt = space.unfelt(v, space.J @ v)
-    assert np.abs(world_jacobian(plain, arm.home) @ unfelt).max() < 1e-5
-    # The rest is orthogonal to it in the metric of the mass matrix.
-    assert abs(unfelt @ plain.mass_matrix(arm.home) @ (v - unfelt)) < 1e-4
+    for v, felt, unfelt in zip(motions, space.felt, space.unfelt(), strict=True):
+        assert felt == pytest.approx(world_jacobian(plain, arm.home) @ v, abs=1e-5)
+        assert np.abs(world_jacobian(plain, arm.home) @ unfelt).max() < 1e-5
+        # The rest is orthogonal to it in the metric of the mass matrix.
+        assert abs(unfelt @ plain.mass_matrix(arm.home) @ (v - unfelt)) < 1e-4
 
 
 @pytest.mark.parametrize("in_tool", [False, True])
@@ -105,3 +107,10 @@ def test_the_turn_is_the_shorter_one_from_the_tool_to_its_reference(
         assert w >= 0.0
         asked = R.T @ R_ref if in_tool else R_ref @ R.T
         assert np.abs(Rotation.from_quat([*xyz, w]).as_matrix() - asked).max() < 1e-9
+
+
+def test_a_reference_that_rests_moves_again(arm: Arm, plain: PlainArm) -> None:
+    space = ToolSpace(arm)
+    for turn in (0.0, 0.0, 0.1, 0.1, -0.1):
+        space.ask(arm.home + turn)
+        assert space.position_ref == pytest.approx(plain.tool(arm.home + turn)[0])

@@ -40,7 +40,7 @@ class ActiveController:
         robot = arm.robot
         low, high = self._stops.inside(arm)
         columns = (robot.tau_rate_max * dt, robot.tau_max, low, high)
-        self._rows = list(zip(*(column.tolist() for column in columns), strict=True))
+        self._bounds = [column.tolist() for column in columns]
         self.asked: Vector = arm.inverse_dynamics(arm.home, still, still)
         """Torque of the last period before the limits (n,) [N·m]."""
         self._last: list[float] = np.clip(self.asked, -robot.tau_max, robot.tau_max).tolist()
@@ -86,10 +86,9 @@ class ActiveController:
         if self._fade:
             self._smooth(asked, reference, state)
         # Scalars, because numpy takes three times the time for so few numbers.
-        new, rows = asked.tolist(), self._rows
-        for ask, last, q, (step, most, low, high) in zip(
-            new, self._last, state.q.tolist(), rows, strict=True
-        ):
+        new = asked.tolist()
+        joints = zip(new, self._last, state.q.tolist(), *self._bounds, strict=True)
+        for ask, last, q, step, most, low, high in joints:
             if not (-step <= ask - last <= step and -most <= ask <= most and low <= q <= high):
                 return self._limited(asked, reference, state)
         self.asked, self._last = asked, new

@@ -86,20 +86,19 @@ class CartesianImpedance:
             state: See `Controller.torque`.
         """
         space, in_tool = tool_space(arm), self.frame == "tool"
-        e_v = space.error_v
         np.subtract(reference.q, state.q, space.error_q)
-        np.subtract(reference.v, state.v, e_v)
+        np.subtract(reference.v, state.v, space.error_v)
         # Two rows: the posture's acceleration, and the error of the velocity again.
         self._posture.dot(space.errors, space.motions)
         space.ask(reference.q)
         arm.place(state.q)
         space.update(in_tool=in_tool)
-        a, twist = space.felt
-        unfelt = space.unfelt(e_v, twist)
-        free = space.inverse_dynamics((reference.v, unfelt), (reference.a, space.motions[0]))
-        a -= space.jacobian_rate_times(unfelt, in_tool=in_tool)
-        force = np.array(wrench(space, space.way(in_tool=in_tool), twist.tolist()))
-        force -= space.inertia.dot(a)
+        posture, unfelt = space.unfelt()
+        free = space.inverse_dynamics((reference.v, unfelt), (reference.a, posture))
+        twist = space.felt[1].tolist()
+        force = np.array(wrench(space, space.way(in_tool=in_tool), twist))
+        # What J̇ adds to the tool's acceleration is taken back.
+        force += space.inertia_times(space.jacobian_rate_times(unfelt, in_tool=in_tool))
         tau: Vector = space.J_T.dot(force)
         tau += free
         if arm.slips:

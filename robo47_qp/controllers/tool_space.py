@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 from math import inf
-from operator import mul, sub
+from operator import mul
 
 import mujoco
 import numpy as np
@@ -40,6 +40,8 @@ class ToolSpace:
         n = arm.n
         self._model, self._data, self._tcp = arm.model, arm.scratch, arm.tool_site
         self._asked = mujoco.MjData(arm.model)
+        # A reference at rest asks for the same every time.
+        self._asked_bits = b""
         d, asked, tcp = self._data, self._asked, self._tcp
         # The arrays of MjData keep their place: each view is taken once.
         self._q_ref, self._v, self._a, self._tau = asked.qpos, d.qvel, d.qacc, d.qfrc_inverse
@@ -55,8 +57,11 @@ class ToolSpace:
         self._J_over_M, self._inverse = self._motions[:6], self._felt[:6]
         self.motions: Matrix = self._motions[6:]
         """Room for two velocities or accelerations of the joints (2, n), before `update`."""
-        self.felt: tuple[Vector, ...] = tuple(self._felt[6:])
+        self._twists, self._forces = self._felt[6:], np.zeros((2, 6))
+        self.felt: tuple[Vector, ...] = tuple(self._twists)
         """J times each of them, after it: two of (6,)."""
+        self._unfelt = np.zeros((2, n))
+        self._unfelt_rows: tuple[Vector, ...] = tuple(self._unfelt)
         self._pivots = self._inverse.reshape(-1)[::7]
         self.inertia: Matrix = np.zeros((6, 6), order="F")
         """Λ (6, 6) [kg, kg·m, kg·m²]."""
@@ -66,14 +71,18 @@ class ToolSpace:
         self.errors: Matrix = np.zeros((2, n))
         """Room for the joints' errors of position and velocity (2, n)."""
         self.error_q, self.error_v = self.errors
+        self._force, self._rate = np.zeros(6), np.zeros(6)
         self._columns, self._unit = self._inverse.T, np.eye(6, order="F")
         self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
         self._use: list[float] = self._lightest.tolist()
 
     def ask(self, q_ref: Vector) -> None:
         """Find the tool's pose at the reference: fills `position_ref` and so on."""
-        self._q_ref[:] = q_ref
-        mujoco.mj_kinematics(self._model, self._asked)
+        bits = q_ref.tobytes()
+        if bits != self._asked_bits:
+            self._asked_bits = bits
+            self._q_ref[:] = q_ref
+            mujoco.mj_kinematics(self._model, self._asked)
 
     def update(self, *, in_tool: bool) -> None:
         """Find J and Λ at the configuration to which `Arm.place` went last.
@@ -100,7 +109,8 @@ class ToolSpace:
         if in_tool:
             way: list[float] = (self.position_ref - self.position).dot(self.rotation_ref).tolist()
             return way
-        return list(map(sub, self.position_ref.tolist(), self.position.tolist()))
+        (a, b, c), (x, y, z) = self.position_ref.tolist(), self.position.tolist()
+        return [a - x, b - y, c - z]
 
     def turn(self, *, in_tool: bool) -> tuple[float, float, float, float]:
         """Unit quaternion wxyz, w >= 0, that turns the tool into its reference."""
@@ -116,15 +126,15 @@ class ToolSpace:
         e3 = d * w - a * z - s * (b * y - c * x)
         return (eta, e1, e2, e3) if eta >= 0.0 else (-eta, -e1, -e2, -e3)
 
-    def unfelt(self, v: Vector, twist: Vector) -> Vector:
-        """The part of a joint velocity that does not move the tool: v - M⁻¹ Jᵀ Λ J v (n,).
+    def unfelt(self) -> tuple[Vector, ...]:
+        """The parts of both `motions` that do not move the tool: v - M⁻¹ Jᵀ Λ J v.
 
-        Args:
-            v: (n,) [rad/s].
-            twist: J v (6,).
+        Returns:
+            Two of (n,), overwritten by the next call.
         """
-        unfelt: Vector = v - self.inertia.dot(twist).dot(self._J_over_M)
-        return unfelt
+        self._twists.dot(self.inertia, self._forces).dot(self._J_over_M, self._unfelt)
+        np.subtract(self.motions, self._unfelt, self._unfelt)
+        return self._unfelt_rows
 
     def inverse_dynamics(self, v: tuple[Vector, Vector], a: tuple[Vector, Vector]) -> Vector:
         """As `Arm.inverse_dynamics_here`, of a difference and a sum, without copies.
@@ -141,13 +151,22 @@ class ToolSpace:
         mujoco.mj_inverseSkip(self._model, self._data, _POSITIONS_DONE, 1)
         return self._tau
 
+    def inertia_times(self, a: Vector) -> Vector:
+        """Λ a (6,), overwritten by the next call."""
+        force: Vector = self.inertia.dot(a, self._force)
+        return force
+
     def jacobian_rate_times(self, v: Vector, *, in_tool: bool = False) -> Vector:
-        """J̇ v (6,), with J̇ at the velocity of the last inverse dynamics and fixed axes."""
+        """J̇ v, with J̇ at the velocity of the last inverse dynamics and fixed axes.
+
+        Returns:
+            (6,), overwritten by the next call.
+        """
         rows = self._J_dot
         mujoco.mj_jacDot(
             self._model, self._data, rows.linear, rows.angular, self.position, self._body
         )
-        product: Vector = rows.whole.dot(v)
+        product: Vector = rows.whole.dot(v, self._rate)
         if in_tool:
             product = product.reshape(2, 3).dot(self.rotation_ref).reshape(6)
         return product

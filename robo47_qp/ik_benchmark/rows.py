@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -10,11 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.ik_benchmark.answers import RAISED, Answers
-from robo47_qp.ik_benchmark.statistics import PairedTest, holm, mcnemar, wilson
 from robo47_qp.ik_benchmark.unreachable import EXPECTED
+from robo47_qp.statistics import holm, mcnemar, wilson
 
 Question = tuple[str, str]
 """Two solvers that were to be compared before there were figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedTest:
+    """Two solvers on the same targets: McNemar's exact test on those that only one solved."""
+
+    targets: str
+    a: str
+    b: str
+    only_a: int
+    """Targets that a alone solved."""
+    only_b: int
+    """Targets that b alone solved."""
+    p: float
+    """Chance of a split at least as uneven, were both equally good; two-sided."""
+    p_holm: float
+    """The same, corrected for the number of tests (Holm, 1979): the planned ones among
+    themselves, the others among all others."""
+    planned: bool
+    """True for a comparison that was chosen before there were figures."""
 
 
 def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:

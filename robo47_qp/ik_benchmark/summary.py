@@ -8,8 +8,8 @@ from robo47_qp.ik_benchmark.answers import Answers
 from robo47_qp.ik_benchmark.comparison import Comparison
 from robo47_qp.ik_benchmark.judge import LOOSE, TIGHT
 from robo47_qp.ik_benchmark.rows import Question, paired_tests, reason_rows, rows
-from robo47_qp.ik_benchmark.statistics import CONFIDENCE
 from robo47_qp.report import plain, versions
+from robo47_qp.statistics import CONFIDENCE
 
 
 def summary(

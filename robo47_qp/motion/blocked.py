@@ -10,6 +10,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import joints_outside
 from robo47_qp.ik.stall import Stall
+from robo47_qp.motion.creeping import STRIDE
 
 SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
@@ -19,23 +20,22 @@ AT_LIMIT = 1e-3
 
 
 def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
-    """Why the tool does not get from q to a pose close by, and the joint concerned.
+    """Why the tool does not get from q to a pose next to it, and the joint concerned.
 
-    Without the joint limits the pose is reached and a joint is outside: that limit. No
-    configuration at all reaches it: it is out of reach. The Jacobian at q has next to no
-    gain in some direction: a singularity, and the joint that moves most for it. Else the
-    pose belongs to another branch, and the joint that differs most there is named.
+    Without the joint limits the pose is reached by a small motion that leads a joint out of
+    them: that limit. No configuration at all reaches it: it is out of reach. The Jacobian at q
+    has next to no gain in some direction: a singularity, and the joint that moves most for it.
+    Else the pose belongs to another branch, and the joint that differs most there is named.
 
     Args:
         arm: The arm.
         q: The last configuration on the way (n,) [rad].
-        T_world_next: Where the tool should go next.
+        T_world_next: Where the tool should go next, no further than `creep` can tell.
     """
     free = LmIk(within_limits=False).solve(arm, T_world_next, q)
-    outside = joints_outside(arm, free.q)
     joints = arm.robot.joints
-    near = np.abs(free.q - q).max() < 1.0
-    if outside and near and free.position_error < 1e-3:
+    near = np.abs(free.q - q).max() <= STRIDE
+    if joints_outside(arm, free.q) and near and free.position_error < 1e-3:
         beyond = np.maximum(arm.q_min - free.q, free.q - arm.q_max)
         return Obstacle.JOINT_LIMIT, joints[int(beyond.argmax())]
     other = MultiStart(solver=LmIk(max_iterations=20, stall=Stall())).solve(arm, T_world_next, q)

@@ -3,44 +3,27 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mink import SE3
-
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.arc import Arc
+from robo47_qp.motion.blending import cut_ptp, least_with_stops, parted, quickest
 from robo47_qp.motion.chain import Chain, tool_target
 from robo47_qp.motion.collisions import Collisions
-from robo47_qp.motion.continuous import Continuous, Pace
+from robo47_qp.motion.continuous import Continuous, Pace, Passage
+from robo47_qp.motion.leg import Leg
 from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.line import Line
 from robo47_qp.motion.lower_bound import lower_bound
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
 from robo47_qp.motion.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.tracking import LinError
+from robo47_qp.motion.tracking import Effort, LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 from robo47_qp.waypoint import Motion, Waypoint
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Leg:
-    """A planned way to a waypoint."""
-
-    waypoint: Waypoint
-    ik: IkResult
-    trajectory: Trajectory
-    T_world_start: SE3
-    """Tool pose at the start."""
-    T_world_goal: SE3
-    """Tool pose asked for."""
-    way: Line | Arc | None = None
-    """What the tool is to stay on; None for PTP motions and where corners are blended."""
-    lower_bound: float = 0.0
-    """Time that no motion along the same path can beat [s]; 0 where parts of one motion follow
-    each other without a stop."""
+__all__ = ["Leg", "Planner"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,14 +97,49 @@ class Planner:
             if not waypoint.rests:
                 continue
             run, results = waypoints[first : i + 1], chosen[first : i + 1]
-            if len(run) > 1:
-                legs += self._without_stops(arm, run, results, q, dt)
-            elif waypoint.motion is Motion.PTP:
-                legs.append(self._ptp(arm, waypoint, results[0], q, dt))
-            else:
-                legs.append(self._tool(arm, waypoint, q, dt))
+            legs += self._blended(arm, run, results, q, dt)
             first, q = i + 1, legs[-1].trajectory.end.q
         return legs
+
+    def _blended(
+        self,
+        arm: Arm,
+        run: Sequence[Waypoint],
+        results: Sequence[IkResult],
+        q_start: Vector,
+        dt: float,
+    ) -> list[Leg]:
+        """To a waypoint that is rested at, stopping before where that is faster than to blend."""
+        corners = [i for i, waypoint in enumerate(run[:-1]) if waypoint.blend]
+
+        def plan(stops: frozenset[int]) -> list[Leg]:
+            legs, q = list[Leg](), q_start
+            for part in parted(run, stops):
+                there = [results[i] for i in part]
+                legs += self._moved(arm, [run[i] for i in part], there, q, dt)
+                q = legs[-1].trajectory.end.q
+            return legs
+
+        ends = [q_start, *(result.q for result in results)]
+        poses = [arm.pose(q_start), *(tool_target(arm, waypoint) for waypoint in run)]
+        pace = Pace(self.profile, self.speed)
+        floor = least_with_stops(poses, ends, run, pace, self.lin.profile) if corners else 0.0
+        return quickest(corners, plan, _duration, floor)
+
+    def _moved(
+        self,
+        arm: Arm,
+        run: Sequence[Waypoint],
+        results: Sequence[IkResult],
+        q_start: Vector,
+        dt: float,
+    ) -> list[Leg]:
+        """To the last of some waypoints, blending or passing those before it."""
+        if len(run) > 1:
+            return self._without_stops(arm, run, results, q_start, dt)
+        if run[0].motion is Motion.PTP:
+            return [self._ptp(arm, run[0], results[0], q_start, dt)]
+        return [self._tool(arm, run[0], q_start, dt)]
 
     def _ptp(
         self, arm: Arm, waypoint: Waypoint, result: IkResult, q_start: Vector, dt: float
@@ -160,10 +178,12 @@ class Planner:
         q_start: Vector,
         dt: float,
     ) -> list[Leg]:
-        goals = [result.q for result in results]
-        planned = self.continuous.plan(
-            arm, self.ik, q_start, run, goals, Pace(self.profile, self.speed), dt
-        )
+        goals, paced = [result.q for result in results], Pace(self.profile, self.speed)
+        if len(run) > 1 and self.continuous.free is None and _blends_joints(run):
+            cut = cut_ptp(arm, run, [q_start, *goals], paced, self.law, dt)
+            planned = Passage(*cut, [], Effort(0, 0.0))
+        else:
+            planned = self.continuous.plan(arm, self.ik, q_start, run, goals, paced, dt)
         whole, ends = planned.trajectory, [*planned.passes, planned.trajectory.steps]
         legs: list[Leg] = []
         for waypoint, first, last in zip(run, [0, *ends], ends, strict=False):
@@ -202,3 +222,11 @@ class Planner:
             T_world_start=arm.pose(q_start),
             T_world_goal=tool_target(arm, waypoint),
         )
+
+
+def _blends_joints(run: Sequence[Waypoint]) -> bool:
+    return all(w.motion is Motion.PTP for w in run) and all(w.blend for w in run[:-1])
+
+
+def _duration(legs: Sequence[Leg]) -> float:
+    return sum(leg.trajectory.duration for leg in legs)

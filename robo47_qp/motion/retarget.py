@@ -5,7 +5,7 @@ import numpy as np
 from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import Obstacle, PlanError, Rejection
-from robo47_qp.motion.jerk_limited import to_state
+from robo47_qp.motion.leap import to_state
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 

@@ -7,7 +7,7 @@ import numpy as np
 from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Rejection
-from robo47_qp.motion.jerk_limited import Leap, to_rest, to_state
+from robo47_qp.motion.leap import Leap, to_rest, to_state
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 

@@ -1,6 +1,7 @@
 """Tracking: the joint path along a tool path, in the branch in which it starts."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Obstacle, Robo47Error
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.motion.blocked import AT_LIMIT, blocked, rough
+from robo47_qp.motion.creeping import creep, one_start
 
 _TASK = 6
 """Coordinates of a pose: an arm with more joints has motions of its own."""
@@ -143,26 +145,48 @@ class Tracking:
         s = np.linspace(0.0, 1.0, knots + 1)
         q, results = [q_start], []
         spacing = max(path.length, path.angle) / knots
-        for fraction in s[1:]:
+        near = one_start(ik)
+        for before, fraction in pairwise(s.tolist()):
             seed, target = q[-1], path.at(fraction)
             if away:
                 seed = np.clip(
                     seed + spacing * self.retreat * _away(arm, seed), arm.q_min, arm.q_max
                 )
-            result = ik.solve(arm, target, seed)
-            if not result.converged:
-                found = blocked(arm, q[-1], target)
-                reason = f"{result.explanation}{_told(*found)}"
-                raise LinError(fraction, reason, *found, q[-1], target)
-            moved = np.abs(result.q - q[-1])
-            if moved.max() > self.jump:
-                joint = arm.robot.joints[int(moved.argmax())]
-                found = blocked(arm, q[-1], target)
-                reason = f"{joint} would jump by {moved.max():.2f} rad{_told(*found)}"
-                raise LinError(fraction, reason, *found, q[-1], target)
-            q.append(_polished(arm, target, result.q) if self.polish else result.q)
+            result = near.solve(arm, target, seed)
             results.append(result)
+            found, moved = result.q, float(np.abs(result.q - q[-1]).max())
+            if not result.converged or moved > self.jump:
+                found = self._crept(arm, near, q[-1], path, (before, fraction), results)
+            q.append(_polished(arm, target, found) if self.polish else found)
         return np.array(q), results
+
+    def _crept(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        q: Vector,
+        path: ToolPath,
+        ends: tuple[float, float],
+        results: list[IkResult],
+    ) -> Vector:
+        """The configuration at the second end, by small steps from q at the first.
+
+        Raises:
+            LinError: There is no way; told is what stands in it.
+        """
+        low, high = ends
+        crept = creep(arm, ik, q, lambda x: path.at(low + x * (high - low)))
+        results += crept.results
+        if crept.stuck is None:
+            return crept.q
+        last = crept.results[-1]
+        obstacle, joint = blocked(arm, crept.q, crept.stuck)
+        moved = np.abs(last.q - crept.q)
+        how = f"{arm.robot.joints[int(moved.argmax())]} would jump by {moved.max():.2f} rad"
+        reason = how if last.converged else last.explanation
+        at = low + crept.at * (high - low)
+        told = f"{reason} ({obstacle.value}, {joint})"
+        raise LinError(at, told, obstacle, joint, crept.q, crept.stuck)
 
 
 def check_limits(arm: Arm, q: Matrix) -> None:
@@ -177,10 +201,6 @@ def check_limits(arm: Arm, q: Matrix) -> None:
         name = arm.robot.joints[joint]
         at = row / len(outside)
         raise LinError(at, f"{name} leaves its limits", Obstacle.JOINT_LIMIT, name, q[row])
-
-
-def _told(obstacle: Obstacle, joint: str) -> str:
-    return f" ({obstacle.value}, {joint})"
 
 
 def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.jerk_limited import Leap, leap
+from robo47_qp.motion.leap import Leap, leap
 
 _HALVINGS = 60
 _CAREFUL = 1.0 - 1e-6
@@ -61,9 +61,10 @@ class Travel:
             np.searchsorted(self._times, t, side="right") - 1, 0, len(self._leaps) - 1
         )
         rows = np.empty((periods + 1, 3))
-        for row, when, k in zip(rows, t, section, strict=True):
-            row[:] = self._leaps[k].at(when - self._times[k])
-            row[0] += self._starts[k]
+        for k in np.unique(section).tolist():
+            mine = section == k
+            rows[mine] = self._leaps[k].along(t[mine] - self._times[k])
+            rows[mine, 0] += self._starts[k]
         rows[-1] = self._starts[-1], 0.0, 0.0
         return rows * pace ** np.arange(3)
 

@@ -1,0 +1,1 @@
+"""Evaluation: many episodes of one task under one policy, with paired seeds."""

@@ -1,0 +1,121 @@
+"""Journal: every finished episode in a line of its own, on disk before the next one counts."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TextIO
+
+from robo47_qp.errors import RecordingError, Robo47Error
+from robo47_qp.evaluation.episode import EpisodeResult
+
+
+class JournalError(Robo47Error):
+    """A journal that cannot be gone on with."""
+
+
+class Journal:
+    """A file of JSON lines: first the settings, then results as they come."""
+
+    def __init__(self, path: Path, settings: Mapping[str, Any], *, resume: bool) -> None:
+        """Open the file.
+
+        Args:
+            path: The file. Without `resume`, one that is there is kept beside it, as .old.
+            settings: What the results depend on.
+            resume: Go on with the file, if there is one.
+
+        Raises:
+            JournalError: The file is of an evaluation with other settings, or no journal.
+            RecordingError: It cannot be read or written.
+        """
+        self.path = path
+        self.results: dict[int, EpisodeResult] = {}
+        """Finished episodes by their seeds."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.exists() and not resume:
+                path.replace(path.with_name(f"{path.name}.old"))
+            whole = _whole_lines(path)
+            self.results = _results(path, whole, settings)
+            with path.open("ab") as file:
+                file.truncate(len(whole))
+            self._file: TextIO = path.open("a", encoding="utf-8")
+            if not whole:
+                self._write(_header(settings))
+        except OSError as error:
+            raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+    @staticmethod
+    def read(path: Path, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
+        """The results in a file by their seeds; none where there is no file.
+
+        Raises:
+            JournalError: See `Journal`.
+        """
+        return _results(path, _whole_lines(path), settings)
+
+    def add(self, result: EpisodeResult) -> None:
+        """Write a result and wait until it is on the disk.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
+        try:
+            self._write(result.entry())
+        except OSError as error:
+            raise RecordingError(
+                f"{self.path} cannot be written to: {error.strerror}. It holds "
+                f"{len(self.results)} episodes; make room and go on with --resume."
+            ) from error
+        self.results[result.seed] = result
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _write(self, content: Mapping[str, Any]) -> None:
+        line = json.dumps(content, allow_nan=False, ensure_ascii=False)
+        self._file.write(line + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _header(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return {"journal": 1, **settings}
+
+
+def _whole_lines(path: Path) -> bytes:
+    """What a file holds up to its last line break; nothing where there is none.
+
+    A line without an end was being written when the evaluation was killed.
+    """
+    content = path.read_bytes() if path.exists() else b""
+    return content[: content.rfind(b"\n") + 1]
+
+
+def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
+    if not whole:
+        return {}
+    try:
+        first, *entries = [json.loads(line) for line in whole.decode("utf-8").splitlines()]
+        results = [EpisodeResult.of_entry(entry) for entry in entries]
+    except (ValueError, TypeError, KeyError) as error:
+        raise JournalError(
+            f"{path} is no journal of an evaluation: {error}. Name another file with --log, or "
+            "start anew without --resume."
+        ) from error
+    differences = _differences(first, json.loads(json.dumps(_header(settings))))
+    if differences:
+        raise JournalError(
+            f"{path} is of another evaluation; these differ: {', '.join(differences)}. Ask for "
+            "the same settings, name another file with --log, or start anew without --resume."
+        )
+    return {result.seed: result for result in results}
+
+
+def _differences(found: Any, asked: Mapping[str, Any]) -> list[str]:
+    if not isinstance(found, Mapping):
+        return ["its form"]
+    names = [*asked, *(name for name in found if name not in asked)]
+    return [name for name in names if name not in found or found[name] != asked.get(name)]

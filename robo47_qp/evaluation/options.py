@@ -1,0 +1,143 @@
+"""Options of an evaluation."""
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.executor import cores
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.policy import CLASSICAL
+from robo47_qp.options import LOGS, RunOptions
+
+_MILLI = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerturbOptions:
+    """Single perturbations, in place of those of --perturb."""
+
+    pose_noise: float | None = None
+    """Standard deviation of seen coordinates of an object, per camera frame [m]."""
+    heading_noise: float | None = None
+    """Standard deviation of the seen turn of an object, per camera frame [rad]."""
+    pose_bias: float | None = None
+    """Standard deviation of an error of seen coordinates that lasts for the episode [m]."""
+    mass: float | None = None
+    """Mass of the objects, at most this part more or less: 0.3 is 30 %."""
+    friction: float | None = None
+    """Friction, at most this part more or less."""
+    latency: float | None = None
+    """From a command to the motors [ms]."""
+    noise_q: float | None = None
+    """Standard deviation of measured joint positions [rad]."""
+    noise_v: float | None = None
+    """Standard deviation of measured joint velocities [rad/s]."""
+    pushes: int | None = None
+    """Pushes on the tool in an episode, at most 3."""
+    push_force: float | None = None
+    """Size of a push at most [N]."""
+
+    def over(self, preset: Perturbation) -> Perturbation:
+        """A preset with what was chosen in its place.
+
+        Raises:
+            InvalidValueError: A number is out of range.
+        """
+        names = [f.name for f in fields(PerturbOptions)]
+        chosen = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if "mass" in chosen:
+            chosen["object_mass"] = chosen.pop("mass")
+        if "latency" in chosen:
+            chosen["latency"] *= _MILLI
+        return replace(preset, **chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(PerturbOptions):
+    """What can be chosen for an evaluation."""
+
+    task: str = "pick_place"
+    """Name of a task."""
+    policy: str = CLASSICAL
+    """The classical stack, or module:Class or file.py:Class of a policy: a class with
+    reset(observation) and act(observation)."""
+    episodes: int = 100
+    """How many; episode i has the seed `seed` + i."""
+    seed: int = 0
+    """Seed of the first episode."""
+    workers: int = field(default_factory=cores)
+    """Processes at once; all processors by default."""
+    timeout: float = 300.0
+    """Wall time of an episode, after which its process is killed and replaced [s]."""
+    cluster: Literal["local", "ray"] = "local"
+    """Where episodes run: processes of this machine, or a Ray cluster (needs the extra "ray")."""
+    ik: Literal["qp", "lm", "dls"] = "qp"
+    """Inverse kinematics of the classical stack."""
+    speed: float = 1.0
+    """Pace of the classical stack, 0.01 to 1."""
+    perturb: Literal["none", "moderate", "severe"] = "none"
+    """How far the world is from what the controller believes: moderate is 5 mm of camera noise,
+    30 % of mass and friction, 2 ms of latency."""
+    failures: int = 5
+    """Failed episodes at most that are recorded to look at; 0 records none."""
+    resume: bool = False
+    """Go on with an evaluation that was interrupted."""
+    replay: int | None = None
+    """Run only the episode with this seed, and record it."""
+    against: Path | None = None
+    """Report (.json) of another evaluation on the same seeds to compare with."""
+    log: Path = LOGS / "eval.rrd"
+    """Recording of the failures; the other files go beside it: report (.json and .md), journal
+    (.jsonl), picture (.png)."""
+    json: bool = False
+    """Print the report as JSON on the standard output and nothing else."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: A number is out of range, or a file has the wrong ending.
+        """
+        for name, least in (("episodes", 1), ("seed", 0), ("workers", 1), ("failures", 0)):
+            if getattr(self, name) < least:
+                raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
+        if not 0.0 < self.timeout < float("inf"):
+            raise InvalidValueError("--timeout", self.timeout, "above 0 and finite")
+        if self.replay is not None and self.replay < 0:
+            raise InvalidValueError("--replay", self.replay, "0 or more")
+        if self.log.suffix != ".rrd":
+            raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
+
+    @property
+    def perturbation(self) -> Perturbation:
+        """The ranges that were chosen.
+
+        Raises:
+            InvalidValueError: A number is out of range.
+        """
+        return self.over(PRESETS[self.perturb])
+
+    @property
+    def run_options(self) -> RunOptions:
+        """What the classical stack is to be.
+
+        Raises:
+            InvalidValueError: The speed is out of range.
+        """
+        return RunOptions(ik=self.ik, speed=self.speed)
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """What is written, by name."""
+        endings = {"report": ".json", "text": ".md", "journal": ".jsonl", "plot": ".png"}
+        files = {name: self.log.with_suffix(ending) for name, ending in endings.items()}
+        return {**files, "recording": self.log}
+
+
+def policy_settings(options: EvaluateOptions, digest: str | None) -> dict[str, Any]:
+    """The policy as JSON: what the results depend on of it."""
+    named = {"name": options.policy}
+    if options.policy == CLASSICAL:
+        return {**named, "ik": options.ik, "speed": options.speed}
+    return {**named, "sha256": digest}

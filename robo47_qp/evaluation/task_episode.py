@@ -1,0 +1,148 @@
+"""TaskEpisode: an episode of a task in its own world, driven by the stack or by a policy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from robo47_qp.audit import audit
+from robo47_qp.disturbance import DisturbedSimulation
+from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Robo47Error
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.policy import PolicyFailed
+from robo47_qp.failure import Cause, Failure
+from robo47_qp.metrics import metrics
+from robo47_qp.observer import Observer
+from robo47_qp.options import RunOptions
+from robo47_qp.recording import Sink
+from robo47_qp.report import plain
+from robo47_qp.robot import Robot
+from robo47_qp.run import Run, Scenario
+from robo47_qp.runner import Runner
+from robo47_qp.simulation import Simulation
+from robo47_qp.task import Task
+
+WALL = ("step_us", "real_time_factor")
+"""Metrics of wall time."""
+
+
+class Drive(Protocol):
+    """Brings a scenario from its start to its end; goes to worker processes by pickle."""
+
+    def __call__(
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        *,
+        sinks: Sequence[Sink],
+        observers: Sequence[Observer],
+    ) -> Run:
+        """Reset simulation and task from the scenario's seed, and run.
+
+        Raises:
+            PolicyFailed: The policy raised something.
+            InvalidValueError: A command is none that can be carried out.
+        """
+        ...
+
+
+def classical(
+    scenario: Scenario,
+    simulation: Simulation,
+    *,
+    sinks: Sequence[Sink],
+    observers: Sequence[Observer],
+) -> Run:
+    """The classical stack; see `Drive`."""
+    return Runner(scenario, simulation).run(sinks=sinks, observers=observers)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TaskEpisode:
+    """Episodes of a task under a drive; see `Episode`.
+
+    The world is drawn from the episode's seed alone: scene, start, perturbation.
+    """
+
+    robot: Robot
+    task: Task
+    options: RunOptions = RunOptions()
+    """Inverse kinematics and speed."""
+    perturbation: Perturbation = Perturbation()
+    drive: Drive = classical
+    foreign: bool = False
+    """See `Episode.foreign`."""
+
+    def scenario(self, seed: int) -> Scenario:
+        """The scenario of an episode."""
+        task = self.task.variant(np.random.default_rng([seed, 2]))
+        scenario = self.options.scenario(self.robot, task)
+        return Scenario(
+            robot=scenario.robot,
+            task=scenario.task,
+            planner=scenario.planner,
+            controller=scenario.controller,
+            seed=seed,
+        )
+
+    def simulation(self, scenario: Scenario, seed: int) -> DisturbedSimulation:
+        """The world of an episode."""
+        rng = np.random.default_rng([seed, 1])
+        disturbance = self.perturbation.draw(rng)
+        return DisturbedSimulation(self.robot, scenario.task.build_scene, disturbance, rng)
+
+    def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
+        """See `Episode`."""
+        started = perf_counter()
+        scenario = self.scenario(spec.seed)
+        simulation = self.simulation(scenario, spec.seed)
+        wrong = plain(simulation.disturbance)
+        try:
+            run = self._driven(spec, scenario, simulation)
+        except (PolicyFailed, PlanError, InvalidValueError) as error:
+            failure = Failure(cause=_cause(error), evidence=str(error), time=simulation.time)
+            timing = {"wall_s": perf_counter() - started}
+            return failed(spec, failure, disturbance=wrong, timing=timing)
+        return _judged(spec, run, wrong, started)
+
+    def _driven(self, spec: EpisodeSpec, scenario: Scenario, simulation: Simulation) -> Run:
+        if spec.recording is None:
+            return self.drive(scenario, simulation, sinks=(), observers=())
+        # Drawing is for the few episodes that someone looks at.
+        from robo47_qp.evaluation.recorded import recorded
+
+        return recorded(self.drive, scenario, simulation, spec.recording)
+
+
+def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: float) -> EpisodeResult:
+    figures = {**metrics(run)}
+    timing = {name: figures.pop(name) for name in WALL if name in figures}
+    broken = tuple(finding.signal for finding in audit(run) if not finding.ok)
+    more: dict[str, Any] = {
+        "measures": _plain(run.measures),
+        "metrics": _plain({k: v for k, v in figures.items() if k not in run.measures}),
+        "audit_ok": not broken,
+        "broken_promises": broken,
+        "disturbance": wrong,
+        "sha256": sha256(run.rows.values.tobytes()).hexdigest(),
+    }
+    more["timing"] = {"wall_s": perf_counter() - started, **timing}
+    if run.failure is not None:
+        return failed(spec, run.failure, **more)
+    return EpisodeResult(index=spec.index, seed=spec.seed, success=True, **more)
+
+
+def _plain(figures: dict[str, float]) -> dict[str, object]:
+    return {name: plain(value) for name, value in figures.items()}
+
+
+def _cause(error: Robo47Error) -> Cause:
+    if not isinstance(error, PlanError):
+        return Cause.LIMIT
+    rejection = error.rejection
+    unreached = rejection is None or rejection.obstacle is Obstacle.REACH
+    return Cause.IK if unreached else Cause.PLAN

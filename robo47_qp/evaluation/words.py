@@ -1,0 +1,93 @@
+"""An evaluation in words: the report as Markdown, and a line for the terminal."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+MOST = 50
+"""Failures that are listed one by one."""
+
+
+def rate_line(figures: Mapping[str, Any]) -> str:
+    """Successes with their interval."""
+    low, high = figures["interval"]
+    return (
+        f"{figures['successes']} of {figures['episodes']} succeeded, "
+        f"{100 * figures['rate']:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
+    )
+
+
+def comparison_line(comparison: Mapping[str, Any]) -> str:
+    """A paired comparison in a sentence."""
+    low, high = (100 * bound for bound in comparison["interval"])
+    return (
+        f"{comparison['a']} against {comparison['b']} on {comparison['episodes']} episodes: "
+        f"{100 * comparison['difference']:+.1f} points (95 %: {low:+.1f} to {high:+.1f}); "
+        f"{comparison['only_a']} to {comparison['only_b']} that only one solved, "
+        f"p = {comparison['p']:.3g} (McNemar, exact)"
+    )
+
+
+def markdown(figures: Mapping[str, Any], pictures: Sequence[str]) -> str:
+    """The report; `pictures` are files beside it."""
+    lines = [f"# {figures['task']} with {figures['policy']}", "", rate_line(figures) + ".", ""]
+    if figures["errors"]:
+        lines += [f"**{figures['errors']} episodes ended with an error of our own.**", ""]
+    if figures["broken_audits"]:
+        lines += [f"In {figures['broken_audits']} episodes a promise of the audit broke.", ""]
+    if "comparison" in figures:
+        lines += [comparison_line(figures["comparison"]) + ".", ""]
+    if figures["causes"]:
+        lines += ["## Why episodes failed", "", *_table(("cause", "episodes"), _causes(figures))]
+    lines += ["## Figures of the successes", ""]
+    lines += _table(("figure", "median", "95th percentile", "largest"), _rows(figures))
+    lines += [f"![{name}]({name})\n" for name in pictures]
+    failures = [e for e in figures["entries"] if not e["success"]]
+    if failures:
+        lines += ["## Failures", ""]
+        lines += _table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
+    if figures.get("timing"):
+        lines += ["## Throughput", "", throughput_line(figures["timing"]) + ".", ""]
+    lines += ["## Settings", "", *_table(("setting", "value"), figures["settings"].items())]
+    lines += ["## Versions", "", *_table(("package", "version"), figures["versions"].items())]
+    return "\n".join(lines)
+
+
+def throughput_line(timing: Mapping[str, Any]) -> str:
+    """How fast it went."""
+    return (
+        f"{timing['episodes']} episodes in {timing['wall_s']:.1f} s on {timing['workers']} "
+        f"workers: {timing['episodes_per_minute']:.1f} per minute, "
+        f"{timing['episodes_per_minute_per_worker']:.1f} per worker"
+    )
+
+
+def _causes(figures: Mapping[str, Any]) -> list[tuple[str, int]]:
+    return list(figures["causes"].items())
+
+
+def _rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return [
+        (name, *(f"{column[key]:.4g}" for key in ("median", "p95", "max")))
+        for name, column in figures["figures"].items()
+    ]
+
+
+def _failure(entry: Mapping[str, Any]) -> tuple[Any, ...]:
+    if entry["error"] is not None:
+        return entry["seed"], "error", "", "", entry["error"].splitlines()[-1]
+    time = "" if entry["time"] is None else f"{entry['time']:.2f}"
+    return entry["seed"], entry["cause"], entry["step"] or "", time, entry["evidence"]
+
+
+def _table(head: Sequence[str], rows: Any) -> list[str]:
+    """A table with as many rows as are read; the rest is told."""
+    every = list(rows)
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in every[:MOST]]
+    if len(every) > MOST:
+        lines.append(f"\n{len(every) - MOST} more are in the JSON file.")
+    return [*lines, ""]
+
+
+def _cell(value: object) -> str:
+    return str(value).replace("|", "\\|").replace("\n", " ")

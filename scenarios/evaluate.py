@@ -1,0 +1,43 @@
+"""A task evaluated: many episodes under a policy, with paired seeds, causes and intervals."""
+
+import pkgutil
+import sys
+from dataclasses import is_dataclass
+from typing import cast
+
+from rich.console import Console
+
+import tasks
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.task import Task
+
+
+def known_tasks() -> dict[str, type[Task]]:
+    """Every task in the folder of tasks, by name."""
+    found: dict[str, type[Task]] = {}
+    for module in pkgutil.iter_modules(tasks.__path__, f"{tasks.__name__}."):
+        for member in vars(pkgutil.resolve_name(module.name)).values():
+            if isinstance(member, type) and member.__module__ == module.name:
+                name = getattr(member, "name", None)
+                if is_dataclass(member) and hasattr(member, "program") and isinstance(name, str):
+                    found[name] = cast("type[Task]", member)
+    return found
+
+
+def run(options: EvaluateOptions, console: Console) -> int:
+    """Run the scenario; returns the exit code."""
+    # Every worker imports this file: plots and recordings are for the main process alone.
+    from robo47_qp.evaluation.evaluate import evaluate
+
+    known = known_tasks()
+    if options.task not in known:
+        raise UnknownNameError("task", options.task, known)
+    return evaluate(known[options.task](), PANDA, options, console)
+
+
+if __name__ == "__main__":
+    from robo47_qp.command import main
+
+    sys.exit(main(EvaluateOptions, run, __doc__))
