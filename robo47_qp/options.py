@@ -106,9 +106,7 @@ class RunOptions:
         if self.ik == "lm":
             lm = LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
             return MultiStart(solver=lm)
-        qp = QpIk(
-            backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance
-        )
+        qp = QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance)
         return MultiStart(solver=qp)
 
     def scenario(self, robot: Robot, task: Task) -> Scenario:

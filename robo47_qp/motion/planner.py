@@ -12,8 +12,8 @@ from robo47_qp.motion.blending import cut_ptp, least_with_stops, parted, quickes
 from robo47_qp.motion.chain import Chain, tool_target
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.continuous import Continuous, Pace, Passage
-from robo47_qp.motion.leg import Leg
 from robo47_qp.motion.detour import Detour
+from robo47_qp.motion.leg import Leg
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.lower_bound import lower_bound
 from robo47_qp.motion.path_profile import PathProfile
