@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robo47_qp.actions import Actions
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.failure import Cause, Failure
 from robo47_qp.guard import Guard
@@ -65,7 +66,7 @@ class PolicyRunner(Runner):
         self._policy, self._pace = policy, Pace() if pace is None else pace
         self._cell = PolicyCell(self._loop)
 
-    def _programmed(self) -> Failure | None:
+    def _programmed(self, actions: Actions) -> Failure | None:
         """The episode, in place of the task's program."""
         failure = self._episode()
         try:

@@ -154,27 +154,17 @@ class Planner:
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
         try:
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
-        except PlanError as error:
-            trajectory = self._around(arm, (q_start, result.q), profile, dt, error)
+        except PlanError:
+            if self.detour is None or self.collisions is None:
+                raise
+            ends = q_start, result.q
+            found = self.detour.plan(arm, self.collisions, ends, profile, dt)
+            if found is None:
+                raise
+            trajectory = found
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
         bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
         return replace(leg, lower_bound=bound)
-
-    def _around(
-        self,
-        arm: Arm,
-        ends: tuple[Vector, Vector],
-        profile: MotionProfile,
-        dt: float,
-        error: PlanError,
-    ) -> Trajectory:
-        """A way around what the straight one would hit; where there is none, the error stands."""
-        if self.detour is None or self.collisions is None:
-            raise error
-        found = self.detour.plan(arm, self.collisions, ends, profile, dt)
-        if found is None:
-            raise error
-        return found
 
     def _tool(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         pace = self.speed * waypoint.speed
