@@ -10,7 +10,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import joints_outside
 from robo47_qp.ik.stall import Stall
-from robo47_qp.motion.creeping import STRIDE
+from robo47_qp.motion.creeping import nearby
 
 SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
@@ -32,11 +32,10 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
         q: The last configuration on the way (n,) [rad].
         T_world_next: Where the tool should go next, no further than `creep` can tell.
     """
-    free = LmIk(within_limits=False).solve(arm, T_world_next, q)
+    free = nearby(arm, T_world_next, q, LmIk().tolerance, limits=False)
     joints = arm.robot.joints
-    near = np.abs(free.q - q).max() <= STRIDE
-    if joints_outside(arm, free.q) and near and free.position_error < 1e-3:
-        beyond = np.maximum(arm.q_min - free.q, free.q - arm.q_max)
+    if free is not None and joints_outside(arm, free):
+        beyond = np.maximum(arm.q_min - free, free - arm.q_max)
         return Obstacle.JOINT_LIMIT, joints[int(beyond.argmax())]
     other = MultiStart(solver=LmIk(max_iterations=20, stall=Stall())).solve(arm, T_world_next, q)
     moved = joints[int(np.abs(other.q - q).argmax())]

@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 from mink import SE3
+from scipy.optimize import least_squares
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.solver import Hasty, IkResult, IkSolver
+from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Tolerance
 
 STRIDE = 0.1
 """Change of a joint in one step that counts as continuous [rad or m]."""
@@ -17,6 +18,11 @@ _FIRST = 1.0 / 8.0
 _SMALLEST = 2.0**-10
 """Steps, as parts of the way: of a centimetre about 10 µm, in which a joint that has to move
 by more than `STRIDE` would be a thousand times too fast."""
+_STARTS, _SEED = 4, 3
+"""Further starts of the slow search, and where they come from."""
+_EXACT = 1e-12
+"""Steps and errors at which the slow search ends."""
+_EVALUATIONS = 60
 
 
 class Creep(NamedTuple):
@@ -53,10 +59,53 @@ def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Cree
         target = at(x + step)
         result = ik.solve(arm, target, q)
         results.append(result)
-        if result.converged and np.abs(result.q - q).max() <= STRIDE:
-            q, x, step = result.q, x + step, 2.0 * step
+        found: Vector | None = result.q
+        if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
+            # Nothing is refused on the word of one solver: where it gives up, a slow search
+            # over all that is close by has the last one.
+            found = nearby(arm, target, q, ik.tolerance) if step <= _SMALLEST else None
+        if found is not None:
+            q, x, step = found, x + step, 2.0 * step
         elif step <= _SMALLEST:
             return Creep(q, x, target, results)
         else:
             step *= 0.5
     return Creep(q, 1.0, None, results)
+
+
+def nearby(
+    arm: Arm, T_world_target: SE3, q: Vector, tolerance: Tolerance, *, limits: bool = True
+) -> Vector | None:
+    """A configuration within `STRIDE` of q that reaches a pose (n,) [rad].
+
+    scipy's bounded least squares (dogbox: Voglis and Lagaris, 2004), from q and from a few
+    places around it, always the same ones; None where all of them end elsewhere.
+
+    Args:
+        arm: The arm.
+        T_world_target: The pose.
+        q: Where to search (n,) [rad].
+        tolerance: How close counts as reached.
+        limits: Whether to stay inside the joint limits.
+    """
+    low, high = q - STRIDE, q + STRIDE
+    if limits:
+        low, high = np.maximum(arm.q_min, low), np.minimum(arm.q_max, high)
+    around = np.random.default_rng(_SEED).uniform(low, high, (_STARTS, arm.n))
+    for start in (np.clip(q, low, high), *around):
+        found = least_squares(
+            lambda x: arm.way_to(T_world_target, x),
+            start,
+            jac=lambda x: -arm.jacobian(x),
+            bounds=(low, high),
+            method="dogbox",
+            xtol=_EXACT,
+            ftol=_EXACT,
+            gtol=_EXACT,
+            max_nfev=_EVALUATIONS,
+        )
+        position, angle = arm.distance_to(T_world_target, found.x)
+        if position <= tolerance.position and angle <= tolerance.orientation:
+            reached: Vector = found.x
+            return reached
+    return None
