@@ -1,10 +1,9 @@
 """What each step of a program does with the control loop."""
 
-from robo47_qp.failure import StepFailed
 from robo47_qp.following import Following
 from robo47_qp.loop import TICK_ROWS, ControlLoop
 from robo47_qp.scene import TIMESTEP
-from robo47_qp.step_failures import demand, planned
+from robo47_qp.step_failures import Broken, demand, planned
 from robo47_qp.steps import (
     Comply,
     Follow,
@@ -43,6 +42,8 @@ class Actions:
         """
         action = as_action(step)
         demand(action.name, action.before)
+        if not isinstance(action, Comply):
+            self.finish()
         if not isinstance(action, Follow):
             self._loop.halt()
         match action:
@@ -62,6 +63,14 @@ class Actions:
                 self._following.follow(action)
         demand(action.name, action.after)
 
+    def finish(self) -> None:
+        """Make an arm stiff that has been left yielding.
+
+        Raises:
+            Aborted: See `ControlLoop.track`.
+        """
+        self._touching.stiffen()
+
     def _move(self, step: Move) -> None:
         loop = self._loop
         for leg in planned(loop, step.waypoints):
@@ -69,8 +78,9 @@ class Actions:
             loop.believe(waypoint.carried)
             if leg.trajectory.steps:
                 loop.begin(waypoint.name, leg)
-                broken = _Broken(step)
-                if loop.track(leg.trajectory, broken):
+                broken = Broken(step.name, step.during)
+                loop.track(leg.trajectory, broken)
+                if broken.error is not None:
                     loop.halt()
                     raise broken.error
             if waypoint.grip is not None:
@@ -109,19 +119,3 @@ class Actions:
     def _hold(self, name: str, seconds: float) -> None:
         self._loop.begin(name, afresh=False)
         self._loop.hold(seconds)
-
-
-class _Broken:
-    """Whether a condition of a motion is broken, and which: as it was seen first."""
-
-    def __init__(self, step: Move) -> None:
-        self._step = step
-        self.error: StepFailed
-
-    def __call__(self) -> bool:
-        try:
-            demand(self._step.name, self._step.during)
-        except StepFailed as error:
-            self.error = error
-            return True
-        return False

@@ -28,6 +28,7 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     robot, joints = scenario.robot, scenario.robot.joints
     profile = scenario.planner.profile.slowed(scenario.planner.speed)
     tau, a_ref = rows["joints/tau_command"], rows["joints/a_ref"]
+    v_ref, j_ref = _promised(run, rows["joints/v_ref"], _rate(a_ref))
     unit = robot.units
     efforts = ["N" if u == "m" else "N·m" for u in unit]
     v, a, jerk, rate = (
@@ -36,15 +37,32 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     )
     return [
         *within("reference q", unit, joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
-        bounded("reference v", v, joints, rows["joints/v_ref"], profile.v_max),
+        bounded("reference v", v, joints, v_ref, profile.v_max),
         bounded("reference a", a, joints, a_ref, profile.a_max),
-        bounded("reference jerk", jerk, joints, _rate(a_ref), profile.j_max),
+        bounded("reference jerk", jerk, joints, j_ref, profile.j_max),
         *within("measured q", unit, joints, rows["joints/q"], arm.q_min, arm.q_max),
         bounded("measured v", v, joints, rows["joints/v"], robot.rated.v_max),
         bounded("measured a", a, joints, rows["joints/a"], robot.rated.a_max),
         bounded("torque", efforts, joints, tau, robot.tau_max),
         bounded("torque rate", rate, joints, _rate(tau), robot.tau_rate_max),
     ]
+
+
+def _promised(run: Run, v_ref: Matrix, j_ref: Matrix) -> tuple[Matrix, Matrix]:
+    """Velocity and jerk of the reference without what nothing was promised of, which is 0.
+
+    The jerk of a streamed reference is not bounded; one that yields to forces, too, is the state
+    of the arm itself.
+    """
+    v_ref, j_ref = v_ref.copy(), j_ref.copy()
+    ends = [phase.start for phase in run.phases[1:]] + [len(v_ref)]
+    for phase, end in zip(run.phases, ends, strict=True):
+        if phase.streamed:
+            # The period before it ends with its first acceleration.
+            j_ref[max(0, phase.start - 1) : end] = 0.0
+            if phase.compliant:
+                v_ref[phase.start : end] = 0.0
+    return v_ref, j_ref
 
 
 def _rate(values: Matrix) -> Matrix:

@@ -132,8 +132,9 @@ class ControlLoop:
         if not self.resting:
             planner = self.scenario.planner
             profile = planner.profile.slowed(planner.speed)
+            way = stop(self.arm, self.reference, profile, TIMESTEP)
             self.begin("stop", compliant=self.phases[-1].compliant)
-            self.track(stop(self.arm, self.reference, profile, TIMESTEP))
+            self.track(way)
 
     def believe(self, payload: Payload | None) -> None:
         """Take something to be held by the tool, or nothing."""

@@ -1,8 +1,11 @@
 """Options that every scenario of one run shares."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+
+import mujoco
 
 from robo47_qp.controllers.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
@@ -12,7 +15,10 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.ik.stall import Stall
+from robo47_qp.motion.collisions import Collisions, Surroundings
+from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.planner import Planner
+from robo47_qp.obstacle import Obstacle, add_obstacle
 from robo47_qp.robot import Robot
 from robo47_qp.run import Scenario
 from robo47_qp.task import Task
@@ -21,6 +27,12 @@ LOGS = Path(__file__).resolve().parents[1] / "logs"
 """Where recordings go unless another place is named."""
 _SLOWEST = 0.01
 """A run at this pace takes 100 times as long."""
+_IK_CLEARANCE = 0.01
+"""Distance that inverse kinematics keeps from declared obstacles at the ends of motions [m]."""
+_SEARCH_CLEARANCE = 0.009
+"""Distance that is kept while a way around is sought [m]."""
+_WAY_CLEARANCE = 0.005
+"""Distance that is kept on the way [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,25 +90,53 @@ class RunOptions:
         """True where the run must not go faster than real time."""
         return self.realtime or self.live or self.viewer
 
-    def solver(self) -> IkSolver:
-        """The IK that was chosen."""
+    def solver(self, clearance: float | None = None) -> IkSolver:
+        """The IK that was chosen.
+
+        Args:
+            clearance: Distance to keep from declared obstacles [m]; None looks at none.
+
+        Raises:
+            InvalidValueError: The IK that was chosen cannot keep a clearance.
+        """
         if self.ik == "dls":
+            if clearance is not None:
+                raise InvalidValueError("--ik", self.ik, "qp or lm for a task with obstacles")
             return MultiStart(solver=DlsIk())
         if self.ik == "lm":
-            return MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))
-        qp = QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall())
+            lm = LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
+            return MultiStart(solver=lm)
+        qp = QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance)
         return MultiStart(solver=qp)
 
     def scenario(self, robot: Robot, task: Task) -> Scenario:
-        """The scenario that was chosen.
+        """The scenario that was chosen; declared obstacles are planned around.
 
         Raises:
-            InvalidValueError: The speed is out of range.
+            InvalidValueError: The IK that was chosen cannot keep clear of the task's obstacles.
+            MissingExtraError: There are obstacles and what plans around them is not installed.
         """
+        planner = Planner(ik=self.solver(), profile=robot.profile, speed=self.speed)
+        if task.obstacles:
+            around = _around(task.obstacles)
+            planner = replace(
+                planner,
+                ik=self.solver(_IK_CLEARANCE),
+                collisions=Collisions(robot, around, clearance=_WAY_CLEARANCE),
+                detour=Detour(roomy=Collisions(robot, around, clearance=_SEARCH_CLEARANCE)),
+            )
         return Scenario(
             robot=robot,
             task=task,
-            planner=Planner(ik=self.solver(), profile=robot.profile, speed=self.speed),
+            planner=planner,
             controller=JointImpedance(),
             seed=self.seed,
         )
+
+
+def _around(obstacles: Sequence[Obstacle]) -> Surroundings:
+    def add(spec: mujoco.MjSpec) -> None:
+        for obstacle in obstacles:
+            add_obstacle(spec, obstacle)
+
+    return add

@@ -99,7 +99,9 @@ class Runner:
         """Run the program, come to rest, and tell why it gave up, if so."""
         loop = self._loop
         try:
-            failure = self._programmed()
+            actions = Actions(loop)
+            failure = self._programmed(actions)
+            actions.finish()
             loop.note(f"gave up: {failure.evidence}" if failure else "program done", failure)
             loop.halt()
             loop.begin("end")
@@ -109,9 +111,8 @@ class Runner:
             loop.note(f"stopped: {failure.evidence}", failure)
         return failure
 
-    def _programmed(self) -> Failure | None:
+    def _programmed(self, actions: Actions) -> Failure | None:
         program = self.scenario.task.program(self._sim)
-        actions = Actions(self._loop)
         failed: StepFailed | None = None
         try:
             while True:

@@ -50,8 +50,11 @@ class SimulatedGripper:
             expected = f"above 0 and at most {gripper.force_max} [N]"
             raise InvalidValueError("grip force", grip.force, expected)
         self._grip = grip
-        # The servo's target lies beyond an object that it squeezes: a new move starts here.
-        self._data.ctrl[self._servo] = min(max(self.width(), 0.0), gripper.width_max)
+        # The servo's target lies beyond an object that it squeezes: a move away starts here, and
+        # one on the same side goes on from the target, so that what is squeezed stays squeezed.
+        width = self.width()
+        if (self.width_command() - width) * (grip.width - width) <= 0.0:
+            self._data.ctrl[self._servo] = min(max(width, 0.0), gripper.width_max)
         limit = grip.force * gripper.force_gain
         self._model.actuator_forcerange[self._servo] = (-limit, limit)
 

@@ -29,6 +29,25 @@ def demand(step: str, conditions: Sequence[Condition]) -> None:
             )
 
 
+class Broken:
+    """Whether one of the conditions that have to hold all along is broken, as it was seen first."""
+
+    def __init__(self, step: str, conditions: Sequence[Condition]) -> None:
+        """Look at the conditions of a step whenever called."""
+        self._step, self._conditions = step, conditions
+        self.error: StepFailed | None = None
+        """What was seen; None while all is well."""
+
+    def __call__(self) -> bool:
+        """Look; True where one is broken."""
+        try:
+            demand(self._step, self._conditions)
+        except StepFailed as error:
+            self.error = error
+            return True
+        return False
+
+
 def plan_through(
     planner: Planner, arm: Arm, waypoints: Sequence[Waypoint], q_start: Vector
 ) -> list[Leg]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -127,7 +128,9 @@ class Compliance:
     frame: Literal["world", "tool"] = "world"
     """Whose axes the stiffness has."""
     axis: Vector | None = None
-    """Direction to press in, in the world (3,), of length 1; None does not press."""
+    """Direction to press in, in the world (3,), of length 1; None does not press. With the frame
+    "tool" it turns with the tool from the beginning of the step on. Along it the reference is not
+    followed: let the waypoints be level."""
     force: float = 0.0
     """Force to press with, along the axis [N]; held whatever the surface does."""
     speed: float = 0.1
@@ -167,14 +170,46 @@ class Comply(_Conditions):
     """
 
     waypoints: tuple[Waypoint, ...]
-    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`."""
+    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`. The belief about
+    what the tool holds stays."""
     compliance: Compliance
+    speed: float = inf
+    """Speed along the waypoints at most, beside their own pace [m/s]."""
     seconds: float = 0.0
     """How long to stay at the end of the way, at most [s]."""
     until: Condition | None = None
     """What ends the step at once; it fails with the condition's cause if that is not so at the
     end. None goes to the end of the way."""
+    during: tuple[Condition, ...] = ()
+    """What has to be so all along: where it is not, the arm stops and the step has failed."""
+    observe: Callable[[], None] | None = None
+    """Called every few periods, to take notes of the world."""
+    stay: bool = False
+    """True: go on yielding to the next step, if that complies too. It then starts from the
+    reference of this one, and with the same compliance nothing changes in between."""
+    renew: bool = False
+    """After a step that stays: True starts from where the tool has come to, its springs without
+    load, instead of from the reference of that step."""
     name: str = "comply"
+
+    def __post_init__(self) -> None:
+        """Check that there is something to do.
+
+        Raises:
+            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or the
+                step is over at once.
+        """
+        bent = [waypoint.name for waypoint in self.waypoints if waypoint.motion is Motion.PTP]
+        if bent:
+            raise InvalidValueError("compliant motion", bent, "waypoints reached by LIN or CIRC")
+        if not self.speed > 0.0:
+            raise InvalidValueError("speed", self.speed, "positive")
+        if not (np.isfinite(self.seconds) and self.seconds >= 0.0):
+            raise InvalidValueError("seconds", self.seconds, "finite and not negative")
+        if not self.waypoints and self.seconds == 0.0:
+            raise InvalidValueError(
+                self.name, "no waypoint and 0 s", "waypoints, or a time to stay"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 import pkgutil
 import sys
 from dataclasses import is_dataclass
+from functools import partial
 from typing import cast
 
 from rich.console import Console
@@ -10,6 +11,7 @@ from rich.console import Console
 import tasks
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.policy_runner import PolicyRunner
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.task import Task
 
@@ -34,7 +36,8 @@ def run(options: EvaluateOptions, console: Console) -> int:
     known = known_tasks()
     if options.task not in known:
         raise UnknownNameError("task", options.task, known)
-    return evaluate(known[options.task](), PANDA, options, console)
+    cell = partial(PolicyRunner, pace=options.pace)
+    return evaluate(known[options.task](), PANDA, options, console, cell)
 
 
 if __name__ == "__main__":

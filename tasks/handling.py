@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from mink import SE3
 
-from robo47_qp.failure import Cause
+from robo47_qp.failure import Cause, Failure
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Condition, Grasp, Move, Release, Step
+from robo47_qp.steps import Compliance, Comply, Condition, Grasp, Move, Release, Step
 from robo47_qp.waypoint import Motion, Place, Waypoint
 from tasks.headings import heading
 from tasks.item import Item, turned_about_vertical
@@ -33,23 +33,75 @@ class Handling:
     """Height of the tool as it comes and goes, in the world [m]."""
     force: float = 30.0
     """Of one finger [N]."""
+    opening: float | None = None
+    """How far the fingers open from the item to let go of it [m]; None opens them fully."""
+    resting: float | None = None
+    """Height of the item's centre in the world before it is picked, where that is known: what it
+    stands on is known better than a noisy camera sees it [m]."""
+    T_item_standing: SE3 | None = None
+    """Turn of an item that has tipped over: from its own frame to that of `item`, with z up."""
 
-    def pick(self) -> Generator[Step, None, None]:
-        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up."""
-        T_world_item = yield from look(self.simulation, self.item.name)
+    def pick(self) -> Generator[Step, None, float | None]:
+        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up.
+
+        Returns:
+            Height of the item's centre above the tool point, where that is known [m].
+        """
+        T_world_item = yield from self._look(self.resting)
         yield from self.approach(T_world_item)
         yield Grasp(name="close gripper", force=self.force, after=(self._held(Cause.GRASP),))
-        yield self.lift(self.simulation.tool_pose(), self.simulation.seen_pose(self.item.name))
+        if self.simulation.camera_noise:
+            # Fingers that close beside the middle push the item and the arm aside.
+            yield Comply(name="give way", waypoints=(), compliance=Compliance(), seconds=0.1)
+        T_world_tcp = self.simulation.tool_pose()
+        yield self.lift(T_world_tcp, self._seen())
+        return None if self.resting is None else self.resting - float(T_world_tcp.translation()[2])
 
-    def place(self, T_world_goal: SE3) -> Generator[Step, None, None]:
-        """Carry the item to a pose and let go of it; fails with DROP on the way."""
-        T_world_item = yield from look(self.simulation, self.item.name)
+    def place(self, T_world_goal: SE3, held: float | None = None) -> Generator[Step, None, None]:
+        """Carry the item to a pose and let go of it; fails with DROP on the way.
+
+        Args:
+            T_world_goal: Pose of the item where it is let go.
+            held: What `pick` returned.
+        """
+        T_world_item = yield from self.look_held(held)
         T_world_tcp = self.simulation.tool_pose()
         yield self.carry(T_world_tcp, T_world_item, T_world_goal)
         # It may have turned between the fingers on the way.
-        T_world_item = yield from look(self.simulation, self.item.name)
+        T_world_item = yield from self.look_held(held)
         yield self.lower(self.simulation.tool_pose(), T_world_item, T_world_goal)
-        yield Release()
+        yield self.release()
+
+    def look_held(self, held: float | None) -> Generator[Step, None, SE3]:
+        """Where the item is, as one that stands, while it is held; `held` as in `place`."""
+        height = float(self.simulation.tool_pose().translation()[2])
+        T_world_item = yield from self._look(None if held is None else height + held)
+        return T_world_item
+
+    def _look(self, height: float | None) -> Generator[Step, None, SE3]:
+        T_world_item = yield from look(self.simulation, self.item.name, height)
+        return self._stood(T_world_item)
+
+    def release(self) -> Release:
+        """Let go of the item."""
+        if self.opening is None:
+            return Release()
+        widest = self.simulation.gripper.width_max
+        return Release(width=min(self.simulation.width() + self.opening, widest))
+
+    def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[Step]:
+        """The steps from above the item at one pose to above it at another."""
+        *approach, descend = self.approach(T_world_item)
+        grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        return [
+            *approach,
+            descend,
+            self.lift(grasp, T_world_item),
+            self.carry(grasp, T_world_item, T_world_goal),
+            self.lower(grasp, T_world_item, T_world_goal),
+            Release(),
+            self.retreat(self.release_pose(grasp, T_world_item, T_world_goal)),
+        ]
 
     def retreat(self, T_world_tcp: SE3) -> Waypoint:
         """Straight up from a pose."""
@@ -103,6 +155,14 @@ class Handling:
         placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
         return placed @ T_world_item.inverse() @ T_world_tcp
 
+    def _stood(self, T_world_item: SE3) -> SE3:
+        if self.T_item_standing is None:
+            return T_world_item
+        return T_world_item @ self.T_item_standing
+
+    def _seen(self) -> SE3:
+        return self._stood(self.simulation.seen_pose(self.item.name))
+
     def _carrying(self, waypoint: Waypoint) -> Move:
         held = (self._held(Cause.DROP),)
         return Move(waypoints=(waypoint,), before=held, during=held, after=held)
@@ -114,8 +174,7 @@ class Handling:
     def _against_holding(self) -> str | None:
         """What speaks against the item being between the fingers; None where it is."""
         width, forces = self.simulation.width(), self.simulation.last_finger_forces()
-        pose = self.simulation.seen_pose(self.item.name)
-        expected = self.item.width(self.simulation.tool_pose(), pose)
+        expected = self.item.width(self.simulation.tool_pose(), self._seen())
         if abs(width - expected) > _WIDTH_TOLERANCE:
             return (
                 f"the fingers are {1e3 * width:.1f} mm apart, "
@@ -136,3 +195,17 @@ class Handling:
         return SE3.from_rotation_and_translation(
             T_world_tcp.rotation(), np.array([x, y, self.above])
         )
+
+
+def unfinished(simulation: Simulation) -> Failure | None:
+    """What speaks against the arm being home with its gripper open."""
+    away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
+    open_width = simulation.gripper.width_max - 1e-3
+    if away > 0.01 or simulation.width() < open_width:
+        evidence = (
+            f"a joint is {away:.3f} rad from home, the gripper is open "
+            f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
+            f"at least {1e3 * open_width:.1f} mm"
+        )
+        return Failure(cause=Cause.PLACE, evidence=evidence)
+    return None

@@ -1,6 +1,6 @@
 """Item: a box or an upright cylinder that a parallel gripper can hold."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -106,6 +106,31 @@ class Item:
         # The fingers close along the tool's y axis: across the item's y at its own heading.
         turn = turn if fits[1] else turn + np.pi / 2
         return (turn + np.pi / 2) % np.pi - np.pi / 2
+
+
+def standing(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:
+    """An item that may have tipped over, as one that stands: its axes renamed.
+
+    Args:
+        item: The item, as it stands at the start.
+        T_world_item: Where it lies now.
+
+    Returns:
+        The item with the lengths along the axes that its frame has now, and T_item_standing, a
+        turn that brings the axis closest to the vertical up. A cylinder on its side is taken
+        for the box around it.
+    """
+    up = T_world_item.rotation().as_matrix()[2]
+    axis = int(np.argmax(np.abs(up)))
+    if axis == 2 and up[2] > 0.0:
+        return item, SE3.identity()
+    R = np.zeros((3, 3))
+    R[axis, 2] = np.sign(up[axis])
+    R[(axis + 1) % 3, 0] = 1.0
+    R[:, 1] = np.cross(R[:, 2], R[:, 0])
+    x, y, z = (item.size[int(np.argmax(np.abs(column)))] for column in R.T)
+    turned = replace(item, size=(x, y, z), round=item.round and axis == 2)
+    return turned, SE3.from_rotation(SO3.from_matrix(R))
 
 
 def turned_about_vertical(T_world_body: SE3, turn: float, position: np.ndarray) -> SE3:

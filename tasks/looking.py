@@ -15,10 +15,18 @@ _FRAME = 1.0 / 30.0
 """Time between two frames of the camera [s]."""
 
 
-def look(simulation: Simulation, name: str) -> Generator[Step, None, SE3]:
+def look(
+    simulation: Simulation, name: str, height: float | None = None
+) -> Generator[Step, None, SE3]:
     """Stand still and look at an object that stands still; with a noisy camera, for a while.
 
     Independent errors of n frames leave σ/√n in their mean.
+
+    Args:
+        simulation: The world.
+        name: Of the object.
+        height: Of its frame in the world, where it is known otherwise; taken for that in place
+            of what a noisy camera sees [m].
     """
     frames = max(1, int(np.ceil((simulation.camera_noise / _GOOD_ENOUGH) ** 2)))
     seen = [simulation.seen_pose(name)]
@@ -29,5 +37,7 @@ def look(simulation: Simulation, name: str) -> Generator[Step, None, SE3]:
         return seen[0]
     turns = Rotation.from_quat([pose.rotation().wxyz for pose in seen], scalar_first=True)
     position = np.mean([pose.translation() for pose in seen], axis=0)
+    if height is not None:
+        position[2] = height
     quaternion = turns.mean().as_quat(scalar_first=True)
     return SE3.from_rotation_and_translation(SO3(quaternion), position)

@@ -11,9 +11,9 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause, Failure, StepFailed
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Release, Step
+from robo47_qp.steps import Step
 from robo47_qp.task import Program
-from tasks.handling import HOME, LOST, Handling
+from tasks.handling import HOME, LOST, Handling, unfinished
 from tasks.headings import upright
 from tasks.item import BLUE, RED, Item
 from tasks.table import TABLE_TOP, add_table
@@ -110,27 +110,15 @@ class PickPlace:
         """See `Task.outlook`."""
         hand, goal = self._handling(simulation), self._goal(simulation)
         T_world_item = simulation.object_pose(self.item.name)
-        *approach, descend = hand.approach(T_world_item)
-        grasp = self.item.grasp(T_world_item, simulation.gripper.width_max)
-        placed = hand.release_pose(grasp, T_world_item, goal)
-        return [
-            *approach,
-            descend,
-            hand.lift(grasp, T_world_item),
-            hand.carry(grasp, T_world_item, goal),
-            hand.lower(grasp, T_world_item, goal),
-            Release(),
-            hand.retreat(placed),
-            HOME,
-        ]
+        return [*hand.foreseen(T_world_item, goal), HOME]
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
         hand = self._handling(simulation)
         for attempt in range(1 + self.retries):
             try:
-                yield from hand.pick()
-                yield from hand.place(self._goal(simulation))
+                held = yield from hand.pick()
+                yield from hand.place(self._goal(simulation), held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -154,16 +142,7 @@ class PickPlace:
                 f"{1e3 * speed:.1f} mm/s; allowed are {1e3 * self.place_tolerance:.1f} mm, 1 mm/s"
             )
             return Failure(cause=Cause.PLACE, evidence=evidence)
-        away = float(np.abs(simulation.state().q - simulation.robot.home).max())
-        open_width = simulation.gripper.width_max - 1e-3
-        if away > 0.01 or simulation.width() < open_width:
-            evidence = (
-                f"a joint is {away:.3f} rad from home, the gripper is open "
-                f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
-                f"at least {1e3 * open_width:.1f} mm"
-            )
-            return Failure(cause=Cause.PLACE, evidence=evidence)
-        return None
+        return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Distance of the item's centre from its goal, in 3-D [m]."""
@@ -172,8 +151,14 @@ class PickPlace:
         return {"place_error_m": float(np.linalg.norm(item - goal))}
 
     def _handling(self, simulation: Simulation) -> Handling:
-        above = TABLE_TOP + 0.5 * self.item.height + self.clearance
-        return Handling(simulation=simulation, item=self.item, above=above, force=self.grip_force)
+        resting = TABLE_TOP + 0.5 * self.item.height
+        return Handling(
+            simulation=simulation,
+            item=self.item,
+            above=resting + self.clearance,
+            force=self.grip_force,
+            resting=resting,
+        )
 
     def _goal(self, simulation: Simulation) -> SE3:
         """Pose of the item as it is to stand on the goal."""

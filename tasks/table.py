@@ -4,10 +4,19 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from mink import SO3
+from mink import SE3, SO3
+
+from robo47_qp.obstacle import Obstacle, Shape
 
 TABLE_TOP = 0.0
 """Height of the table's surface, at the robot's base [m]."""
+TABLE = Obstacle(
+    name="table",
+    shape=Shape.BOX,
+    size=(0.60, 0.60, 0.02),
+    T_world_obstacle=SE3.from_translation(np.array([0.30, 0.0, TABLE_TOP - 0.02])),
+)
+"""Its top, for tasks that declare what the arm must stay away from."""
 
 
 def add_table(spec: mujoco.MjSpec) -> None:
@@ -15,10 +24,10 @@ def add_table(spec: mujoco.MjSpec) -> None:
     world = spec.worldbody
     wood, steel = [0.80, 0.71, 0.58, 1.0], [0.35, 0.36, 0.38, 1.0]
     world.add_geom(
-        name="table",
+        name=TABLE.name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0.30, 0.0, TABLE_TOP - 0.02],
-        size=[0.60, 0.60, 0.02],
+        pos=TABLE.T_world_obstacle.translation(),
+        size=TABLE.size,
         rgba=wood,
     )
     for i, (x, y) in enumerate([(-0.25, -0.55), (-0.25, 0.55), (0.85, -0.55), (0.85, 0.55)]):

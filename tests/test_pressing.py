@@ -70,6 +70,22 @@ def test_it_presses_along_the_axis_and_is_a_spring_along_all_others(
     assert np.abs(without).max() > 0.1
 
 
+def test_dampers_act_across_the_axis_alone(arm: Arm, plain: PlainArm) -> None:
+    """P D P for the velocity across, D = 2 √(K Λ) with Λ from energies and differences."""
+    J, M, u = world_jacobian(plain, arm.home), plain.mass_matrix(arm.home), SLANTED / 3.0
+    inertia = np.linalg.inv(J @ np.linalg.solve(M, J.T))
+    twist = np.array([0.02, 0.03, -0.04, 0.0, 0.0, 0.0])
+    v = np.linalg.solve(M, J.T @ inertia @ twist)
+    presser = Pressing(force=7.0, axis=SLANTED, impedance=BARE).build(arm, nothing)
+    still = np.zeros(arm.n)
+    tau = presser.torque(arm, at_rest(arm.home), JointState(arm.home, v))
+    P = np.eye(3) - np.outer(u, u)
+    D = 2.0 * np.sqrt(STIFFNESS[:3] * np.diag(inertia)[:3])
+    expected = -P @ (D * (P @ twist[:3])) + 7.0 * (1.0 - u @ twist[:3] / 0.1) * u
+    tau -= arm.inverse_dynamics(arm.home, still, still)
+    assert tau == pytest.approx(J[:3].T @ expected, abs=0.02)
+
+
 def test_what_the_impedance_says_of_the_axis_is_not_used(
     arm: Arm, rng: np.random.Generator
 ) -> None:

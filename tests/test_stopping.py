@@ -166,12 +166,13 @@ def test_the_same_holds_at_the_lower_limit() -> None:
         stop(PANDA_ARM, now, profile, DT)
 
 
-def test_outside_its_limits_already_a_joint_still_stops() -> None:
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_outside_its_limits_already_a_joint_still_stops(side: float) -> None:
     q, rest = PANDA_ARM.home.copy(), np.zeros(PANDA_ARM.n)
-    q[3], v = PANDA_ARM.q_max[3] + 0.01, rest.copy()
-    v[3] = -0.3
+    q[3], v = (PANDA_ARM.q_max if side > 0.0 else PANDA_ARM.q_min)[3] + 0.01 * side, rest.copy()
+    v[3] = -0.3 * side
     stopped = stop(PANDA_ARM, JointReference(q, v, rest), PANDA.profile, DT)
-    assert stopped.q[:, 3].max() <= q[3] + 1e-9
+    assert (side * stopped.q[:, 3]).max() <= side * q[3] + 1e-9
     assert not stopped.v[-1].any()
 
 

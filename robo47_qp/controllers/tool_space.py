@@ -15,6 +15,7 @@ _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 MASS_MAX = 200.0
 """Inertia of the tool above which a direction counts as close to singular [kg]."""
+_UNIT = np.eye(6).tobytes()
 _solve = lapack.dposv
 _LENGTH = 0.3
 """Lever that makes an inertia comparable with a mass [m]."""
@@ -44,7 +45,9 @@ class ToolSpace:
         self._asked_bits = b""
         d, asked, tcp = self._data, self._asked, self._tcp
         # The arrays of MjData keep their place: each view is taken once.
-        self._q_ref, self._v, self._a, self._tau = asked.qpos, d.qvel, d.qacc, d.qfrc_inverse
+        self._v, self._a, self._tau = d.qvel, d.qacc, d.qfrc_inverse
+        # As bytes, because numpy takes twice the time to fill so few numbers.
+        self._q_ref = asked.qpos.data.cast("B")
         self.position, self.quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
         self.position_ref, self.quaternion_ref = asked.site_xpos[tcp], asked.site_xquat[tcp]
         self.rotation_ref: Matrix = asked.site_xmat[tcp].reshape(3, 3)
@@ -72,7 +75,8 @@ class ToolSpace:
         """Room for the joints' errors of position and velocity (2, n)."""
         self.error_q, self.error_v = self.errors
         self._force, self._rate = np.zeros(6), np.zeros(6)
-        self._columns, self._unit = self._inverse.T, np.eye(6, order="F")
+        self._columns = self._inverse.T
+        self._room = self.inertia.reshape(-1, order="A").data.cast("B")
         self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
         self._use: list[float] = self._lightest.tolist()
 
@@ -81,7 +85,7 @@ class ToolSpace:
         bits = q_ref.tobytes()
         if bits != self._asked_bits:
             self._asked_bits = bits
-            self._q_ref[:] = q_ref
+            self._q_ref[:] = bits
             mujoco.mj_kinematics(self._model, self._asked)
 
     def update(self, *, in_tool: bool) -> None:
@@ -176,7 +180,7 @@ class ToolSpace:
         self._motions.dot(self.J_T, self._felt)
         if damping:
             self._pivots += damping * self._lightest
-        self.inertia[:] = self._unit
+        self._room[:] = _UNIT
         # In place: the views of both matrices stay valid. Arguments without names, for keywords
         # take time: upper triangle, overwrite the matrix, overwrite the right side.
         failed = _solve(self._columns, self.inertia, 0, 1, 1)[2]

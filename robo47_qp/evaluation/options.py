@@ -9,6 +9,7 @@ from robo47_qp.evaluation.executor import cores
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policy import CLASSICAL
 from robo47_qp.options import LOGS, RunOptions
+from robo47_qp.policy_runner import Pace
 
 _MILLI = 1e-3
 
@@ -62,6 +63,10 @@ class EvaluateOptions(PerturbOptions):
     policy: str = CLASSICAL
     """The classical stack, or module:Class or file.py:Class of a policy: a class with
     reset(observation) and act(observation)."""
+    rate: float = Pace.rate
+    """Decisions per second of another policy, at most 1000 [1/s]."""
+    time_limit: float = Pace.seconds
+    """Simulated time of an episode of another policy, if it does not end it before [s]."""
     episodes: int = 100
     """How many; episode i has the seed `seed` + i."""
     seed: int = 0
@@ -104,10 +109,23 @@ class EvaluateOptions(PerturbOptions):
                 raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
         if not 0.0 < self.timeout < float("inf"):
             raise InvalidValueError("--timeout", self.timeout, "above 0 and finite")
+        if self.policy == CLASSICAL and self.pace != Pace():
+            raise InvalidValueError(
+                "--rate or --time-limit", "another one", f"left out with --policy {CLASSICAL}"
+            )
         if self.replay is not None and self.replay < 0:
             raise InvalidValueError("--replay", self.replay, "0 or more")
         if self.log.suffix != ".rrd":
             raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
+
+    @property
+    def pace(self) -> Pace:
+        """How often and for how long another policy decides.
+
+        Raises:
+            InvalidValueError: A number is out of range.
+        """
+        return Pace(rate=self.rate, seconds=self.time_limit)
 
     @property
     def perturbation(self) -> Perturbation:
@@ -140,4 +158,4 @@ def policy_settings(options: EvaluateOptions, digest: str | None) -> dict[str, A
     named = {"name": options.policy}
     if options.policy == CLASSICAL:
         return {**named, "ik": options.ik, "speed": options.speed}
-    return {**named, "sha256": digest}
+    return {**named, "sha256": digest, "rate": options.rate, "time_limit": options.time_limit}

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import PlanError
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.arc import Arc
 from robo47_qp.motion.blending import cut_ptp, least_with_stops, parted, quickest
 from robo47_qp.motion.chain import Chain, tool_target
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.continuous import Continuous, Pace, Passage
+from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.leg import Leg
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.lower_bound import lower_bound
@@ -44,6 +46,8 @@ class Planner:
     """How PTP and LIN motions run from rest to rest."""
     collisions: Collisions | None = None
     """What is not to be hit; None checks nothing."""
+    detour: Detour | None = None
+    """How PTP motions go around what `collisions` finds in their way; None refuses them."""
 
     def __post_init__(self) -> None:
         """Check the pace.
@@ -148,7 +152,17 @@ class Planner:
         if self.continuous.free is not None and (result.q != q_start).any():
             return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
-        leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        try:
+            leg = self._leg(arm, waypoint, result, trajectory, q_start)
+        except PlanError:
+            if self.detour is None or self.collisions is None:
+                raise
+            ends = q_start, result.q
+            found = self.detour.plan(arm, self.collisions, ends, profile, dt)
+            if found is None:
+                raise
+            trajectory = found
+            leg = self._leg(arm, waypoint, result, trajectory, q_start)
         bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
         return replace(leg, lower_bound=bound)
 

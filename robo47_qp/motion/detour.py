@@ -1,0 +1,225 @@
+"""Detour: a motion of the joints around what the straight one would hit."""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from itertools import count, pairwise
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError
+from robo47_qp.motion.collisions import Collisions
+from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing import Timing, limits
+from robo47_qp.motion.tracking import LinError
+from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.robot import MotionProfile
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detour:
+    """Finds joint paths with OMPL and runs them without a stop. Its fields are settings.
+
+    RRT-Connect (Kuffner and LaValle, ICRA 2000) joins start and goal by a polyline, which is
+    shortened by leaving out corners and by cutting them (Geraerts and Overmars, 2007). A natural
+    cubic spline through its corners is timed; where it hits something, that stretch of the
+    polyline gets a corner in its middle, which draws the spline closer to what is known to be
+    free. What holds in the end is the look at the timed motion. If no such spline is free, the
+    polyline is run with a stop at each corner.
+
+    The same question has the same answer: all random numbers come from `seed`, and the search
+    ends after a number of steps and not after a time.
+    """
+
+    iterations: int = 5000
+    """Steps of the search before it gives up."""
+    step: float = 0.025
+    """Way of all joints together between two looks [rad or m]."""
+    stride: float = 0.6
+    """Longest edge of the trees [rad or m]."""
+    searches: int = 3
+    """How many ways are sought, of which the quickest is taken."""
+    shortenings: int = 200
+    """How often a shorter way is tried."""
+    refinements: int = 12
+    """How many corners are added before the motion stops at each."""
+    seed: int = 1
+    """Of the random numbers of the first search, at least 1; each other has its own."""
+    roomy: Collisions | None = None
+    """What is looked at during the search, with more clearance than is asked for, which is what
+    splines and looks further apart may use up; None searches with what is asked for."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers and the library.
+
+        Raises:
+            InvalidValueError: A number is not positive.
+            MissingExtraError: OMPL is not installed.
+        """
+        for name in ("iterations", "step", "stride", "searches", "seed"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise InvalidValueError(name, getattr(self, name), "positive and finite")
+        for name in ("shortenings", "refinements"):
+            if getattr(self, name) < 0:
+                raise InvalidValueError(name, getattr(self, name), "0 or more")
+        _ompl("base")
+
+    def plan(
+        self,
+        arm: Arm,
+        collisions: Collisions,
+        ends: tuple[Vector, Vector],
+        profile: MotionProfile,
+        dt: float,
+    ) -> Trajectory | None:
+        """A motion from rest to rest that comes too close to nothing; None where none is found.
+
+        Args:
+            arm: The arm, for its joint limits.
+            collisions: What is not to be hit.
+            ends: Configurations at the start and at the goal (n,) [rad].
+            profile: Bounds of the joints.
+            dt: Time between samples [s].
+        """
+        roomy = collisions if self.roomy is None else self.roomy
+        best: Trajectory | None = None
+        for seed in range(self.seed, self.seed + self.searches):
+            corners = self.corners(arm, roomy, ends, seed)
+            if corners is None:
+                break
+            motion = self._run(arm, roomy, corners, profile, dt)
+            shorter = best is None or motion.steps < best.steps
+            if shorter and _free(collisions, motion):
+                best = motion
+        return best
+
+    def corners(
+        self, arm: Arm, collisions: Collisions, ends: tuple[Vector, Vector], seed: int
+    ) -> Matrix | None:
+        """A free polyline of joint space (N, n) with its ends [rad]; None where none is found."""
+        ob, og, util = _ompl("base"), _ompl("geometric"), _ompl("util")
+        space = ob.RealVectorStateSpace(arm.n)
+        bounds = ob.RealVectorBounds(arm.n)
+        for i, (low, high) in enumerate(zip(arm.q_min, arm.q_max, strict=True)):
+            bounds.setLow(i, float(low))
+            bounds.setHigh(i, float(high))
+        space.setBounds(bounds)
+        # Reseeding makes OMPL complain that what was drawn before came from another seed.
+        util.setLogLevel(util.LogLevel.LOG_NONE)
+        util.RNG.setSeed(seed)
+        setup = og.SimpleSetup(space)
+        about = setup.getSpaceInformation()
+        n = arm.n
+        setup.setStateValidityChecker(
+            lambda state: collisions.at(np.array([state[i] for i in range(n)])) is None
+        )
+        about.setStateValidityCheckingResolution(self.step / space.getMaximumExtent())
+        start, goal = (_state(space, q) for q in ends)
+        setup.setStartAndGoalStates(start, goal)
+        planner = og.RRTConnect(about)
+        planner.setRange(self.stride)
+        setup.setPlanner(planner)
+        steps = count()
+        setup.solve(ob.PlannerTerminationCondition(lambda: next(steps) > self.iterations))
+        if not setup.haveExactSolutionPath():
+            return None
+        path = setup.getSolutionPath()
+        simplifier = og.PathSimplifier(about)
+        simplifier.reduceVertices(path, self.shortenings, self.shortenings)
+        simplifier.partialShortcutPath(path, self.shortenings, self.shortenings)
+        simplifier.reduceVertices(path, self.shortenings, self.shortenings)
+        return np.array([[state[i] for i in range(n)] for state in path.getStates()])
+
+    def _run(
+        self,
+        arm: Arm,
+        collisions: Collisions,
+        corners: Matrix,
+        profile: MotionProfile,
+        dt: float,
+    ) -> Trajectory:
+        """Through the corners without a stop; with stops where no spline near them is free."""
+        polyline = corners
+        for _ in range(self.refinements + 1):
+            places = _places(corners, profile)
+            spline = CubicSpline(places, corners, bc_type="natural")
+            amiss = self._amiss(arm, collisions, spline, places)
+            if not amiss:
+                bounds = limits(profile, [None] * (len(corners) - 1), [1.0] * (len(corners) - 1))
+                try:
+                    return Timing().timed(arm, spline, places, bounds, dt)
+                except LinError:
+                    break
+            for i in reversed(amiss):
+                corners = np.insert(corners, i + 1, 0.5 * (corners[i] + corners[i + 1]), axis=0)
+        return _with_stops(polyline, profile, dt)
+
+    def _amiss(
+        self, arm: Arm, collisions: Collisions, spline: CubicSpline, places: Vector
+    ) -> list[int]:
+        """Between which corners, each with its next, the spline hits something or leaves limits."""
+        found = []
+        for i, (low, high) in enumerate(pairwise(places)):
+            looks = 2 + int(np.linalg.norm(spline(high) - spline(low)) / self.step)
+            for q in spline(np.linspace(low, high, looks)):
+                outside = (q < arm.q_min) | (q > arm.q_max)
+                if outside.any() or collisions.at(q) is not None:
+                    found.append(i)
+                    break
+        return found
+
+
+def _places(corners: Matrix, profile: MotionProfile) -> Vector:
+    """Where corners are on the way, from 0 to 1: by the time at full speed between them."""
+    times = (np.abs(np.diff(corners, axis=0)) / profile.v_max).max(axis=1)
+    places: Vector = np.concatenate([[0.0], np.cumsum(times)]) / times.sum()
+    return places
+
+
+def _with_stops(corners: Matrix, profile: MotionProfile, dt: float) -> Trajectory:
+    parts = [plan_ptp(a, b, profile, dt) for a, b in pairwise(corners)]
+    return Trajectory(
+        dt=dt,
+        q=np.vstack([corners[:1], *(part.q[1:] for part in parts)]),
+        v=np.vstack([parts[0].v[:1], *(part.v[1:] for part in parts)]),
+        a=np.vstack([parts[0].a[:1], *(part.a[1:] for part in parts)]),
+    )
+
+
+def _free(collisions: Collisions, motion: Trajectory) -> bool:
+    try:
+        collisions.check("detour", motion)
+    except PlanError:
+        return False
+    return True
+
+
+def _state(space: Any, q: Vector) -> Any:
+    state = space.allocState()
+    for i, angle in enumerate(q.tolist()):
+        state[i] = angle
+    return state
+
+
+@cache
+def _ompl(part: str) -> Any:
+    """A part of OMPL, which takes a while to load.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        return _PARTS[part]()
+    except ImportError as error:
+        raise MissingExtraError("A motion around obstacles", "ompl", "planning") from error
+
+
+_PARTS = {
+    "base": lambda: import_module("ompl.base"),
+    "geometric": lambda: import_module("ompl.geometric"),
+    "util": lambda: import_module("ompl.util"),
+}

@@ -1,0 +1,62 @@
+"""SmoothStream: streaming inverse kinematics without steps in acceleration."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from mink import SE3
+from numpy.lib.stride_tricks import sliding_window_view
+
+from robo47_qp.arm import JointReference
+from robo47_qp.ik.streaming import IkStream
+from robo47_qp.motion.trajectory import Trajectory
+
+
+class SmoothStream:
+    """The mean of what a stream has commanded in the last few ticks.
+
+    The acceleration of a stream may jump from one bound to the other within a tick, and the
+    torque with it, further than motors follow. The mean of q, v and a over w ticks of length dt
+    lags by (w - 1) dt / 2. It keeps every bound on q, v and a that the stream keeps, and its jerk
+    is at most 2 a_max / (w dt).
+    """
+
+    def __init__(self, stream: IkStream, window: int) -> None:
+        """Keep the stream to smooth.
+
+        Args:
+            stream: It is reset before its first tick here.
+            window: w, at least 1.
+        """
+        self._stream, self._window = stream, window
+
+    def reset(self, now: JointReference) -> None:
+        """Start from a reference in motion: its mean goes on from it without a step.
+
+        The ticks before are taken to have had its acceleration, and as mean its position and
+        velocity; so the stream itself starts half a window ahead.
+        """
+        dt, w = self._stream.settings.dt, self._window
+        t = (np.arange(w) - 0.5 * (w - 1))[:, None] * dt
+        q = now.q + now.v * t + 0.5 * now.a * (t * t - np.mean(t * t))
+        self._last = np.stack([q, now.v + now.a * t, np.tile(now.a, (w, 1))], axis=1)
+        self._now = now
+        self._stream.reset(self._last[-1, 0], self._last[-1, 1])
+
+    def block(self, targets: Sequence[SE3 | None]) -> Trajectory:
+        """The next ticks, one per target, from the reference of now.
+
+        Args:
+            targets: T_world_tcp wanted at each tick; None brakes.
+        """
+        stream, w = self._stream, self._window
+        ticks = [stream.tick(target) for target in targets]
+        fresh = np.array([(tick.q, tick.v, tick.a) for tick in ticks])
+        rows = np.concatenate([self._last, fresh])
+        means = sliding_window_view(rows[1:], w, axis=0).mean(axis=-1)
+        states = np.concatenate([np.stack(self._now)[None], means])
+        self._last = rows[-w:]
+        arm = stream.arm
+        q = np.clip(states[:, 0], arm.q_min, arm.q_max)  # of the rounding of means
+        q[0] = self._now.q
+        self._now = JointReference(q[-1].copy(), states[-1, 1].copy(), states[-1, 2].copy())
+        return Trajectory(dt=stream.settings.dt, q=q, v=states[:, 1], a=states[:, 2])

@@ -1,0 +1,97 @@
+"""Check of what a policy answers: every number from outside passes here before anything moves."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robo47_qp.arm import Arm
+from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.policy import Action, JointTarget, ToolTarget, Torques
+from robo47_qp.robot import Gripper, Robot
+from robo47_qp.waypoint import Grip
+
+MARGIN = 1e-3
+"""Part of the range of each joint that is left unused at each limit, because a joint that
+shivers there is outside."""
+_SINGLE = 1e-6
+"""A number beyond a bound by this part of it is the bound: networks compute in single precision."""
+_UNIT = 1e-3
+"""How far the length of a quaternion may be from 1; it is made 1."""
+
+
+def checked_action(action: object, arm: Arm) -> Action:
+    """An action of the same kind whose numbers are new arrays, finite and within all bounds.
+
+    Raises:
+        InvalidValueError: It is no action, a number is not finite or out of range, or a shape is
+            wrong.
+    """
+    robot = arm.robot
+    if not isinstance(action, JointTarget | ToolTarget | Torques):
+        expected = "a JointTarget, a ToolTarget, Torques, or None"
+        raise InvalidValueError("the action", f"a {type(action).__name__}", expected)
+    width, grip_force = _checked_grip(action, robot)
+    action = replace(action, width=width, grip_force=grip_force)
+    match action:
+        case JointTarget():
+            q = _within("q of the action", action.q, arm.q_min, arm.q_max)
+            room = MARGIN * (arm.q_max - arm.q_min)
+            return replace(action, q=np.clip(q, arm.q_min + room, arm.q_max - room))
+        case ToolTarget():
+            return replace(action, pose=_checked_pose(action.pose))
+        case Torques():
+            tau = _within("tau of the action", action.tau, -robot.tau_max, robot.tau_max)
+            return replace(action, tau=tau)
+
+
+def grip_of(action: Action, gripper: Gripper) -> Grip | None:
+    """What a checked action asks of the gripper; None where it asks nothing."""
+    if action.width is None:
+        return None
+    force = 0.5 * gripper.force_max if action.grip_force is None else action.grip_force
+    return Grip(width=action.width, force=force)
+
+
+def _checked_grip(action: Action, robot: Robot) -> tuple[float | None, float | None]:
+    """Width and force."""
+    gripper = robot.gripper
+    if gripper is None:
+        if action.width is not None or action.grip_force is not None:
+            found, expected = action.width, f"None: the robot {robot.name!r} has no gripper"
+            raise InvalidValueError("width of the action", found, expected)
+        return None, None
+    width = _number("width of the action", action.width, gripper.width_max)
+    force = _number("grip_force of the action", action.grip_force, gripper.force_max)
+    if force == 0.0:
+        raise InvalidValueError("grip_force of the action", 0.0, "above 0 [N]")
+    return width, force
+
+
+def _number(name: str, value: object, most: float) -> float | None:
+    """A number from 0 to `most`; an array of one number, as networks answer, is one, too."""
+    if value is None:
+        return None
+    one = np.reshape(value, -1)  # type: ignore[call-overload]
+    return float(_within(name, one, np.zeros(1), np.array([most]))[0])
+
+
+def _within(name: str, value: object, low: Vector, high: Vector) -> Vector:
+    vector = checked_vector(name, value, len(low))  # type: ignore[arg-type]
+    slack = _SINGLE * (high - low)
+    if (vector < low - slack).any() or (vector > high + slack).any():
+        i = int(np.argmax(np.maximum(low - vector, vector - high)))
+        which = f"{name}[{i}]" if len(low) > 1 else name
+        raise InvalidValueError(which, f"{vector[i]:.6g}", f"from {low[i]:.6g} to {high[i]:.6g}")
+    inside: Vector = np.clip(vector, low, high)
+    return inside
+
+
+def _checked_pose(value: object) -> Vector:
+    pose = checked_vector("pose of the action", value, 7)  # type: ignore[arg-type]
+    length = float(np.linalg.norm(pose[3:]))
+    if abs(length - 1.0) > _UNIT:
+        expected = "x, y, z [m], then a unit quaternion qw, qx, qy, qz"
+        raise InvalidValueError("pose of the action", pose.tolist(), expected)
+    pose[3:] /= length
+    return pose

@@ -1,0 +1,118 @@
+"""PolicyRunner: a task carried out by a policy in place of its program, and judged the same way."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.actions import Actions
+from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.failure import Cause, Failure
+from robo47_qp.guard import Guard
+from robo47_qp.loop import Aborted
+from robo47_qp.policy import Action, Observation, Policy
+from robo47_qp.policy_cell import PolicyCell
+from robo47_qp.run import Scenario
+from robo47_qp.runner import Runner
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.simulation import Simulation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pace:
+    """How often a policy decides, and for how long."""
+
+    rate: float = 30.0
+    """Decisions per second, at most one in every control period [1/s]."""
+    seconds: float = 30.0
+    """Simulated time of an episode, if the policy does not end it before [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: One is out of range.
+        """
+        if not 0.0 < self.rate <= 1.0 / TIMESTEP:
+            raise InvalidValueError("rate", self.rate, f"above 0 and at most {1.0 / TIMESTEP:g}")
+        if not (np.isfinite(self.seconds) and self.seconds > 0.0):
+            raise InvalidValueError("seconds", self.seconds, "above 0 and finite")
+
+    def decision(self, k: int) -> int:
+        """Control period at which decision k (from 0) is due; at most that of the end."""
+        return min(round(k / (self.rate * TIMESTEP)), round(self.seconds / TIMESTEP))
+
+
+class PolicyRunner(Runner):
+    """Runs a scenario with a policy, once. What comes of it is a run like any other.
+
+    The episode ends when the policy says so, when its time is over, when the policy does what no
+    policy may (it raises, or answers what is no action), or when the watch ends it. Then the arm
+    comes to rest, and the task's own verdict judges the world: what the task asks for at the end,
+    an arm at home or an open gripper, it asks of a policy, too.
+    """
+
+    def __init__(
+        self, scenario: Scenario, simulation: Simulation, policy: Policy, pace: Pace | None = None
+    ) -> None:
+        """Put the world at the start of the scenario.
+
+        Args:
+            scenario: What to run; its planner gives the bounds of all motions.
+            simulation: The world, built from the scenario's robot and task.
+            policy: What decides.
+            pace: How often and for how long; by default `Pace()`.
+        """
+        super().__init__(scenario, simulation)
+        self._policy, self._pace = policy, Pace() if pace is None else pace
+        self._cell = PolicyCell(self._loop)
+
+    def _programmed(self, actions: Actions) -> Failure | None:
+        """The episode, in place of the task's program."""
+        failure = self._episode()
+        try:
+            self._cell.rest()
+        except PlanError as error:
+            raise Aborted(failure or self._amiss(str(error))) from error
+        return failure
+
+    def _episode(self) -> Failure | None:
+        cell, pace = self._cell, self._pace
+        with Guard() as guard:
+            self._policy.reset(cell.observe())
+        if guard.error is not None:
+            return self._raised("reset", guard.error)
+        k, now, end = 0, 0, round(pace.seconds / TIMESTEP)
+        while now < end:
+            answer = self._answer(cell.observe())
+            if answer is None:
+                self._loop.note("the policy says that all is done")
+                return None
+            if isinstance(answer, Failure):
+                return answer
+            k += 1
+            due = pace.decision(k)
+            try:
+                cell.carry_out(answer, due - now)
+            except (PlanError, InvalidValueError) as error:
+                return self._amiss(str(error))
+            now = due
+        self._loop.note(f"the episode's {pace.seconds:g} s are over")
+        return None
+
+    def _answer(self, observation: Observation) -> Action | Failure | None:
+        """What the policy answers, checked; a failure where it is nothing to be carried out."""
+        with Guard() as guard:
+            answer = self._policy.act(observation)
+            # What is no number may raise anything when it is taken for one.
+            return None if answer is None else self._cell.checked(answer)
+        error = guard.error
+        if isinstance(error, InvalidValueError):
+            return self._amiss(str(error))
+        return self._raised("act", error)
+
+    def _raised(self, where: str, error: Exception | None) -> Failure:
+        return self._amiss(f"it raised {type(error).__name__} in {where}: {error}")
+
+    def _amiss(self, what: str) -> Failure:
+        time = self._sim.time
+        return Failure(cause=Cause.LIMIT, evidence=f"the policy at {time:.3f} s: {what}", time=time)

@@ -1,0 +1,199 @@
+"""Reach tool poses that are spread over the workspace."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause, Failure
+from robo47_qp.obstacle import Obstacle
+from robo47_qp.simulation import Simulation
+from robo47_qp.steps import Condition, Move, Step, Wait
+from robo47_qp.task import Program
+from robo47_qp.waypoint import Place, Waypoint, tool_down
+from tasks.table import TABLE_TOP, add_table
+
+_DISTANCE = (0.42, 0.72)
+"""Range of the horizontal distance from the base [m]."""
+_DIRECTION = np.deg2rad(45.0)
+"""How far from straight ahead, seen from the base [rad]."""
+_HEIGHT = (0.20, 0.60)
+"""Range of heights above the table [m]."""
+_TILT = np.deg2rad(60.0)
+"""How far the tool's axis is from straight down at most [rad]."""
+_DRAWS = 100_000
+"""Configurations to draw per pose, at most; about one in a hundred lies in the workspace."""
+_STILL = 2e-3
+"""Joint speed below which the arm counts as at rest [rad/s]."""
+_DEFAULT = (
+    ((0.50, 0.25, 0.30), 0.4, 0.5),
+    ((0.60, 0.00, 0.25), -0.3, -0.4),
+    ((0.50, -0.25, 0.40), 0.2, 0.8),
+    ((0.45, 0.10, 0.50), -0.5, 0.0),
+    ((0.55, -0.10, 0.30), 0.0, -0.7),
+)
+"""Poses without a seed: position [m], tilt about the tool's y axis and yaw [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """Visit tool poses, each from home, and hold every one; with a seed they are random.
+
+    A random pose is that of a random configuration inside the joint limits which touches
+    nothing: so it can be reached, and nobody is told how. Only poses in the workspace in
+    front of the base are taken, with the tool tilted from straight down by up to 60°. The arm
+    goes home between them: from there the way to each stays above the table.
+    """
+
+    count: int = 5
+    """Poses to visit."""
+    position_tolerance: float = 1e-3
+    """How far the tool point may be from a pose as it is held [m]."""
+    angle_tolerance: float = float(np.deg2rad(0.5))
+    """How far the tool may be turned from it [rad]."""
+    seconds: float = 0.2
+    """How long each pose is held [s]."""
+    force_max: float = 1.0
+    """See `Task.force_max`; nothing is to be touched [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Nothing stands on the table."""
+    name: str = "reach"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: The count is not one of poses, or a number is not positive.
+        """
+        if not 1 <= self.count <= len(_DEFAULT):
+            raise InvalidValueError("count", self.count, f"1 to {len(_DEFAULT)}")
+        for name in ("position_tolerance", "angle_tolerance", "seconds"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "Reach":
+        """The same: its scene is empty."""
+        return self
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
+        add_table(spec)
+        for i in range(self.count):
+            marker = spec.worldbody.add_body(name=f"pose {i + 1}", mocap=True)
+            for axis in range(3):
+                end, rgba = np.zeros(3), np.array([0.2, 0.2, 0.2, 1.0])
+                end[axis], rgba[axis] = 0.05, 0.9
+                marker.add_geom(
+                    name=f"pose {i + 1} {'xyz'[axis]}",
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                    fromto=[0.0, 0.0, 0.0, *end],
+                    size=[0.003, 0.0, 0.0],
+                    rgba=rgba,
+                    contype=0,
+                    conaffinity=0,
+                )
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        for i in range(self.count):
+            if rng is None:
+                position, tilt, yaw = _DEFAULT[i]
+                pose = tool_down(position, yaw) @ SE3.from_rotation(SO3.from_y_radians(tilt))
+            else:
+                pose = _reachable(simulation, rng)
+            simulation.place_marker(f"pose {i + 1}", pose)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        return [step for step in self._steps(simulation) if isinstance(step, Move)]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        yield from self._steps(simulation)
+        return None
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`; that each pose was held is judged as it is visited."""
+        away = self.measures(simulation)["home_error_rad"]
+        if away > 0.01:
+            evidence = f"a joint is {away:.3f} rad from home; allowed are 0.01 rad"
+            return Failure(cause=Cause.PLACE, evidence=evidence)
+        return None
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """How far a joint is from home at most [rad]."""
+        q = simulation.true_state().q
+        return {"home_error_rad": float(np.abs(q - simulation.robot.home).max())}
+
+    def _steps(self, simulation: Simulation) -> list[Move | Wait]:
+        steps: list[Move | Wait] = []
+        for i in range(self.count):
+            name = f"pose {i + 1}"
+            target = simulation.marker_pose(name)
+            there = (self._held(simulation, name, target),)
+            steps += [
+                Move(waypoints=(Waypoint(name=name, target=target),)),
+                Wait(name=f"settle at {name}", seconds=self.seconds, after=there),
+                Wait(name=f"hold {name}", seconds=self.seconds, after=there),
+                Move(waypoints=(Waypoint(name="home", target=Place.HOME),)),
+            ]
+        return steps
+
+    def _held(self, simulation: Simulation, name: str, T_world_goal: SE3) -> Condition:
+        def against() -> str | None:
+            T_goal_tcp = T_world_goal.inverse() @ simulation.tool_pose()
+            off = float(np.linalg.norm(T_goal_tcp.translation()))
+            turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
+            speed = float(np.abs(simulation.true_state().v).max())
+            if off <= self.position_tolerance and turn <= self.angle_tolerance and speed <= _STILL:
+                return None
+            return (
+                f"the tool is {1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {name}, the "
+                f"fastest joint moves at {1e3 * speed:.1f} mrad/s; allowed are "
+                f"{1e3 * self.position_tolerance:.2f} mm, "
+                f"{np.rad2deg(self.angle_tolerance):.2f}° and {1e3 * _STILL:.1f} mrad/s"
+            )
+
+        return Condition(name=f"the tool is at rest at {name}", cause=Cause.TRACK, against=against)
+
+
+def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
+    """T_world_tcp of a random configuration that touches nothing and lies in the workspace.
+
+    Raises:
+        InvalidValueError: None was found: the robot does not reach into the workspace.
+    """
+    model, robot = simulation.model, simulation.robot
+    data = mujoco.MjData(model)
+    data.qpos[:] = simulation.data.qpos
+    joints = [model.joint(name) for name in robot.joints]
+    addresses = [int(joint.qposadr[0]) for joint in joints]
+    low, high = np.array([joint.range for joint in joints]).T
+    tcp = model.site(robot.tcp).id
+    for _ in range(_DRAWS):
+        data.qpos[addresses] = rng.uniform(low, high)
+        mujoco.mj_kinematics(model, data)
+        if not _in_workspace(data.site_xpos[tcp], -float(data.site_xmat[tcp][8])):
+            continue
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon == 0:
+            rotation = SO3.from_matrix(data.site_xmat[tcp].reshape(3, 3))
+            return SE3.from_rotation_and_translation(rotation, data.site_xpos[tcp].copy())
+    raise InvalidValueError(
+        "workspace", f"none of {_DRAWS} configurations of {robot.name} in it", "within reach"
+    )
+
+
+def _in_workspace(position: np.ndarray, down: float) -> bool:
+    """True for a tool point in reach over the table whose axis is near straight down."""
+    x, y, z = position
+    return bool(
+        _DISTANCE[0] <= np.hypot(x, y) <= _DISTANCE[1]
+        and abs(np.arctan2(y, x)) <= _DIRECTION
+        and _HEIGHT[0] <= z - TABLE_TOP <= _HEIGHT[1]
+        and down >= np.cos(_TILT)
+    )

@@ -1,0 +1,52 @@
+"""Policies that tests share, and how they are run."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from robo47_qp.observer import Observer
+from robo47_qp.options import RunOptions
+from robo47_qp.policy import Action, Observation, Policy
+from robo47_qp.policy_runner import Pace, PolicyRunner
+from robo47_qp.recording import Sink
+from robo47_qp.robot import Robot
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.run import Run
+from robo47_qp.simulation import Simulation
+from robo47_qp.task import Task
+from tests.runs import Reach
+
+
+@dataclass
+class Scripted:
+    """Answers by a function, and keeps what it saw."""
+
+    answer: Callable[[Observation], Action | None]
+    seen: list[Observation] = field(default_factory=list)
+    first: Observation | None = None
+
+    def reset(self, observation: Observation) -> None:
+        self.first = observation
+
+    def act(self, observation: Observation) -> Action | None:
+        self.seen.append(observation)
+        return self.answer(observation)
+
+
+def follow(
+    policy: Policy,
+    *,
+    task: Task | None = None,
+    pace: Pace | None = None,
+    robot: Robot = PANDA,
+    simulation: Simulation | None = None,
+    seed: int | None = None,
+    sinks: Sequence[Sink] = (),
+    observers: Sequence[Observer] = (),
+) -> Run:
+    """Run a policy once, by default for a second on a task without objects."""
+    task = Reach() if task is None else task
+    if simulation is None:
+        simulation = Simulation(robot, task.build_scene)
+    scenario = RunOptions(seed=seed).scenario(robot, task)
+    runner = PolicyRunner(scenario, simulation, policy, Pace(seconds=1.0) if pace is None else pace)
+    return runner.run(sinks=sinks, observers=observers)
