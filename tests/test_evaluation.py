@@ -84,6 +84,7 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(tmp_path: Path) -> None:
     done = evaluated(path, rest, resume=True)
     assert sorted(rest.ran) == list(range(40, 47))
     assert [r.seed for r in done.fresh] == rest.ran
+    assert [r.seed for r in done.results] == list(range(40, 52))
     assert figures(done) == figures(evaluated(tmp_path / "whole.jsonl", Here()))
 
 
@@ -199,15 +200,15 @@ def test_every_line_is_on_the_disk_before_the_next_episode_counts(
     path, synced = tmp_path / "eval.jsonl", []
 
     def fsync(descriptor: int) -> None:
-        synced.append(os.fstat(descriptor).st_size)
+        assert os.fstat(descriptor).st_ino == path.stat().st_ino
+        synced.append(path.read_bytes().count(b"\n"))
 
     monkeypatch.setattr(os, "fsync", fsync)
     journal = Journal(path, SETTINGS, resume=False)
     for i in range(2):
         journal.add(Toy()(EpisodeSpec(index=i, seed=i)))
-        assert synced[-1] == path.stat().st_size
+    assert synced == [1, 2, 3]
     journal.close()
-    assert len(synced) == 3
 
 
 def test_the_progress_is_shown_from_the_start(tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ def test_draws_fill_their_ranges_evenly() -> None:
         assert 1 + 0.97 * width < values.max() <= 1 + width
         assert values.mean() == pytest.approx(1.0, abs=0.1 * width)
         assert values.std() == pytest.approx(width / np.sqrt(3), rel=0.06)
+    factors = [(one.object_mass_factor, one.friction_factor) for one in drawn]
+    assert abs(np.corrcoef(np.transpose(factors))[0, 1]) < 0.15
     forces = np.array([push.force for one in drawn for push in one.pushes])
     sizes = np.linalg.norm(forces, axis=1)
     assert 9.8 < sizes.max() <= 10.0
