@@ -123,6 +123,16 @@ def test_a_workspace_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) ->
         Reach().reset(_world(), np.random.default_rng(0))
 
 
+def test_configurations_that_touch_something_are_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Below the table the tool cannot be without the arm being in it."""
+    monkeypatch.setattr("tasks.reach._HEIGHT", (-0.03, 0.0))
+    monkeypatch.setattr("tasks.reach._DRAWS", 3000)
+    with pytest.raises(InvalidValueError, match=r"none of 3000 configurations"):
+        Reach().reset(_world(), np.random.default_rng(0))
+
+
 # Failures
 
 

@@ -191,6 +191,7 @@ def test_items_are_let_go_across_the_bin_just_above_its_ground(seed: int) -> Non
     ALL.reset(simulation, np.random.default_rng(seed))
     steps = [as_action(step) for step in ALL.outlook(simulation)]
     moves = [step.waypoints[0] for step in steps if isinstance(step, Move)]
+    slots = set()
     for item, grasp, lower in zip(
         ALL.items,
         [waypoint for waypoint in moves if waypoint.name == "descend"],
@@ -204,7 +205,10 @@ def test_items_are_let_go_across_the_bin_just_above_its_ground(seed: int) -> Non
         x, y, z = (lower.target @ held).translation()
         assert z - 0.5 * item.height == pytest.approx(ALL.drop)
         place = RED_BIN if item.rgba == RED else BLUE_BIN
-        assert min(np.hypot(x - a, y - b) for a, b in place.slots) < 1e-9
+        away = [np.hypot(x - a, y - b) for a, b in place.slots]
+        assert min(away) < 1e-9
+        slots.add((place.name, int(np.argmin(away))))
+    assert len(slots) == 6
 
 
 @given(seed=st.integers(0, 2**32 - 1))
