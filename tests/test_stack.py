@@ -92,7 +92,7 @@ def test_a_cube_on_its_side_is_stacked_too() -> None:
     simulation.place_object(RED, on_goal(0))
     # Its x axis up: the turn about the vertical shows in the others alone.
     c, s = np.cos(0.4), np.sin(0.4)
-    turned = SO3.from_matrix(np.array([[0.0, c, -s], [0.0, s, c], [1.0, 0.0, 0.0]])
+    turned = SO3.from_matrix(np.array([[0.0, c, -s], [0.0, s, c], [1.0, 0.0, 0.0]]))
     where = np.array([0.5, 0.1, 0.02])
     simulation.place_object(GREEN, SE3.from_rotation_and_translation(turned, where))
     run = runner.run()
