@@ -80,7 +80,7 @@ class Handling:
 
     def _look(self, height: float | None) -> Generator[Step, None, SE3]:
         T_world_item = yield from look(self.simulation, self.item.name, height)
-        return self._stood(T_world_item)
+        return self.stood(T_world_item)
 
     def release(self) -> Release:
         """Let go of the item."""
@@ -155,13 +155,14 @@ class Handling:
         placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
         return placed @ T_world_item.inverse() @ T_world_tcp
 
-    def _stood(self, T_world_item: SE3) -> SE3:
+    def stood(self, T_world_item: SE3) -> SE3:
+        """Pose of the item as one that stands, from the pose of its body."""
         if self.T_item_standing is None:
             return T_world_item
         return T_world_item @ self.T_item_standing
 
     def _seen(self) -> SE3:
-        return self._stood(self.simulation.seen_pose(self.item.name))
+        return self.stood(self.simulation.seen_pose(self.item.name))
 
     def _carrying(self, waypoint: Waypoint) -> Move:
         held = (self._held(Cause.DROP),)

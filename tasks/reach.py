@@ -16,11 +16,11 @@ from robo47_qp.task import Program
 from robo47_qp.waypoint import Place, Waypoint, tool_down
 from tasks.table import TABLE_TOP, add_table
 
-_DISTANCE = (0.42, 0.72)
+_DISTANCE = (0.48, 0.72)
 """Range of the horizontal distance from the base [m]."""
 _DIRECTION = np.deg2rad(45.0)
 """How far from straight ahead, seen from the base [rad]."""
-_HEIGHT = (0.20, 0.60)
+_HEIGHT = (0.20, 0.50)
 """Range of heights above the table [m]."""
 _TILT = np.deg2rad(60.0)
 """How far the tool's axis is from straight down at most [rad]."""
@@ -32,7 +32,7 @@ _DEFAULT = (
     ((0.50, 0.25, 0.30), 0.4, 0.5),
     ((0.60, 0.00, 0.25), -0.3, -0.4),
     ((0.50, -0.25, 0.40), 0.2, 0.8),
-    ((0.45, 0.10, 0.50), -0.5, 0.0),
+    ((0.48, 0.10, 0.50), -0.5, 0.0),
     ((0.55, -0.10, 0.30), 0.0, -0.7),
 )
 """Poses without a seed: position [m], tilt about the tool's y axis and yaw [rad]."""

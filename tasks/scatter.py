@@ -4,7 +4,7 @@ import numpy as np
 
 from robo47_qp.errors import InvalidValueError
 
-_STARTS, _TRIES = 100, 100
+_STARTS, _TRIES = 20, 100
 """How often to start afresh, and how often to try each place."""
 
 Area = tuple[tuple[float, float], tuple[float, float]]

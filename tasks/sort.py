@@ -78,6 +78,9 @@ class Sort:
             InvalidValueError: An item has no bin, a bin is too small for its items, or a number
                 is out of range.
         """
+        if not 1 <= len(self.items) <= len(_START):
+            found = len(self.items)
+            raise InvalidValueError("number of items", found, f"1 to {len(_START)}")
         for item in self.items:
             if item.rgba not in [b.rgba for b in self.bins]:
                 raise InvalidValueError(f"colour of {item.name!r}", item.rgba, "that of a bin")
@@ -85,6 +88,8 @@ class Sort:
             count = sum(item.rgba == place.rgba for item in self.items)
             if count > len(place.slots):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
+        if self.retries < 0:
+            raise InvalidValueError("retries", self.retries, "0 or more")
         for name in ("drop", "grip_force", "above"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "positive")
@@ -104,12 +109,12 @@ class Sort:
         add_table(spec)
         for place in self.bins:
             place.add(spec)
-        for item, (x, y) in zip(self.items, _START, strict=True):
+        for item, (x, y) in zip(self.items, _START, strict=False):
             item.add(spec, (x, y, TABLE_TOP + 0.5 * item.height))
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
-        places, turns = np.array(_START), np.zeros(len(self.items))
+        places, turns = np.array(_START[: len(self.items)]), np.zeros(len(self.items))
         if rng is not None:
             places = scattered(rng, _AREA, len(self.items), _APART)
             turns = rng.uniform(-np.pi, np.pi, len(self.items))

@@ -19,6 +19,7 @@ from tasks.item import BLUE, GREEN, RED, Item, standing
 from tasks.looking import look
 from tasks.scatter import scattered
 from tasks.table import TABLE_TOP, add_table
+from tasks.tower import Tower
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
 """Where random cubes lie: ranges of x and y [m]."""
@@ -33,9 +34,6 @@ _MASSES = (0.05, 0.2)
 """Of random cubes [kg]."""
 _EDGES = (0.035, 0.05)
 """Of random cubes [m]."""
-_IN_PLACE = 0.2
-"""How far a cube may be from its place in the tower to count as standing there, relative to its
-edge [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +59,7 @@ class Stack:
     grip_force: float = 30.0
     """Of one finger [N]."""
     clearance: float = 0.06
-    """Between the tower and a cube that is carried over it [m]."""
+    """Between the tower and the last cube, as it is carried over it [m]."""
     retries: int = 4
     """Further cubes to pick after one was missed, lost or knocked down."""
     force_max: float = 60.0
@@ -74,14 +72,18 @@ class Stack:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: The cubes are none, or too few, or a number is out of range.
+            InvalidValueError: They are no cubes of one edge, too few or too many, or a number is
+                out of range.
         """
         edges = {length for cube in self.cubes for length in cube.size}
-        if len(self.cubes) < 2 or len(edges) != 1 or any(cube.round for cube in self.cubes):
+        few = not 2 <= len(self.cubes) <= len(_START)
+        if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
             found = [cube.size for cube in self.cubes]
-            raise InvalidValueError("cubes", found, "two or more cubes of one edge")
+            raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
         if len(self.goal) != 2 or not np.isfinite(self.goal).all():
             raise InvalidValueError("goal", self.goal, "two finite numbers, x and y [m]")
+        if self.retries < 0:
+            raise InvalidValueError("retries", self.retries, "0 or more")
         for name in ("tolerance", "height_tolerance", "grip_force", "clearance"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "positive")
@@ -100,7 +102,7 @@ class Stack:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
-        for cube, where in zip(self.cubes, _START, strict=True):
+        for cube, where in zip(self.cubes, _START, strict=False):
             cube.add(spec, (*where, TABLE_TOP + 0.5 * self.edge))
         goal = spec.worldbody.add_body(name="goal", mocap=True)
         half = 0.5 * self.edge + 0.005
@@ -115,7 +117,7 @@ class Stack:
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
-        goal, places = np.array(self.goal), np.array(_START)
+        goal, places = np.array(self.goal), np.array(_START[: len(self.cubes)])
         turns = np.zeros(1 + len(self.cubes))
         if rng is not None:
             goal = np.array([rng.uniform(*limits) for limits in _GOALS])
@@ -129,25 +131,27 @@ class Stack:
     def outlook(self, simulation: Simulation) -> Sequence[Step]:
         """See `Task.outlook`."""
         steps: list[Step] = []
+        tower = self._tower(simulation)
         for level, cube in enumerate(self.cubes):
             T_world_cube = simulation.object_pose(cube.name)
             hand = self._hand(simulation, cube, T_world_cube)
-            steps += hand.foreseen(T_world_cube, self._level(simulation, level))
+            steps += hand.foreseen(T_world_cube, tower.level(level))
         return [*steps, HOME]
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
+        tower = self._tower(simulation)
         left = len(self.cubes) + self.retries
         while left:
             seen = yield from self._look(simulation)
-            tower, loose = self._sorted(simulation, seen)
+            loose = tower.loose(seen)
             if not loose:
                 break
             left -= 1
             cube = next(cube for cube in self.cubes if cube.name == loose[0])
             hand = self._hand(simulation, cube, seen[cube.name])
             try:
-                yield from self._add(hand, simulation, tower, seen[cube.name])
+                yield from self._add(hand, tower, seen)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -185,16 +189,18 @@ class Stack:
         return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}
 
     def _add(
-        self, hand: Handling, simulation: Simulation, tower: list[str], T_world_cube: SE3
+        self, hand: Handling, tower: Tower, seen: dict[str, SE3]
     ) -> Generator[Step, None, None]:
         """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
         held = yield from hand.pick()
-        seen = yield from self._look(simulation, [*tower])
-        now, _ = self._sorted(simulation, seen)
-        stands = now == tower
-        x, y, _ = T_world_cube.translation()
-        back = upright([x, y, TABLE_TOP + 0.5 * self.edge], heading(T_world_cube))
-        yield from hand.place(self._level(simulation, len(tower)) if stands else back, held)
+        before = tower.standing(seen)
+        now = yield from self._look(hand.simulation, before)
+        goal = tower.level(len(before))
+        if tower.standing(now) != before:
+            T_world_cube = hand.stood(seen[hand.item.name])
+            x, y, _ = T_world_cube.translation()
+            goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
+        yield from hand.place(goal, held)
 
     def _look(
         self, simulation: Simulation, names: Sequence[str] | None = None
@@ -204,46 +210,18 @@ class Stack:
             seen[name] = yield from look(simulation, name)
         return seen
 
-    def _sorted(self, simulation: Simulation, seen: dict[str, SE3]) -> tuple[list[str], list[str]]:
-        """Cubes that stand in the tower, from below, and the others in the order to pick them."""
-        places = {name: T.translation() for name, T in seen.items()}
-        tower: list[str] = []
-        for level in range(len(self.cubes)):
-            at = self._level(simulation, level).translation()
-            there = [
-                name
-                for name, place in places.items()
-                if np.linalg.norm(place - at) < _IN_PLACE * self.edge
-            ]
-            if not there:
-                break
-            tower += there
-        goal = simulation.marker_pose("goal").translation()
-
-        def turn(name: str) -> tuple[float, float]:
-            """What lies on others first, then what is in the way of the tower."""
-            return -self._storey(seen[name]), float(np.linalg.norm(places[name] - goal))
-
-        return tower, sorted((name for name in seen if name not in tower), key=turn)
-
     def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> Handling:
-        top = TABLE_TOP + (len(self.cubes) - 1) * self.edge
+        tower = self._tower(simulation)
+        top = tower.height(len(self.cubes) - 1)
         item, turn = standing(cube, T_world_cube)
-        stands_on = TABLE_TOP + self._storey(T_world_cube) * self.edge
         return Handling(
             simulation=simulation,
             item=item,
-            above=top + self.clearance + 0.5 * self.edge,
+            above=top + self.clearance,
             force=self.grip_force,
-            resting=stands_on + 0.5 * self.edge,
+            resting=tower.height(tower.storey(T_world_cube)),
             T_item_standing=turn,
         )
 
-    def _storey(self, T_world_cube: SE3) -> int:
-        """How many cubes are below one."""
-        return round((float(T_world_cube.translation()[2]) - TABLE_TOP) / self.edge - 0.5)
-
-    def _level(self, simulation: Simulation, level: int) -> SE3:
-        """Pose of a cube in the tower, counted from 0."""
-        up = np.array([0.0, 0.0, (level + 0.5) * self.edge])
-        return SE3.from_translation(up) @ simulation.marker_pose("goal")
+    def _tower(self, simulation: Simulation) -> Tower:
+        return Tower(edge=self.edge, T_world_goal=simulation.marker_pose("goal"))

@@ -1,0 +1,238 @@
+"""Reaching: poses that can be reached, each held, nothing touched."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mink import SE3, SO3
+
+from robo47_qp.arm import Arm
+from robo47_qp.audit import audit
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause
+from robo47_qp.options import RunOptions
+from robo47_qp.robot import Robot
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.simulation import Simulation
+from robo47_qp.steps import Move, Step, Wait
+from tasks.reach import Reach
+from tests.runs import Meddler, carry_out, make_runner
+
+
+@cache
+def _world() -> Simulation:
+    return Simulation(PANDA, Reach().build_scene)
+
+
+def distance(T: SE3, target: SE3) -> tuple[float, float]:
+    """Position [m] and angle [rad]."""
+    off = target.inverse() @ T
+    angle = np.arccos(np.clip((np.trace(off.rotation().as_matrix()) - 1) / 2, -1.0, 1.0))
+    return float(np.linalg.norm(off.translation())), float(angle)
+
+
+@pytest.mark.parametrize("seed", [None, 0])
+def test_every_pose_is_held(seed: int | None) -> None:
+    task = Reach(count=2 if seed is None else 3)
+    runner, simulation = make_runner(task, seed=seed)
+    targets = {f"pose {i + 1}": simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)}
+    run = runner.run()
+    assert run.failure is None
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+    for name, target in targets.items():
+        (hold,) = (i for i, phase in enumerate(run.phases) if phase.name == f"hold {name}")
+        rows = slice(run.phases[hold].start, run.phases[hold + 1].start)
+        assert rows.stop - rows.start == 200
+        for pose in run.rows["tool/pose"][rows][::20]:
+            position, angle = distance(SE3(np.concatenate([pose[3:], pose[:3]])), target)
+            assert position < 1e-3
+            assert angle < np.deg2rad(0.5)
+    assert np.abs(run.rows["contact/links"]).max() == 0.0
+    assert np.abs(run.rows["contact/tool"]).max() == 0.0
+    assert run.measures["home_error_rad"] < 1e-3
+
+
+def test_the_arm_goes_home_between_poses() -> None:
+    steps = Reach(count=2).outlook(_world())
+    names = [step.name for step in steps if isinstance(step, Move)]
+    assert names == ["pose 1", "home", "pose 2", "home"]
+
+
+# Poses
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_random_poses_lie_in_the_workspace(seed: int) -> None:
+    task, simulation = Reach(), _world()
+    before = simulation.data.qpos.copy()
+    task.reset(simulation, np.random.default_rng(seed))
+    np.testing.assert_array_equal(simulation.data.qpos, before)
+    poses = [simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)]
+    for pose in poses:
+        x, y, z = pose.translation()
+        assert 0.48 <= np.hypot(x, y) <= 0.72
+        assert x > 0
+        assert abs(y) <= x
+        assert 0.20 <= z <= 0.50
+        assert pose.rotation().as_matrix()[2, 2] <= -0.5
+    task.reset(simulation, np.random.default_rng(seed))
+    again = [simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)]
+    np.testing.assert_array_equal(
+        [pose.wxyz_xyz for pose in poses], [pose.wxyz_xyz for pose in again]
+    )
+
+
+def test_random_poses_are_spread() -> None:
+    task, simulation = Reach(), _world()
+    poses = []
+    for seed in range(12):
+        task.reset(simulation, np.random.default_rng(seed))
+        poses += [simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)]
+    places = np.array([pose.translation() for pose in poses])
+    axes = np.array([pose.rotation().as_matrix()[:, 2] for pose in poses])
+    assert places[:, 1].min() < -0.3
+    assert places[:, 1].max() > 0.3
+    assert places[:, 2].max() > 0.45
+    assert np.median(np.rad2deg(np.arccos(-axes[:, 2]))) > 25.0
+
+
+def test_every_robot_reaches_its_random_poses(robot: Robot) -> None:
+    task = Reach()
+    simulation = Simulation(robot, task.build_scene)
+    try:
+        task.reset(simulation, np.random.default_rng(0))
+    except InvalidValueError as error:
+        pytest.skip(str(error))
+    scenario = RunOptions(ik="lm").scenario(robot, task)
+
+    arm = Arm(robot)
+    for i in range(task.count):
+        target = simulation.marker_pose(f"pose {i + 1}")
+        assert scenario.planner.ik.solve(arm, target, np.array(robot.home)).converged
+
+
+def test_a_workspace_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tasks.reach._DISTANCE", (2.0, 3.0))
+    monkeypatch.setattr("tasks.reach._DRAWS", 50)
+    with pytest.raises(InvalidValueError, match=r"none of 50 configurations of panda in it"):
+        Reach().reset(_world(), np.random.default_rng(0))
+
+
+def test_configurations_that_touch_something_are_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Below the table the tool cannot be without the arm being in it."""
+    monkeypatch.setattr("tasks.reach._HEIGHT", (-0.03, 0.0))
+    monkeypatch.setattr("tasks.reach._DRAWS", 3000)
+    with pytest.raises(InvalidValueError, match=r"none of 3000 configurations"):
+        Reach().reset(_world(), np.random.default_rng(0))
+
+
+# Failures
+
+
+def test_a_pose_out_of_reach_is_a_failure_of_ik() -> None:
+    runner, simulation = make_runner(Reach(count=1))
+    simulation.place_marker("pose 1", SE3.from_translation(np.array([2.0, 0.0, 0.5])))
+    run = runner.run()
+    assert run.failure is not None
+    assert run.failure.cause is Cause.IK
+    assert "pose 1" in run.failure.evidence
+
+
+def test_a_tool_that_is_pushed_off_its_pose_is_a_failure_of_tracking() -> None:
+    def push(simulation: Simulation) -> None:
+        simulation.data.xfrc_applied[simulation.model.body("hand").id, :3] = [0.0, 8.0, 0.0]
+
+    meddler = Meddler("hold pose 1", push, after=0.02)
+    run = carry_out(Reach(count=1), observers=[meddler])
+    assert meddler.done == 1
+    assert run.failure is not None
+    assert run.failure.cause is Cause.TRACK
+    assert run.failure.step == "hold pose 1"
+    assert "from pose 1, the fastest joint moves at" in run.failure.evidence
+
+
+@dataclass(frozen=True, kw_only=True)
+class Displaced:
+    """Judges a tool that is somewhere near its pose."""
+
+    simulation: Simulation
+    shift: Sequence[float] = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+
+    def against(self) -> str | None:
+        here = self.simulation.tool_pose()
+        shifted = SE3.from_translation(np.array(self.shift)) @ here
+        target = shifted @ SE3.from_rotation(SO3.from_x_radians(self.turn))
+        self.simulation.place_marker("pose 1", target)
+        steps: Sequence[Step] = list(_program(self.simulation))
+        (step,) = (s for s in steps if isinstance(s, Wait) and s.name == "hold pose 1")
+        (condition,) = step.after
+        assert condition.cause is Cause.TRACK
+        return condition.against()
+
+
+def _program(simulation: Simulation) -> list[Step]:
+    return list(Reach(count=1).program(simulation))
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn", "evidence"),
+    [
+        ((0.99e-3, 0, 0), 0.0, None),
+        ((0, -1.01e-3, 0), 0.0, "1.01 mm and 0.00° from pose 1"),
+        ((0.6e-3, 0.6e-3, 0.6e-3), 0.0, "1.04 mm"),
+        ((0, 0, 0), np.deg2rad(0.49), None),
+        ((0, 0, 0), np.deg2rad(-0.51), "0.51° from pose 1"),
+    ],
+)
+def test_only_what_is_close_enough_is_held(
+    shift: tuple[float, ...], turn: float, evidence: str | None
+) -> None:
+    simulation = Simulation(PANDA, Reach().build_scene)
+    against = Displaced(simulation=simulation, shift=shift, turn=turn).against()
+    if evidence is None:
+        assert against is None
+    else:
+        assert against is not None
+        assert evidence in against
+
+
+def test_a_tool_in_motion_is_not_held() -> None:
+    simulation = Simulation(PANDA, Reach().build_scene)
+    simulation.data.joint(PANDA.joints[2]).qvel[0] = 0.003
+    against = Displaced(simulation=simulation).against()
+    assert against is not None
+    assert "the fastest joint moves at 3.0 mrad/s" in against
+
+
+def test_the_arm_must_be_home_at_the_end() -> None:
+    task, simulation = Reach(), Simulation(PANDA, Reach().build_scene)
+    assert task.verdict(simulation) is None
+    simulation.data.joint(PANDA.joints[0]).qpos[0] += 0.011
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "a joint is 0.011 rad from home" in failure.evidence
+    assert task.measures(simulation)["home_error_rad"] == pytest.approx(0.011)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"count": 0}, r"count must be 1 to 5; found 0"),
+        ({"count": 6}, r"count must be 1 to 5; found 6"),
+        ({"position_tolerance": 0.0}, r"position_tolerance must be positive"),
+        ({"angle_tolerance": np.nan}, r"angle_tolerance must be positive"),
+        ({"seconds": -1.0}, r"seconds must be positive"),
+    ],
+)
+def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        replace(Reach(), **change)  # type: ignore[arg-type]
