@@ -4,29 +4,32 @@ import pkgutil
 from collections.abc import Iterable
 from typing import Any, TypeAlias
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.arm import Arm
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.errors import InvalidValueError, MissingExtraError
 from robo47_qp.failure import Failure
 from robo47_qp.gym_spaces import (
+    ActionScale,
     Mode,
     Single,
-    action_of,
-    action_space,
     numbers_of,
     observation_space,
 )
 from robo47_qp.options import RunOptions
-from robo47_qp.policy_runner import Pace
+from robo47_qp.policy_runner import Pace, check_judged
 from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.stepwise import Stepwise
 from robo47_qp.task import Task
 from robo47_qp.video import Camera
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise MissingExtraError("The Gymnasium environment", "gymnasium", "gym") from error
 
 _Base: TypeAlias = gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]
 _CONFIRMED = 0.3
@@ -62,18 +65,20 @@ class TaskEnv(_Base):
 
         Args:
             task: What is to be done, or where its class is: "tasks.pick_place:PickPlace".
-            mode: What actions are: joint positions, tool poses or torques, each with the width.
+            mode: What actions are: joint positions, tool poses or torques, each with the width;
+                see `ActionScale`.
             pace: Actions per second and length of an episode.
             vary: Whether every episode has a scene of its own (`Task.variant`), as in evaluations.
             robot: Who does it.
             render_mode: "rgb_array" for pictures, which need OpenGL.
 
         Raises:
-            InvalidValueError: There is no such mode.
+            InvalidValueError: There is no such mode, or the world alone does not tell whether the
+                task is done.
             RenderingError: Pictures are wanted, and the machine cannot draw.
         """
         self._task: Task = pkgutil.resolve_name(task)() if isinstance(task, str) else task
-        self._mode, self._pace, self._vary, self._robot = mode, pace or Pace(), vary, robot
+        self._pace, self._vary, self._robot = pace or Pace(), vary, robot
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode
@@ -81,7 +86,10 @@ class TaskEnv(_Base):
         self._camera: Camera | None = None
         self._episode: Stepwise | None = None
         self._build(self._task)
-        self.action_space = action_space(self._arm, mode)
+        check_judged(self._task, self._simulation)
+        self.scale = ActionScale(self._arm, mode)
+        """Between actions in SI units and vectors of the action space."""
+        self.action_space = self.scale.space
         sizes = len(self._simulation.objects), len(self._simulation.markers)
         self._space = observation_space(self._arm, *sizes, self._pace.seconds)
         space: Any = self._space
@@ -107,7 +115,7 @@ class TaskEnv(_Base):
         episode = self._episode
         if episode is None:
             raise gymnasium.error.ResetNeeded("The episode is over: call reset() first.")
-        failure = episode.step(action_of(action, self._arm, self._mode))
+        failure = episode.step(self.scale.action(action))
         self._good = self._good + 1 if failure is None and episode.done else 0
         confirmed = self._good > _CONFIRMED * self._pace.rate
         terminated = failure is not None or confirmed

@@ -3,7 +3,7 @@
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
@@ -26,41 +26,62 @@ _SPEEDS = 5.0
 """Where the readings of the velocities saturate, in rated velocities [-]."""
 
 
-def action_space(arm: Arm, mode: Mode) -> spaces.Box:
-    """One vector: joint positions, a tool pose or torques; then the width, if there is a gripper.
+class ActionScale:
+    """Actions as vectors from -1 to 1: joint positions, a tool pose or torques, then the width."""
 
-    Raises:
-        InvalidValueError: There is no such mode.
-    """
-    robot = arm.robot
-    pose = np.array([_REACH] * 3 + [1.0] * 4)
-    bounds = {
-        "joints": (arm.q_min, arm.q_max),
-        "tool": (-pose, pose),
-        "torques": (-robot.tau_max, robot.tau_max),
-    }
-    if mode not in bounds:
-        raise InvalidValueError("mode", repr(mode), f"one of {', '.join(bounds)}")
-    low, high = bounds[mode]
-    if robot.gripper is not None:
-        low, high = np.append(low, 0.0), np.append(high, robot.gripper.width_max)
-    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+    def __init__(self, arm: Arm, mode: Mode) -> None:
+        """Set the scale.
 
+        Args:
+            arm: -1 and 1 are its limits; for a tool pose, 1.5 m from the base along each axis,
+                and the quaternion as it is, made a unit one.
+            mode: What the first numbers are. The last is the width, if there is a gripper: -1
+                for closed, 1 for fully open.
 
-def action_of(numbers: Single, arm: Arm, mode: Mode) -> Action:
-    """The action that a vector of the space stands for; quaternions are made unit ones."""
-    vector = np.array(numbers, dtype=np.float64)
-    width = None
-    if arm.robot.gripper is not None:
-        vector, width = vector[:-1], float(vector[-1])
-    if mode == "joints":
-        return JointTarget(q=vector, width=width)
-    if mode == "torques":
-        return Torques(tau=vector, width=width)
-    length = float(np.linalg.norm(vector[3:]))
-    if length > 0.0:
-        vector[3:] /= length
-    return ToolTarget(pose=vector, width=width)
+        Raises:
+            InvalidValueError: There is no such mode.
+        """
+        robot = arm.robot
+        pose = np.array([_REACH] * 3 + [1.0] * 4)
+        bounds = {
+            "joints": (arm.q_min, arm.q_max),
+            "tool": (-pose, pose),
+            "torques": (-robot.tau_max, robot.tau_max),
+        }
+        if mode not in bounds:
+            raise InvalidValueError("mode", repr(mode), f"one of {', '.join(bounds)}")
+        low, high = bounds[mode]
+        self._mode, self._gripper = mode, robot.gripper is not None
+        if robot.gripper is not None:
+            low, high = np.append(low, 0.0), np.append(high, robot.gripper.width_max)
+        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
+        self.space = spaces.Box(-1.0, 1.0, shape=(len(low),), dtype=np.float32)
+
+    def numbers(self, vector: ArrayLike) -> Single:
+        """The vector of the space that stands for quantities in SI units, with the width."""
+        numbers: Single = ((np.asarray(vector) - self._middle) / self._half).astype(np.float32)
+        return numbers
+
+    def action(self, numbers: ArrayLike) -> Action:
+        """The action that a vector of the space stands for; its numbers are not checked.
+
+        Raises:
+            InvalidValueError: The shape is another one.
+        """
+        if np.shape(numbers) != self.space.shape:
+            raise InvalidValueError("shape of an action", np.shape(numbers), str(self.space.shape))
+        vector = self._middle + self._half * np.asarray(numbers, dtype=np.float64)
+        width = None
+        if self._gripper:
+            vector, width = vector[:-1], float(vector[-1])
+        if self._mode == "joints":
+            return JointTarget(q=vector, width=width)
+        if self._mode == "torques":
+            return Torques(tau=vector, width=width)
+        length = float(np.linalg.norm(vector[3:]))
+        if length > 0.0:
+            vector[3:] /= length
+        return ToolTarget(pose=vector, width=width)
 
 
 def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
