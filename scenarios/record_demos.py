@@ -100,21 +100,32 @@ def columns(run: Run, rows: list[int]) -> tuple[Matrix, Matrix]:
     return np.hstack(state), np.hstack(action)
 
 
+def lerobot_dataset() -> Any:
+    """LeRobot's class of data sets, which stays off the network.
+
+    Raises:
+        MissingExtraError: LeRobot is not installed.
+    """
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    try:
+        module: Any = import_module("lerobot.datasets.lerobot_dataset")
+    except ImportError as error:
+        raise MissingExtraError("scenarios/record_demos.py", "lerobot", "lerobot") from error
+    return module.LeRobotDataset
+
+
 class Dataset:
     """A LeRobot dataset that is being written, and can be read back."""
 
-    def __init__(self, options: DemoOptions, robot: Robot) -> None:
+    def __init__(self, kind: Any, options: DemoOptions, robot: Robot) -> None:
         """Open it.
 
-        Raises:
-            MissingExtraError: LeRobot is not installed.
+        Args:
+            kind: LeRobot's class; see `lerobot_dataset`.
+            options: Where, and what pictures.
+            robot: Whose joints.
         """
-        os.environ.setdefault("HF_HUB_OFFLINE", "1")
-        try:
-            module: Any = import_module("lerobot.datasets.lerobot_dataset")
-        except ImportError as error:
-            raise MissingExtraError("scenarios/record_demos.py", "lerobot", "lerobot") from error
-        self._kind, self._options = module.LeRobotDataset, options
+        self._kind, self._options = kind, options
         names = [*robot.joints, *(() if robot.gripper is None else ("width",))]
         vector = {"dtype": "float32", "shape": (len(names),), "names": names}
         picture = {
@@ -188,10 +199,10 @@ def run(options: DemoOptions, console: Console) -> int:
     known = known_tasks()
     if options.task not in known:
         raise UnknownNameError("task", options.task, known)
-    task = known[options.task]()
+    kind, task = lerobot_dataset(), known[options.task]()
     simulation = Simulation(PANDA, task.build_scene)
     camera = Camera(simulation.model, "overview", options.size[1], options.size[0])
-    dataset, done = Dataset(options, PANDA), 0
+    dataset, done = Dataset(kind, options, PANDA), 0
     attempts = 2 * options.episodes if options.attempts is None else options.attempts
     for seed in range(options.seed, options.seed + attempts):
         frames = Frames(camera)
