@@ -201,6 +201,7 @@ def run(options: DemoOptions, console: Console) -> int:
         raise UnknownNameError("task", options.task, known)
     kind, task = lerobot_dataset(), known[options.task]()
     simulation = Simulation(PANDA, task.build_scene)
+    simulation.model.vis.quality.shadowsize = 0  # shadows take most of the time
     camera = Camera(simulation.model, "overview", options.size[1], options.size[0])
     dataset, done = Dataset(kind, options, PANDA), 0
     attempts = 2 * options.episodes if options.attempts is None else options.attempts

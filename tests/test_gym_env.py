@@ -155,6 +155,20 @@ def test_what_is_right_when_time_is_over_is_rewarded() -> None:
     assert info["success"]
 
 
+def test_what_counts_is_where_it_comes_to_rest() -> None:
+    made = env(seconds=0.3)
+    made.reset(seed=0)
+    far = HOME + np.array([0.5, 0, 0, 0, 0, 0, 0, 0])
+    for _ in range(8):
+        made.step(made.scale.numbers(far))
+    assert made._episode is not None
+    assert made._episode.observe().q[0] < 0.08
+    seen, reward, _, truncated, _ = made.step(made.scale.numbers(far))
+    assert (reward, truncated) == (1.0, True)
+    assert seen["q"][0] > 0.09
+    assert np.abs(seen["v"]).max() < 1e-3
+
+
 @pytest.mark.parametrize(
     ("index", "value", "evidence"),
     [
