@@ -15,6 +15,7 @@ from robo47_qp.run import Scenario
 from robo47_qp.runner import Runner
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
+from robo47_qp.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,20 @@ class Pace:
     def decision(self, k: int) -> int:
         """Control period at which decision k (from 0) is due; at most that of the end."""
         return min(round(k / (self.rate * TIMESTEP)), round(self.seconds / TIMESTEP))
+
+
+def check_judged(task: Task, simulation: Simulation) -> None:
+    """Check that the world alone tells whether a task is done; puts the world at its start.
+
+    Raises:
+        InvalidValueError: The verdict is success before anything has moved: what counts is judged
+            while the task's own program runs, and nothing can be said of a policy.
+    """
+    simulation.reset()
+    task.reset(simulation, None)
+    if task.verdict(simulation) is None:
+        expected = "one that is not done before it is begun, to be judged of a policy"
+        raise InvalidValueError("task", repr(task.name), expected)
 
 
 class PolicyRunner(Runner):

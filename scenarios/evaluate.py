@@ -11,8 +11,10 @@ from rich.console import Console
 import tasks
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.policy_runner import PolicyRunner
+from robo47_qp.evaluation.policy import CLASSICAL
+from robo47_qp.policy_runner import PolicyRunner, check_judged
 from robo47_qp.robots.panda import PANDA
+from robo47_qp.simulation import Simulation
 from robo47_qp.task import Task
 
 
@@ -36,8 +38,10 @@ def run(options: EvaluateOptions, console: Console) -> int:
     known = known_tasks()
     if options.task not in known:
         raise UnknownNameError("task", options.task, known)
-    cell = partial(PolicyRunner, pace=options.pace)
-    return evaluate(known[options.task](), PANDA, options, console, cell)
+    task = known[options.task]()
+    if options.policy != CLASSICAL:
+        check_judged(task, Simulation(PANDA, task.build_scene))
+    return evaluate(task, PANDA, options, console, partial(PolicyRunner, pace=options.pace))
 
 
 if __name__ == "__main__":

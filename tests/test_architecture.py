@@ -40,8 +40,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("policy_cell",),
     ("runner",),
     ("policy_runner",),
+    ("stepwise",),
     ("options", "settling_study"),
-    ("command",),
+    ("gym_spaces",),
+    ("gym_env", "command"),
     ("ik_benchmark.*", "control_benchmark.*", "evaluation.*"),
 )
 """From the bottom to the top: a module imports from lower layers, or from its own."""
@@ -67,6 +69,7 @@ ONLY_IN = {
     "imageio_ffmpeg": {"video"},
     "mujoco_menagerie": {"menagerie"},
     "tyro": {"command"},
+    "gymnasium": {"gym_env", "gym_spaces"},
     "ray": {"evaluation.ray_cluster"},
     "pydrake": {"ik.peers.drake"},
     "pink": {"ik.peers.pink"},

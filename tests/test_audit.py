@@ -256,3 +256,36 @@ def test_derived_and_delivered_signals_are_not_what_is_judged(run: Run) -> None:
     """A controller that asks for too much is caught although the motors cut it off."""
     findings = audit(with_value(run, "joints/tau", ROW, 0, 500.0))
     assert broken(findings) == []
+
+
+# References that stream
+
+
+def streaming(run: Run, *, compliant: bool) -> tuple[Run, int, int]:
+    """The same with its first phase at rest declared to stream; and its first and last row."""
+    i = next(i for i, phase in enumerate(run.phases) if phase.leg is None)
+    phases = list(run.phases)
+    phases[i] = replace(phases[i], streamed=True, compliant=compliant)
+    return replace(run, phases=phases), phases[i].start, phases[i + 1].start - 1
+
+
+@pytest.mark.parametrize(("end", "beyond"), [("first", -1), ("last", 1)])
+def test_a_streamed_reference_may_jump_in_acceleration_but_no_other(
+    run: Run, end: str, beyond: int
+) -> None:
+    streamed, first, last = streaming(run, compliant=False)
+    row = first if end == "first" else last
+    jerk = "reference jerk (joint1)"
+    assert jerk in broken(audit(with_value(run, "joints/a_ref", row, 0, 0.5)))
+    allowed = broken(audit(with_value(streamed, "joints/a_ref", row, 0, 0.5)))
+    assert not any("joint" in signal for signal in allowed)
+    assert jerk in broken(audit(with_value(streamed, "joints/a_ref", row + beyond, 0, 0.5)))
+
+
+def test_a_reference_that_is_the_state_itself_promises_no_speed(run: Run) -> None:
+    for compliant, told in ((False, ["reference v (joint1)"]), (True, [])):
+        streamed, first, last = streaming(run, compliant=compliant)
+        for row in (first, last):
+            assert broken(audit(with_value(streamed, "joints/v_ref", row, 0, 2.1))) == told
+        before = with_value(streamed, "joints/v_ref", first - 1, 0, 2.1)
+        assert "reference v (joint1)" in broken(audit(before))

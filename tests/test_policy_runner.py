@@ -203,6 +203,32 @@ def test_torques_go_to_the_motors_and_nothing_else_does() -> None:
     assert np.abs(rows["errors/q"][300:]).max() < 0.02
 
 
+def test_the_controller_takes_over_without_a_bump() -> None:
+    def push(seen: Observation) -> Action | None:
+        action = holding(seen)
+        assert isinstance(action, Torques)
+        return Torques(tau=action.tau + np.array([6.0, 0, 0, 0, 0, 0, 0]))
+
+    run = follow(Scripted(push), pace=Pace(rate=100.0, seconds=0.1))
+    assert run.rows["joints/tau_command"][99, 0] > 3.0
+    assert broken(run) == []
+
+
+@pytest.mark.parametrize("then", [JointTarget(q=HOME), None])
+def test_an_arm_too_fast_to_turn_round_within_jerk_and_limits_brakes_harder(
+    then: Action | None,
+) -> None:
+    """Joint 4 folds towards its limit so fast that a jerk-limited stop would leave it."""
+    there = ToolTarget(pose=vector_of(tool_down([0.25, 0.0, 0.15])))
+    run = follow(Scripted(lambda seen: there if seen.time < 0.599 else then))
+    assert run.failure is None
+    assert broken(run) == []
+    assert names(run)[-1] == "end"
+    braking = run.rows["joints/v"][600:700, 3]
+    assert braking[0] < -0.5
+    assert np.abs(braking[-1]) < np.abs(braking[0])
+
+
 def test_torques_between_targets_change_hands_without_a_bump() -> None:
     def mixed(seen: Observation) -> Action:
         if 0.1 < seen.time < 0.3:

@@ -1,0 +1,230 @@
+"""Demonstrations for imitation learning: successful episodes of a task as a LeRobot dataset."""
+
+import os
+import sys
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from robo47_qp.arrays import Matrix
+from robo47_qp.command import FAILED, OK, main
+from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
+from robo47_qp.observer import Observer
+from robo47_qp.options import LOGS, RunOptions
+from robo47_qp.robot import Robot
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.run import Run
+from robo47_qp.runner import Runner
+from robo47_qp.scene import TIMESTEP
+from robo47_qp.simulation import Simulation
+from robo47_qp.video import Camera
+from scenarios.evaluate import known_tasks
+
+_RATE = 30
+"""Frames per second."""
+_PICTURE, _STATE, _ACTION = "observation.images.overview", "observation.state", "action"
+_CODEC_ERROR = 12.0
+"""How far a picture that went through the video codec may be off in the mean [of 255]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """Options of this scenario."""
+
+    task: str = "pick_place"
+    """Name of a task."""
+    episodes: int = 10
+    """Successful episodes to write."""
+    seed: int = 0
+    """Seed of the first attempt; the next ones follow."""
+    attempts: int | None = None
+    """Attempts at most; by default twice as many as episodes."""
+    out: Path = LOGS / "demos"
+    """Folder of the dataset; it must not be there yet."""
+    size: tuple[int, int] = (240, 320)
+    """Height and width of the pictures [pixel]."""
+    images: bool = False
+    """Keep every picture as it is (PNG) in place of videos."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: A number is out of range, or the folder is there.
+        """
+        if self.episodes < 1:
+            raise InvalidValueError("--episodes", self.episodes, "1 or more")
+        if self.attempts is not None and self.attempts < self.episodes:
+            raise InvalidValueError("--attempts", self.attempts, "no less than --episodes")
+        if self.seed < 0:
+            raise InvalidValueError("--seed", self.seed, "0 or more")
+        if min(self.size) < 32 or max(self.size) > 1080 or any(n % 2 for n in self.size):
+            raise InvalidValueError("--size", self.size, "two even numbers from 32 to 1080")
+        if self.out.exists():
+            raise InvalidValueError("--out", self.out, "a folder that is not there yet")
+
+
+class Frames(Observer):
+    """Pictures of a run, and the instants at which they were taken: when due, or up to 20 ms later.
+
+    State and action of a frame are those of the picture's own instant.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self.pictures: list[NDArray[np.uint8]] = []
+        self.rows: list[int] = []
+
+    def tick(self, simulation: Simulation) -> None:
+        if simulation.time * _RATE >= len(self.pictures):
+            self.pictures.append(self._camera.picture(simulation.data))
+            self.rows.append(round(simulation.time / TIMESTEP))
+
+
+def columns(run: Run, rows: list[int]) -> tuple[Matrix, Matrix]:
+    """States (N, n + 1) and actions (N, n + 1) of all frames but the last.
+
+    State: measured joint positions, then the width. Action: joint positions and width that are
+    commanded for the instant of the next frame, as in `JointTarget`.
+    """
+    now, after = rows[:-1], rows[1:]
+    state, action = [run.rows["joints/q"][now]], [run.rows["joints/q_ref"][after]]
+    if run.scenario.robot.gripper is not None:
+        state.append(run.rows["gripper/width"][now])
+        action.append(run.rows["gripper/width_command"][after])
+    return np.hstack(state), np.hstack(action)
+
+
+def lerobot_dataset() -> Any:
+    """LeRobot's class of data sets, which stays off the network.
+
+    Raises:
+        MissingExtraError: LeRobot is not installed.
+    """
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    try:
+        module: Any = import_module("lerobot.datasets.lerobot_dataset")
+    except ImportError as error:
+        raise MissingExtraError("scenarios/record_demos.py", "lerobot", "lerobot") from error
+    return module.LeRobotDataset
+
+
+class Dataset:
+    """A LeRobot dataset that is being written, and can be read back."""
+
+    def __init__(self, kind: Any, options: DemoOptions, robot: Robot) -> None:
+        """Open it.
+
+        Args:
+            kind: LeRobot's class; see `lerobot_dataset`.
+            options: Where, and what pictures.
+            robot: Whose joints.
+        """
+        self._kind, self._options = kind, options
+        names = [*robot.joints, *(() if robot.gripper is None else ("width",))]
+        vector = {"dtype": "float32", "shape": (len(names),), "names": names}
+        picture = {
+            "dtype": "image" if options.images else "video",
+            "shape": (*options.size, 3),
+            "names": ["height", "width", "channels"],
+        }
+        self._dataset = self._kind.create(
+            repo_id=self._name,
+            root=options.out,
+            fps=_RATE,
+            robot_type=robot.name,
+            use_videos=not options.images,
+            features={_STATE: vector, _ACTION: dict(vector), _PICTURE: picture},
+        )
+        self._written: list[tuple[Matrix, Matrix, NDArray[np.uint8]]] = []
+
+    @property
+    def _name(self) -> str:
+        return f"robo47/{self._options.task}"
+
+    def add(self, run: Run, frames: Frames) -> None:
+        """Write an episode."""
+        rows = [row for row in frames.rows if row < len(run.rows)]
+        states, actions = columns(run, rows)
+        for state, action, picture in zip(states, actions, frames.pictures, strict=False):
+            frame = {
+                _STATE: state.astype(np.float32),
+                _ACTION: action.astype(np.float32),
+                _PICTURE: picture,
+                "task": run.scenario.task.name.replace("_", " "),
+            }
+            self._dataset.add_frame(frame)
+        self._dataset.save_episode()
+        self._written.append((states, actions, frames.pictures[len(states) // 2]))
+
+    def close(self) -> int:
+        """Finish it, read it back and compare; returns the number of frames.
+
+        Raises:
+            RecordingError: It does not read as it was written.
+        """
+        self._dataset.finalize()
+        read = self._kind(self._name, root=self._options.out)
+        start = 0
+        for episode, (states, actions, picture) in enumerate(self._written):
+            middle = len(states) // 2
+            for k in (0, middle, len(states) - 1):
+                frame = read[start + k]
+                for name, written in ((_STATE, states[k]), (_ACTION, actions[k])):
+                    same = np.array_equal(np.asarray(frame[name]), written.astype(np.float32))
+                    self._demand(same, f"{name} of frame {k} of episode {episode}")
+                at = int(frame["episode_index"]), int(frame["frame_index"])
+                self._demand(at == (episode, k), f"place of frame {k} of episode {episode}")
+                if k == middle:
+                    # Read as (channels, height, width) from 0 to 1.
+                    seen = 255.0 * np.asarray(frame[_PICTURE]).transpose(1, 2, 0)
+                    off = float(np.abs(seen - picture).mean())
+                    self._demand(off < _CODEC_ERROR, f"picture of episode {episode}")
+            start += len(states)
+        self._demand(len(read) == start, "number of frames")
+        return start
+
+    def _demand(self, same: bool, what: str) -> None:
+        if not same:
+            raise RecordingError(f"{self._options.out} does not read as it was written: {what}.")
+
+
+def run(options: DemoOptions, console: Console) -> int:
+    """Run the scenario; returns the exit code."""
+    known = known_tasks()
+    if options.task not in known:
+        raise UnknownNameError("task", options.task, known)
+    kind, task = lerobot_dataset(), known[options.task]()
+    simulation = Simulation(PANDA, task.build_scene)
+    simulation.model.vis.quality.shadowsize = 0  # shadows take most of the time
+    camera = Camera(simulation.model, "overview", options.size[1], options.size[0])
+    dataset, done = Dataset(kind, options, PANDA), 0
+    attempts = 2 * options.episodes if options.attempts is None else options.attempts
+    for seed in range(options.seed, options.seed + attempts):
+        frames = Frames(camera)
+        scenario = RunOptions(seed=seed).scenario(PANDA, task)
+        result = Runner(scenario, simulation).run(observers=[frames])
+        if result.failure is None:
+            dataset.add(result, frames)
+            done += 1
+            console.print(f"seed {seed}: episode {done} of {options.episodes}")
+        else:
+            console.print(f"seed {seed}: left out: {result.failure.evidence}", markup=False)
+        if done == options.episodes:
+            break
+    camera.close()
+    if not done:
+        console.print("no attempt succeeded: nothing to keep")
+        return FAILED
+    count = dataset.close()
+    console.print(f"{count} frames of {done} episodes in {options.out}, read back and compared")
+    return OK if done == options.episodes else FAILED
+
+
+if __name__ == "__main__":
+    sys.exit(main(DemoOptions, run, __doc__))
