@@ -1,5 +1,6 @@
 """Detour: a motion of the joints around what the straight one would hit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -18,6 +19,9 @@ from robo47_qp.motion.timing import Timing, limits
 from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
+
+_ROUNDING = 1e-9
+"""How far a spline may be from the ends that it goes through [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +45,8 @@ class Detour:
     """Way of all joints together between two looks [rad or m]."""
     stride: float = 0.6
     """Longest edge of the trees [rad or m]."""
+    margin: float = 0.02
+    """Distance from joint limits on the way [rad or m]."""
     searches: int = 3
     """How many ways are sought, of which the quickest is taken."""
     shortenings: int = 200
@@ -104,7 +110,7 @@ class Detour:
         ob, og, util = _ompl("base"), _ompl("geometric"), _ompl("util")
         space = ob.RealVectorStateSpace(arm.n)
         bounds = ob.RealVectorBounds(arm.n)
-        for i, (low, high) in enumerate(zip(arm.q_min, arm.q_max, strict=True)):
+        for i, (low, high) in enumerate(zip(*self._limits(arm, ends), strict=True)):
             bounds.setLow(i, float(low))
             bounds.setHigh(i, float(high))
         space.setBounds(bounds)
@@ -133,6 +139,12 @@ class Detour:
         simplifier.partialShortcutPath(path, self.shortenings, self.shortenings)
         simplifier.reduceVertices(path, self.shortenings, self.shortenings)
         return np.array([[state[i] for i in range(n)] for state in path.getStates()])
+
+    def _limits(self, arm: Arm, ends: Sequence[Vector]) -> tuple[Vector, Vector]:
+        """Joint limits with some room, but for where the ends have less (n,), (n,) [rad]."""
+        low = np.minimum(arm.q_min + self.margin, np.min(ends, axis=0))
+        high = np.maximum(arm.q_max - self.margin, np.max(ends, axis=0))
+        return np.maximum(low, arm.q_min), np.minimum(high, arm.q_max)
 
     def _run(
         self,
@@ -163,10 +175,11 @@ class Detour:
     ) -> list[int]:
         """Between which corners, each with its next, the spline hits something or leaves limits."""
         found = []
+        q_min, q_max = self._limits(arm, (spline(0.0), spline(1.0)))
         for i, (low, high) in enumerate(pairwise(places)):
             looks = 2 + int(np.linalg.norm(spline(high) - spline(low)) / self.step)
             for q in spline(np.linspace(low, high, looks)):
-                outside = (q < arm.q_min) | (q > arm.q_max)
+                outside = (q < q_min - _ROUNDING) | (q > q_max + _ROUNDING)
                 if outside.any() or collisions.at(q) is not None:
                     found.append(i)
                     break
