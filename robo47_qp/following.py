@@ -54,7 +54,9 @@ class Following:
         if self._stream is None:
             planner = self._loop.scenario.planner
             profile = planner.profile.slowed(planner.speed)
-            self._stream = StreamIk(dt=TIMESTEP, profile=profile, homing=0.0, gain=_GAIN).build(self._loop.arm)
+            self._stream = StreamIk(dt=TIMESTEP, profile=profile, homing=0.0, gain=_GAIN).build(
+                self._loop.arm
+            )
         return self._stream
 
     def _block(self, stream: IkStream, step: Follow) -> Trajectory:
