@@ -12,6 +12,7 @@ from robo47_qp.motion.collisions import Collisions, Surroundings
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
+from tests.robots import GRIPPER
 from tests.small_robots import gantry
 
 ARM, DT = Arm(PANDA), 1e-3
@@ -99,6 +100,8 @@ class Oracle:
         surroundings(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        for name in GRIPPER.joints:
+            self.data.qpos[self.model.joint(name).qposadr[0]] = 0.5 * GRIPPER.width_max
         self.addresses = [int(self.model.joint(name).qposadr[0]) for name in PANDA.joints]
         m = self.model
         solid = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
@@ -274,3 +277,18 @@ def test_a_thin_tip_does_not_pass_a_wire_however_far_the_samples_are_apart(tmp_p
         assert found is not None
         assert found.q is not None
         assert abs(found.q[0] - place) < 0.001 + 1e-4 + 0.002 + 1e-9
+
+
+def test_open_fingers_are_looked_at_where_they_are() -> None:
+    """A wall beside the hand that closed fingers would not come near."""
+    tip = ARM.pose(ARM.home)
+    beside = tip.translation() + tip.rotation().as_matrix() @ np.array([0.0, 0.066, 0.0])
+
+    def wall(spec: mujoco.MjSpec) -> None:
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], pos=beside)
+
+    elsewhere = Collisions(PANDA, wall, clearance=0.012)
+    elsewhere._allowed.clear()
+    found = elsewhere.at(ARM.home)
+    assert found is not None
+    assert "finger" in found[0] + found[1]

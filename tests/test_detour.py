@@ -20,6 +20,7 @@ from robo47_qp.motion.leg import Leg
 from robo47_qp.motion.motion_check import broken
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.second_look import SecondLook
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import Waypoint
@@ -71,10 +72,9 @@ def test_a_detour_keeps_its_distance_and_the_limits() -> None:
     motion = around()
     np.testing.assert_allclose(motion.q[[0, -1]], [START, GOAL], atol=1e-9)
     assert min(gap(q) for q in motion.q[::5]) >= CLEARANCE
-    slowed = PANDA.profile
     leg = Leg.__new__(Leg)
     object.__setattr__(leg, "trajectory", motion)
-    assert broken(ARM, [leg], slowed) == []
+    assert broken(SecondLook(PANDA), [leg], PANDA.profile) == []
 
 
 def test_the_planner_goes_around_and_arrives() -> None:
@@ -156,7 +156,7 @@ def test_the_way_stays_off_the_joint_limits_but_where_it_ends() -> None:
 @pytest.mark.parametrize("name", ["iterations", "step", "stride", "searches", "seed"])
 def test_numbers_that_are_not_positive_are_refused(name: str) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive and finite; found 0"):
-        replace(detour(), **{name: 0})
+        replace(detour(), **{name: 0})  # type: ignore[arg-type]
 
 
 def test_without_ompl_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

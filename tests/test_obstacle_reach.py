@@ -155,7 +155,7 @@ def test_ik_that_cannot_keep_clear_is_refused() -> None:
 @pytest.mark.parametrize("name", ["post_radius", "shelf_height", "behind", "force_max"])
 def test_sizes_are_positive(name: str) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive; found 0.0"):
-        replace(ObstacleReach(), **{name: 0.0})
+        replace(ObstacleReach(), **{name: 0.0})  # type: ignore[arg-type]
 
 
 def test_places_are_finite() -> None:
