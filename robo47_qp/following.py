@@ -10,6 +10,10 @@ from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.steps import Follow
 
+_GAIN = 15.0
+"""Part of a short remaining way that is gone per second [1/s]. The target's own velocity is known:
+this only takes away what is left, and taking it away at once would ask too much of the motors."""
+
 
 class Following:
     """Follows targets by differential inverse kinematics; several steps go on from each other."""
@@ -50,13 +54,16 @@ class Following:
         if self._stream is None:
             planner = self._loop.scenario.planner
             profile = planner.profile.slowed(planner.speed)
-            self._stream = StreamIk(dt=TIMESTEP, profile=profile).build(self._loop.arm)
+            self._stream = StreamIk(dt=TIMESTEP, profile=profile, homing=0.0, gain=_GAIN).build(
+                self._loop.arm
+            )
         return self._stream
 
     def _block(self, stream: IkStream, step: Follow) -> Trajectory:
         """The next few periods, towards where the target will be then."""
         time, states = self._loop.sim.time, [self._loop.reference]
-        for k in range(1, TICK_ROWS + 1):
+        for k in range(TICK_ROWS):
+            # A tick starts from where the target is now: steady motion then has no lead or lag.
             tick = stream.tick(step.target(time + k * TIMESTEP))
             states.append(JointReference(tick.q, tick.v, tick.a))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))

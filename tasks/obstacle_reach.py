@@ -118,7 +118,7 @@ class ObstacleReach:
         for obstacle in self.obstacles:
             if obstacle is not TABLE:
                 add_obstacle(spec, obstacle)
-                spec.geom(obstacle.name).rgba = [0.45, 0.50, 0.58, 1.0]
+                spec.geoms[-1].rgba = [0.45, 0.50, 0.58, 1.0]
         for name in self._targets:
             body = spec.worldbody.add_body(name=name, mocap=True)
             for i, (x, y, z) in enumerate(np.eye(3) * 0.02 + 0.002):

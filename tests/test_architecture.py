@@ -50,6 +50,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 ONLY_IN = {
     "ruckig": {"motion.jerk_limited", "motion.leap"},
     "daqp": {"ik.box_qp"},
+    "ompl": {"motion.detour"},
     "osqp": {"ik.box_qp"},
     "qpsolvers": {"ik.box_qp"},
     "platformdirs": {"ik.library"},

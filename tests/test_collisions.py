@@ -12,6 +12,7 @@ from robo47_qp.motion.collisions import Collisions, Surroundings
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
+from tests.robots import GRIPPER
 from tests.small_robots import gantry
 
 ARM, DT = Arm(PANDA), 1e-3
@@ -99,6 +100,8 @@ class Oracle:
         surroundings(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        for name in GRIPPER.joints:
+            self.data.qpos[self.model.joint(name).qposadr[0]] = 0.5 * GRIPPER.width_max
         self.addresses = [int(self.model.joint(name).qposadr[0]) for name in PANDA.joints]
         m = self.model
         solid = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
@@ -178,7 +181,7 @@ def test_the_verdict_is_that_of_a_dense_look() -> None:
     assert min(seen.values()) >= 2
 
 
-@pytest.mark.parametrize("share", [0.2, 0.35, 0.42, 0.6, 0.8])
+@pytest.mark.parametrize("share", [0.2, 0.35, 0.42, 0.7, 0.8])
 def test_what_is_thin_is_not_passed_between_two_looks(share: float) -> None:
     """Two samples and a wire between them: however far they are apart, it is seen."""
     start, goal = turned(-1.0), turned(1.0)
@@ -267,10 +270,25 @@ def test_a_thin_tip_does_not_pass_a_wire_however_far_the_samples_are_apart(tmp_p
     jump = Trajectory(dt=1.0, q=np.array([start, goal]), v=rest, a=rest)
     for place in (-0.613, 0.0217, 0.7771):
         wire = post(np.array([place, 0.0, 0.0]), 1e-4)
-        robot_away = replace(robot, home=np.array([-1.5, 0.0, 0.0, 0.0]))
+        robot_away = replace(robot, home=np.array([-1.5, 0.0, 0.0, 0.0]), gripper=None)
         error = verdict(Collisions(robot_away, wire, clearance=0.002), jump)
         assert error is not None
         found = error.rejection
         assert found is not None
         assert found.q is not None
         assert abs(found.q[0] - place) < 0.001 + 1e-4 + 0.002 + 1e-9
+
+
+def test_open_fingers_are_looked_at_where_they_are() -> None:
+    """A wall beside the hand that closed fingers would not come near."""
+    tip = ARM.pose(ARM.home)
+    beside = tip.translation() + tip.rotation().as_matrix() @ np.array([0.0, 0.066, 0.0])
+
+    def wall(spec: mujoco.MjSpec) -> None:
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], pos=beside)
+
+    elsewhere = Collisions(PANDA, wall, clearance=0.012)
+    elsewhere._allowed.clear()
+    found = elsewhere.at(ARM.home)
+    assert found is not None
+    assert "finger" in found[0] + found[1]

@@ -24,7 +24,7 @@ _LEAST = 5e-4
 
 
 class Collisions:
-    """The robot among its surroundings, for distances alone; fingers as in its home.
+    """The robot among its surroundings, for distances alone; fingers fully open.
 
     Pairs that are too close at home belong to how the robot is built and are left out, and
     so are bodies that move freely: what is to be grasped is no obstacle.
@@ -56,6 +56,9 @@ class Collisions:
             geom.margin = 0.5 * max(_SEEN, clearance)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
+        if robot.gripper is not None:
+            for name in robot.gripper.joints:
+                self._data.qpos[self._model.joint(name).qposadr[0]] = robot.gripper.width_max / 2
         joints = [self._model.joint(name) for name in robot.joints]
         self._addresses = [int(joint.qposadr[0]) for joint in joints]
         self._joint_bodies = [int(joint.bodyid[0]) for joint in joints]

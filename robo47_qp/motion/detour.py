@@ -1,5 +1,6 @@
 """Detour: a motion of the joints around what the straight one would hit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -19,6 +20,9 @@ from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 
+_ROUNDING = 1e-9
+"""How far a spline may be from the ends that it goes through [rad or m]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Detour:
@@ -35,12 +39,17 @@ class Detour:
     ends after a number of steps and not after a time.
     """
 
+    roomy: Collisions
+    """What is looked at during the search: the same things with some more clearance, which
+    splines, and looks that are further apart, may use up."""
     iterations: int = 5000
     """Steps of the search before it gives up."""
     step: float = 0.025
     """Way of all joints together between two looks [rad or m]."""
     stride: float = 0.6
     """Longest edge of the trees [rad or m]."""
+    margin: float = 0.02
+    """Distance from joint limits on the way [rad or m]."""
     searches: int = 3
     """How many ways are sought, of which the quickest is taken."""
     shortenings: int = 200
@@ -49,9 +58,6 @@ class Detour:
     """How many corners are added before the motion stops at each."""
     seed: int = 1
     """Of the random numbers of the first search, at least 1; each other has its own."""
-    roomy: Collisions | None = None
-    """What is looked at during the search, with more clearance than is asked for, which is what
-    splines and looks further apart may use up; None searches with what is asked for."""
 
     def __post_init__(self) -> None:
         """Check the numbers and the library.
@@ -85,26 +91,26 @@ class Detour:
             profile: Bounds of the joints.
             dt: Time between samples [s].
         """
-        roomy = collisions if self.roomy is None else self.roomy
         best: Trajectory | None = None
         for seed in range(self.seed, self.seed + self.searches):
-            corners = self.corners(arm, roomy, ends, seed)
+            corners = self.corners(arm, ends, seed)
             if corners is None:
                 break
-            motion = self._run(arm, roomy, corners, profile, dt)
+            motion = self._run(arm, corners, profile, dt)
             shorter = best is None or motion.steps < best.steps
             if shorter and _free(collisions, motion):
                 best = motion
         return best
 
-    def corners(
-        self, arm: Arm, collisions: Collisions, ends: tuple[Vector, Vector], seed: int
-    ) -> Matrix | None:
+    def corners(self, arm: Arm, ends: tuple[Vector, Vector], seed: int) -> Matrix | None:
         """A free polyline of joint space (N, n) with its ends [rad]; None where none is found."""
+        # OMPL would wait for a goal that is free.
+        if any(self.roomy.at(q) is not None for q in ends):
+            return None
         ob, og, util = _ompl("base"), _ompl("geometric"), _ompl("util")
         space = ob.RealVectorStateSpace(arm.n)
         bounds = ob.RealVectorBounds(arm.n)
-        for i, (low, high) in enumerate(zip(arm.q_min, arm.q_max, strict=True)):
+        for i, (low, high) in enumerate(zip(*self._limits(arm, ends), strict=True)):
             bounds.setLow(i, float(low))
             bounds.setHigh(i, float(high))
         space.setBounds(bounds)
@@ -115,7 +121,7 @@ class Detour:
         about = setup.getSpaceInformation()
         n = arm.n
         setup.setStateValidityChecker(
-            lambda state: collisions.at(np.array([state[i] for i in range(n)])) is None
+            lambda state: self.roomy.at(np.array([state[i] for i in range(n)])) is None
         )
         about.setStateValidityCheckingResolution(self.step / space.getMaximumExtent())
         start, goal = (_state(space, q) for q in ends)
@@ -134,20 +140,19 @@ class Detour:
         simplifier.reduceVertices(path, self.shortenings, self.shortenings)
         return np.array([[state[i] for i in range(n)] for state in path.getStates()])
 
-    def _run(
-        self,
-        arm: Arm,
-        collisions: Collisions,
-        corners: Matrix,
-        profile: MotionProfile,
-        dt: float,
-    ) -> Trajectory:
+    def _limits(self, arm: Arm, ends: Sequence[Vector]) -> tuple[Vector, Vector]:
+        """Joint limits with some room, but for where the ends have less (n,), (n,) [rad]."""
+        low = np.minimum(arm.q_min + self.margin, np.min(ends, axis=0))
+        high = np.maximum(arm.q_max - self.margin, np.max(ends, axis=0))
+        return np.maximum(low, arm.q_min), np.minimum(high, arm.q_max)
+
+    def _run(self, arm: Arm, corners: Matrix, profile: MotionProfile, dt: float) -> Trajectory:
         """Through the corners without a stop; with stops where no spline near them is free."""
         polyline = corners
         for _ in range(self.refinements + 1):
             places = _places(corners, profile)
             spline = CubicSpline(places, corners, bc_type="natural")
-            amiss = self._amiss(arm, collisions, spline, places)
+            amiss = self._amiss(arm, spline, places)
             if not amiss:
                 bounds = limits(profile, [None] * (len(corners) - 1), [1.0] * (len(corners) - 1))
                 try:
@@ -158,16 +163,15 @@ class Detour:
                 corners = np.insert(corners, i + 1, 0.5 * (corners[i] + corners[i + 1]), axis=0)
         return _with_stops(polyline, profile, dt)
 
-    def _amiss(
-        self, arm: Arm, collisions: Collisions, spline: CubicSpline, places: Vector
-    ) -> list[int]:
+    def _amiss(self, arm: Arm, spline: CubicSpline, places: Vector) -> list[int]:
         """Between which corners, each with its next, the spline hits something or leaves limits."""
         found = []
+        q_min, q_max = self._limits(arm, (spline(0.0), spline(1.0)))
         for i, (low, high) in enumerate(pairwise(places)):
             looks = 2 + int(np.linalg.norm(spline(high) - spline(low)) / self.step)
             for q in spline(np.linspace(low, high, looks)):
-                outside = (q < arm.q_min) | (q > arm.q_max)
-                if outside.any() or collisions.at(q) is not None:
+                outside = (q < q_min - _ROUNDING) | (q > q_max + _ROUNDING)
+                if outside.any() or self.roomy.at(q) is not None:
                     found.append(i)
                     break
         return found

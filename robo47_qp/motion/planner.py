@@ -60,9 +60,9 @@ class Planner:
     def plan(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         """Plan from rest at q_start to rest at a waypoint.
 
-        The goal of a PTP motion is sought near home, so that it does not depend on where
-        the arm comes from, and such that the straight motions that are to follow can be
-        followed from it; a LIN motion follows the arm from where it is.
+        The goal of a PTP motion is sought near home, so that it does not depend on where the
+        arm comes from (among obstacles, the roomy one that is soon reached is taken), and such
+        that the straight motions that are to follow can be; a LIN motion follows the arm.
 
         Raises:
             InvalidValueError: `q_start` is not finite.
@@ -73,7 +73,11 @@ class Planner:
         if not waypoint.rests:
             raise misshapen(waypoint, "it is not to be stopped at and nothing is known to follow")
         if waypoint.motion is Motion.PTP:
-            result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
+            if self.collisions is None:
+                result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
+            else:
+                led, v_max = (waypoint, *waypoint.onward), self.profile.v_max
+                result = self.chain.choose(arm, self.ik, self.lin, led, q_start, v_max)[0]
             return self._ptp(arm, waypoint, result, q_start, dt)
         return self._tool(arm, waypoint, q_start, dt)
 
@@ -157,11 +161,10 @@ class Planner:
         except PlanError:
             if self.detour is None or self.collisions is None:
                 raise
-            ends = q_start, result.q
-            found = self.detour.plan(arm, self.collisions, ends, profile, dt)
-            if found is None:
+            around = self.detour.plan(arm, self.collisions, (q_start, result.q), profile, dt)
+            if around is None:
                 raise
-            trajectory = found
+            trajectory = around
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
         bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
         return replace(leg, lower_bound=bound)
