@@ -25,7 +25,7 @@ BELOW_TOP = 0.012
 """How deep below the peg's top the tool point grasps it: the rest is longer than the hole [m]."""
 _FACETS, _OUTER = 16, 0.04
 """Boxes around the hole, which touch its circle from outside, and their outer radius [m]."""
-_SOLREF, _SOLIMP = [4e-3, 1.0], [0.9, 0.9, 1e-4, 0.5, 2.0]
+_SOLREF, _SOLIMP = [3.3e-3, 1.0], [0.9, 0.9, 1e-4, 0.5, 2.0]
 """Of contacts of peg and block: 20 N press them into each other by less than 0.05 mm."""
 _FRICTION = [0.3, 0.005, 1e-4]
 

@@ -110,7 +110,7 @@ def test_all_as_it_should_be_is_success(done: tuple[PegInsert, Simulation]) -> N
         ((0.03, 0.0, 0.0), 0.0, False, "30.00 mm beside the axis"),
         ((0.0, 0.0, 0.0), 0.029, True, ""),
         ((0.0, 0.0, 0.0), 0.031, False, "tilted by 0.031 rad"),
-        ((0.0, 0.0, DEPTH), 0.0, False, "the peg is 0.0 mm deep"),
+        ((0.0, 0.0, DEPTH - 1e-4), 0.0, False, "the peg is 0.1 mm deep"),
     ],
 )
 def test_near_misses_are_refused(
@@ -182,7 +182,7 @@ def test_the_hole_is_as_wide_as_it_says(angle: float) -> None:
     (x, y, _), deep = pushed(tuple(20.0 * way))
     assert deep < 0.05e-3
     room = float(np.hypot(x, y))
-    assert 0.5 * CLEARANCE - 1e-5 <= room <= 0.5 * CLEARANCE / np.cos(np.pi / 16) + 5e-5
+    assert 0.5 * CLEARANCE - 1e-6 <= room <= 0.5 * CLEARANCE / np.cos(np.pi / 16) + 5e-5
 
 
 def test_the_hole_is_as_deep_as_it_says() -> None:
