@@ -36,7 +36,7 @@ class Wish:
     """What it takes to wipe a mark off [N]."""
     band: float = 0.05
     """How far the force may be from the one asked for, relative to it [-]."""
-    speed: float = 0.08
+    speed: float = 0.06
     """Of the sponge on the board [m/s]."""
     touch_speed: float = 0.1
     """At which the sponge meets the board, at most [m/s]."""

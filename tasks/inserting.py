@@ -64,7 +64,7 @@ class Inserter(Handling):
                 waypoints=self._spiral(touched, radius),
                 compliance=self._pressing(_FIRM, self.search_force, 0.02),
                 renew=True,
-                speed=0.01,
+                speed=0.008,
                 until=self._sunk(touched),
                 during=held,
             )

@@ -39,7 +39,7 @@ class PegInsert:
     )
     grip_force: float = 60.0
     """Of a finger on the peg [N]."""
-    search_force: float = 3.0
+    search_force: float = 2.0
     """What the peg is pressed with while it looks for the hole [N]."""
     insert_force: float = 5.0
     """What it is pressed with on the way down [N]."""

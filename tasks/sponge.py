@@ -9,7 +9,7 @@ from tasks.item import Item
 _SOFT = [-700.0, -12.0]
 """Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: with the
 40 g and four corners that it has here, 10 N press the foam in by 9 mm. Where it slides with a
-speed v, MuJoCo's convex friction lifts it by μ v times their ratio: 0.4 mm [1/s², 1/s]."""
+speed v, MuJoCo's convex friction lifts it by μ v times their ratio: 0.3 mm [1/s², 1/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
