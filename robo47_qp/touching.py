@@ -105,7 +105,9 @@ class Touching:
         for leg in legs:
             loop.begin(leg.waypoint.name, leg, compliant=True)
             if loop.track(leg.trajectory, looking, block=_GUARD_ROWS):
-                loop.halt()
+                # What is broken ends the yielding at once: an arm that presses would run on.
+                if not looking.broken:
+                    loop.halt()
                 return
         if step.seconds:
             loop.begin(step.name, compliant=True)
@@ -164,6 +166,11 @@ class _Looking:
             step.observe()
         self._met = step.until is not None and step.until.against() is None
         return self._broken() or self._met
+
+    @property
+    def broken(self) -> bool:
+        """True where a condition was seen that does not hold."""
+        return self._broken.error is not None
 
     def judge(self) -> None:
         """Go on only where nothing was broken and what was waited for has come about.

@@ -1,0 +1,228 @@
+"""Wiping: the force is held while the sponge slides, all marks go, what goes wrong is noticed."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.audit import audit
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.failure import Cause
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.run import Run
+from robo47_qp.simulation import Simulation
+from tasks.board import BOARD, MARKS, SURFACE, Notes, Wish, mark, marks_left
+from tasks.wipe import Wipe
+from tests.examples import shifted
+from tests.robots import GRIPPER
+from tests.runs import Meddler, carry_out
+
+WEIGHT = 9.81 * 0.04
+
+
+@cache
+def wiped(seed: int | None = None) -> Run:
+    return carry_out(Wipe(), seed=seed)
+
+
+def rows_of(run: Run, first: str, signal: str) -> np.ndarray:
+    """Rows of a signal in all phases whose name begins so."""
+    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
+    spans = zip(run.phases, ends, strict=True)
+    parts = [run.rows[signal][p.start : end] for p, end in spans if p.name.startswith(first)]
+    return np.concatenate(parts)
+
+
+def test_the_board_is_wiped_and_the_sponge_put_back_within_all_limits() -> None:
+    run = wiped(seed=3)
+    assert run.failure is None
+    assert run.measures["marks_left"] == 0.0
+    assert run.measures["sponge_error_m"] <= 5e-3
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+
+
+def test_the_force_is_held_while_it_slides() -> None:
+    """Judged from the recording alone, by a hand of its own."""
+    run = wiped(seed=3)
+    sponge = run.rows["objects/sponge"]
+    names = np.array([phase.name for phase in run.phases])[run.rows["phase"][:, 0].astype(int)]
+    wiping = np.char.startswith(names, "stroke") | np.char.startswith(names, "turn")
+    speed = np.linalg.norm(np.gradient(sponge[:, :2], 1e-3, axis=0), axis=1)
+    sliding = wiping & (speed > 5e-3)
+    force = run.rows["contact/tool"][sliding, 2] + WEIGHT
+    assert np.mean(np.abs(force - 10.0) <= 0.5) >= 0.99
+    assert speed[sliding].sum() * 1e-3 > 0.6
+    assert speed[sliding].max() < 0.1
+
+
+def test_it_meets_the_board_at_a_tenth_of_a_metre_per_second_and_not_too_hard() -> None:
+    run = wiped(seed=3)
+    z = rows_of(run, "touch down", "tool/pose")[:, 2]
+    assert 0.05 < -np.diff(z).min() / 1e-3 <= 0.101
+    assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() <= 30.0
+
+
+def test_a_sponge_lost_on_the_board_is_a_drop() -> None:
+    def take(simulation: Simulation) -> None:
+        simulation.place_object("sponge", SE3.from_translation(np.array([0.3, 0.3, 0.04])))
+
+    meddler = Meddler("stroke 1", take, after=0.5)
+    run = carry_out(Wipe(retries=0), observers=[meddler])
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.DROP, "wipe")
+    assert run.failure.condition == "the fingers hold the sponge"
+    assert [phase.name for phase in run.phases][-5:] == [
+        "stop",
+        "back off",
+        "open gripper",
+        "home",
+        "end",
+    ]
+
+
+@pytest.fixture
+def done() -> tuple[Wipe, Simulation]:
+    """A world in which all is as it should be at the end."""
+    task = Wipe()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    for i in range(MARKS):
+        simulation.place_marker(mark(i), SE3.from_translation(np.array([0.0, 0.0, -1.0])))
+    return task, simulation
+
+
+def test_all_as_it_should_be_is_success(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    assert task.verdict(simulation) is None
+    assert task.measures(simulation)["marks_left"] == 0.0
+
+
+def test_one_mark_left_is_not_the_end(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    simulation.place_marker(mark(5), SE3.from_translation(np.array([0.5, 0.0, SURFACE])))
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "1 of 8 marks are left" in failure.evidence
+
+
+@pytest.mark.parametrize(("distance", "ok"), [(9e-3, True), (11e-3, False)])
+def test_the_sponge_has_to_be_back(
+    done: tuple[Wipe, Simulation], distance: float, ok: bool
+) -> None:
+    task, simulation = done
+    at = shifted(simulation.object_pose("sponge"), np.array([0.6, 0.8, 0.0]) * distance)
+    simulation.place_object("sponge", at)
+    failure = task.verdict(simulation)
+    assert (failure is None) == ok
+    if failure is not None:
+        assert "the sponge is 11.0 mm from its place" in failure.evidence
+
+
+def test_arm_and_gripper_have_to_be_away(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    simulation.data.joint(PANDA.joints[2]).qpos[0] += 0.011
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "a joint is 0.011 rad from home" in failure.evidence
+    simulation.data.joint(PANDA.joints[2]).qpos[0] -= 0.011
+    simulation.data.joint(GRIPPER.joints[0]).qpos[0] = 0.03
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "the gripper is open 70.0 mm" in failure.evidence
+
+
+class Pressed(Notes):
+    """Notes of a sponge that is pressed with a force of the test."""
+
+    force = 0.0
+
+    def pressed(self) -> float:
+        return self.force
+
+
+@pytest.fixture
+def over_a_mark() -> tuple[Pressed, Simulation]:
+    task = Wipe()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    at = simulation.marker_pose(mark(0)).translation() + np.array([0.0, 0.0, 0.0325])
+    simulation.place_object("sponge", SE3.from_translation(at))
+    return Pressed(simulation, task.sponge, task.wish), simulation
+
+
+@pytest.mark.parametrize(("force", "left"), [(0.0, 8), (4.99, 8), (5.01, 7)])
+def test_a_mark_goes_where_the_sponge_presses(
+    over_a_mark: tuple[Pressed, Simulation], force: float, left: int
+) -> None:
+    notes, simulation = over_a_mark
+    notes.force = force
+    notes.take()
+    assert len(marks_left(simulation)) == left
+    assert (0 in marks_left(simulation)) == (left == 8)
+
+
+@pytest.mark.parametrize(
+    ("by", "left"),
+    [((0.042, 0.0), 7), ((0.043, 0.0), 8), ((0.0, 0.0175), 7), ((0.0, -0.0185), 8)],
+)
+def test_a_mark_beside_the_foam_stays(
+    over_a_mark: tuple[Pressed, Simulation], by: tuple[float, float], left: int
+) -> None:
+    notes, simulation = over_a_mark
+    sponge = shifted(simulation.object_pose("sponge"), np.array([*by, 0.0]))
+    simulation.place_object("sponge", sponge)
+    notes.force = 10.0
+    notes.take()
+    assert len(marks_left(simulation)) == left
+
+
+@pytest.mark.parametrize(("outside", "ok"), [(0, True), (1, True), (2, False), (100, False)])
+def test_one_part_in_a_hundred_may_be_out_of_the_band(
+    over_a_mark: tuple[Pressed, Simulation], outside: int, ok: bool
+) -> None:
+    notes, simulation = over_a_mark
+    simulation.data.joint(simulation.model.body("sponge").jntadr[0]).qvel[0] = 0.05
+    for i in range(100):
+        notes.force = 10.6 if i < outside else 9.6
+        notes.take()
+    failure = notes.against_force()
+    assert (failure is None) == ok
+    if failure is not None:
+        assert failure.cause is Cause.PLACE
+        assert f"for {outside:.1f} % of the time of sliding, 10.60 N at worst" in failure.evidence
+
+
+def test_a_sponge_that_never_slid_has_not_held_the_force(
+    over_a_mark: tuple[Pressed, Simulation],
+) -> None:
+    assert over_a_mark[0].against_force() is not None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_marks_are_on_the_board_and_the_sponge_is_beside_it(seed: int) -> None:
+    task = Wipe()
+    simulation = _world()
+    task.reset(simulation, np.random.default_rng(seed))
+    board = simulation.marker_pose("board")
+    assert abs(board.translation()[2] - SURFACE) <= 5e-3
+    for i in range(MARKS):
+        at = (board.inverse() @ simulation.marker_pose(mark(i))).translation()
+        assert (np.abs(at[:2]) <= 0.5 * np.array(BOARD)).all()
+        assert abs(at[2]) < 1e-9
+    sponge = (board.inverse() @ simulation.object_pose("sponge")).translation()
+    assert (np.abs(sponge[:2]) > 0.5 * np.array(BOARD) + 0.02).any()
+
+
+@cache
+def _world() -> Simulation:
+    return Simulation(PANDA, Wipe().build_scene)
+
+
+@pytest.mark.parametrize("name", ["force", "force_least", "band", "speed", "touch_speed"])
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_impossible_settings_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InvalidValueError, match=f"{name} must be positive and finite; found"):
+        replace(Wish(), **{name: value})
