@@ -85,7 +85,9 @@ class PegInsert:
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
         peg, hole = upright([0.40, 0.20, TABLE_TOP], 0.0), upright([0.48, -0.10, TOP], 0.0)
-        error = SE3.from_translation(np.array([1.2e-3, -0.8e-3, 0.5e-3]))
+        error = SE3.from_rotation_and_translation(
+            SO3.from_rpy_radians(0.02, -0.015, 0.0), np.array([1.2e-3, -0.8e-3, 0.5e-3])
+        )
         if rng is not None:
             x, y = rng.uniform(0.38, 0.58), rng.uniform(0.12, 0.30)
             peg = upright([x, y, TABLE_TOP], rng.uniform(-np.pi, np.pi))

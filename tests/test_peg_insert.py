@@ -171,7 +171,7 @@ def pushed(force: tuple[float, float, float]) -> tuple[np.ndarray, float]:
         data.xfrc_applied[peg, :3] = force
         data.xfrc_applied[peg, 3:] = np.cross(arm, force)
         mujoco.mj_step(model, data)
-    deepest = min(contact.dist for contact in data.contact)
+    deepest = float(np.min(data.contact.dist))
     return data.xipos[peg] - [0.5, 0.0, 0.04], -deepest
 
 
@@ -212,4 +212,4 @@ def _world() -> Simulation:
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive; found"):
-        replace(PegInsert(), **{name: value})
+        replace(PegInsert(), **{name: value})  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause, StepFailed
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Compliance, Comply, Condition, Guarded, Step
+from robo47_qp.steps import Compliance, Comply, Condition, Guarded
 from robo47_qp.task import Program
 from robo47_qp.waypoint import Motion, Place, Waypoint
 from tests.examples import shifted
@@ -49,7 +49,7 @@ class Bench(Reach):
         at = shifted(simulation.marker_pose("plate"), fingertips - [0.55, 0.0, PLATE])
         simulation.place_marker("plate", at)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
         return []
 
     def program(self, simulation: Simulation) -> Program:
