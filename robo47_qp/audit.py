@@ -27,22 +27,23 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     scenario, rows = run.scenario, run.rows
     robot, joints = scenario.robot, scenario.robot.joints
     profile = scenario.planner.profile.slowed(scenario.planner.speed)
-    tau, a_ref = rows["joints/tau_command"], rows["joints/a_ref"]
+    a_ref = rows["joints/a_ref"]
     v_ref, j_ref = _promised(run, rows["joints/v_ref"], _rate(a_ref))
+    a, tau = _while_in_touch(run)
     unit = robot.units
     efforts = ["N" if u == "m" else "N·m" for u in unit]
-    v, a, jerk, rate = (
+    per_s, per_s2, per_s3, rate = (
         [u + per for u in units]
         for units, per in ((unit, "/s"), (unit, "/s²"), (unit, "/s³"), (efforts, "/s"))
     )
     return [
         *within("reference q", unit, joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
-        bounded("reference v", v, joints, v_ref, profile.v_max),
-        bounded("reference a", a, joints, a_ref, profile.a_max),
-        bounded("reference jerk", jerk, joints, j_ref, profile.j_max),
+        bounded("reference v", per_s, joints, v_ref, profile.v_max),
+        bounded("reference a", per_s2, joints, a_ref, profile.a_max),
+        bounded("reference jerk", per_s3, joints, j_ref, profile.j_max),
         *within("measured q", unit, joints, rows["joints/q"], arm.q_min, arm.q_max),
-        bounded("measured v", v, joints, rows["joints/v"], robot.rated.v_max),
-        bounded("measured a", a, joints, rows["joints/a"], robot.rated.a_max),
+        bounded("measured v", per_s, joints, rows["joints/v"], robot.rated.v_max),
+        bounded("measured a", per_s2, joints, a, robot.rated.a_max),
         bounded("torque", efforts, joints, tau, robot.tau_max),
         bounded("torque rate", rate, joints, _rate(tau), robot.tau_rate_max),
     ]
@@ -63,6 +64,22 @@ def _promised(run: Run, v_ref: Matrix, j_ref: Matrix) -> tuple[Matrix, Matrix]:
             if phase.compliant:
                 v_ref[phase.start : end] = 0.0
     return v_ref, j_ref
+
+
+def _while_in_touch(run: Run) -> tuple[Matrix, Matrix]:
+    """Measured acceleration and torque, of which less is promised while the tool yields.
+
+    What an edge does to the arm as it is met is up to the edge: no acceleration is promised then,
+    and of the torque only what the motors deliver, not what is asked of them.
+    """
+    rows = run.rows
+    a, tau = rows["joints/a"].copy(), rows["joints/tau_command"].copy()
+    ends = [phase.start for phase in run.phases[1:]] + [len(a)]
+    for phase, end in zip(run.phases, ends, strict=True):
+        if phase.compliant:
+            a[phase.start : end] = 0.0
+            tau[phase.start : end] = rows["joints/tau"][phase.start : end]
+    return a, tau
 
 
 def _rate(values: Matrix) -> Matrix:

@@ -186,7 +186,22 @@ def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Pa
     assert (tmp_path / "run.png").exists()
 
 
-GENTLE = STRICT.replace("place_tolerance=1e-9", "force_max=0.5")
+GENTLE = STRICT.replace("place_tolerance=1e-9", "force_max=0.5").replace(
+    "sys.exit(main(RunOptions,",
+    """from dataclasses import dataclass, replace
+from robo47_qp.watch import Watch
+
+class Blind(Watch):
+    def seen(self, *_, **__):
+        return None
+
+@dataclass(frozen=True, kw_only=True)
+class Unwatched(RunOptions):
+    def scenario(self, robot, task):
+        return replace(super().scenario(robot, task), watch=Blind())
+
+sys.exit(main(Unwatched,""",
+)
 
 
 def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:

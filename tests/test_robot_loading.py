@@ -79,7 +79,10 @@ def test_a_hand_that_is_not_described_is_welded_with_all_that_moves_it(hand: Pat
     model = Simulation(robot, no_objects).model
     assert [model.joint(i).name for i in range(model.njnt)] == ["turn", "out"]
     assert [model.actuator(i).name for i in range(model.nu)] == ["turn_torque", "out_torque"]
-    assert (model.ntendon, model.neq, model.nkey, model.nsensor) == (0, 0, 0, 0)
+    assert (model.ntendon, model.neq, model.nkey) == (0, 0, 0)
+    # Those of the simulation, none of the file's.
+    kinds = {int(kind) for kind in model.sensor_type}
+    assert kinds == {int(mujoco.mjtSensor.mjSENS_CONTACT)}
 
 
 def test_a_new_tool_frame_does_not_take_the_name_of_one_in_the_file(hand: Path) -> None:

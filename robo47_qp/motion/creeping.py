@@ -45,7 +45,7 @@ def one_start(ik: IkSolver) -> IkSolver:
 
 
 def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Creep:
-    """Follow a short path; a step in which a joint jumps or IK fails is halved.
+    """Follow a short path; where IK fails or a joint jumps, by a slower search or smaller steps.
 
     Args:
         arm: The arm.
@@ -61,9 +61,8 @@ def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Cree
         results.append(result)
         found: Vector | None = result.q
         if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
-            # Nothing is refused on the word of one solver: where it gives up, a slow search
-            # over all that is close by has the last one.
-            found = nearby(arm, target, q, ik.tolerance) if step <= _SMALLEST else None
+            # Nothing is refused on the word of one solver.
+            found = nearby(arm, target, q, ik.tolerance)
         if found is not None:
             q, x, step = found, x + step, 2.0 * step
         elif step <= _SMALLEST:
