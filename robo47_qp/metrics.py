@@ -1,6 +1,7 @@
 """Figures that sum up a run."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.arm import Arm
 from robo47_qp.run import Run
@@ -23,11 +24,13 @@ def metrics(run: Run) -> dict[str, float]:
     simulated = len(rows) * TIMESTEP
     motion = _tool(run)
     force = np.linalg.norm(rows["contact/tool"], axis=1)
+    stiff = _stiff(run)
+    error = rows["errors/tool_position"][stiff]
     return {
         **run.measures,
-        "max_joint_error_rad": float(np.abs(rows["errors/q"]).max()),
-        "max_tool_error_m": float(rows["errors/tool_position"].max()),
-        "rms_tool_error_m": float(np.sqrt((rows["errors/tool_position"] ** 2).mean())),
+        "max_joint_error_rad": float(np.abs(rows["errors/q"][stiff]).max(initial=0.0)),
+        "max_tool_error_m": float(error.max(initial=0.0)),
+        "rms_tool_error_m": float(np.sqrt((error**2).mean())) if stiff.any() else 0.0,
         "settle_time_s": _settle_time(run),
         "max_tool_speed_m_s": float(np.linalg.norm(motion.v, axis=1).max()),
         "max_tool_acceleration_m_s2": float(np.linalg.norm(motion.a, axis=1).max()),
@@ -39,6 +42,14 @@ def metrics(run: Run) -> dict[str, float]:
         "real_time_factor": simulated / run.loop_seconds,
         "step_us": 1e6 * run.loop_seconds / len(rows),
     }
+
+
+def _stiff(run: Run) -> NDArray[np.bool_]:
+    """Rows (N,) in which the tool was to be where its reference is, and not to yield."""
+    stiff = np.ones(len(run.rows), dtype=np.bool_)
+    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+        stiff[first:end] = not phase.compliant
+    return stiff
 
 
 def _tool(run: Run) -> ToolMotion:
@@ -84,7 +95,7 @@ def _settle_time(run: Run) -> float:
     for (first, end), phase in zip(_spans(run), run.phases, strict=True):
         if phase.leg is not None:
             since = end
-        elif since is not None:
+        elif since is not None and not phase.compliant:
             outside = np.flatnonzero(error[first:end] > SETTLED)
             longest = max(longest, first + int(outside[-1]) + 1 - since if outside.size else 0)
     return longest * TIMESTEP

@@ -141,8 +141,8 @@ def figures(tally: Tally) -> dict[str, object]:
         "violations": tally.violations,
         "off_m": tally.off,
         "duration_per_bound_median": float(np.median(tally.ratios)) if tally.ratios else None,
-        "plan_ms_median": 1e3 * float(np.median(tally.seconds)),
-        "plan_ms_p99": 1e3 * float(np.quantile(tally.seconds, 0.99)),
+        "plan_ms_median": 1e3 * float(np.median(tally.seconds)) if tally.seconds else None,
+        "plan_ms_p99": 1e3 * float(np.quantile(tally.seconds, 0.99)) if tally.seconds else None,
     }
 
 
@@ -162,7 +162,7 @@ def show(console: Console, rows: Sequence[tuple[str, str, Tally]]) -> None:
             *(str(sum(tally.refused.values())), str(len(tally.unconfirmed))),
             f"{1e6 * tally.off:.2f}",
             f"{np.median(tally.ratios):.2f}" if tally.ratios else "-",
-            f"{1e3 * np.median(tally.seconds):.0f}",
+            f"{1e3 * np.median(tally.seconds):.0f}" if tally.seconds else "-",
             ", ".join(f"{name} {count}" for name, count in sorted(tally.refused.items())),
         )
     console.print(table)

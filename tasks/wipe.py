@@ -94,7 +94,7 @@ class Wipe:
         grasp = self.sponge.grasp(T_world_sponge, simulation.gripper.width_max)
         lift = hand.lift(grasp, T_world_sponge)
         above, hover = hand.to_board()
-        return [*approach, descend, lift, above, hover, *above.onward[1:], HOME]
+        return [*approach, descend, lift, above, hover, above.onward[1:], HOME]
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
