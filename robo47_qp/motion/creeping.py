@@ -21,7 +21,9 @@ by more than `STRIDE` would be a thousand times too fast."""
 _STARTS, _SEED = 4, 3
 """Further starts of the slow search, and where they come from."""
 _EXACT = 1e-12
-"""Steps and errors at which the slow search ends."""
+"""Steps and slopes at which the slow search ends."""
+_STAGNANT = 1e-4
+"""Relative gain of a step at which it ends: near a pose that is reached, every step gains more."""
 _EVALUATIONS = 60
 
 
@@ -62,7 +64,8 @@ def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Cree
         found: Vector | None = result.q
         if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
             # Nothing is refused on the word of one solver.
-            found = nearby(arm, target, q, ik.tolerance)
+            starts = _STARTS if step <= _SMALLEST else 0
+            found = nearby(arm, target, q, ik.tolerance, starts=starts)
         if found is not None:
             q, x, step = found, x + step, 2.0 * step
         elif step <= _SMALLEST:
@@ -73,7 +76,13 @@ def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Cree
 
 
 def nearby(
-    arm: Arm, T_world_target: SE3, q: Vector, tolerance: Tolerance, *, limits: bool = True
+    arm: Arm,
+    T_world_target: SE3,
+    q: Vector,
+    tolerance: Tolerance,
+    *,
+    limits: bool = True,
+    starts: int = _STARTS,
 ) -> Vector | None:
     """A configuration within `STRIDE` of q that reaches a pose (n,) [rad].
 
@@ -86,11 +95,12 @@ def nearby(
         q: Where to search (n,) [rad].
         tolerance: How close counts as reached.
         limits: Whether to stay inside the joint limits.
+        starts: Places around q to search from, too.
     """
     low, high = q - STRIDE, q + STRIDE
     if limits:
         low, high = np.maximum(arm.q_min, low), np.minimum(arm.q_max, high)
-    around = np.random.default_rng(_SEED).uniform(low, high, (_STARTS, arm.n))
+    around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
     for start in (np.clip(q, low, high), *around):
         found = least_squares(
             lambda x: arm.way_to(T_world_target, x),
@@ -99,7 +109,7 @@ def nearby(
             bounds=(low, high),
             method="dogbox",
             xtol=_EXACT,
-            ftol=_EXACT,
+            ftol=_STAGNANT,
             gtol=_EXACT,
             max_nfev=_EVALUATIONS,
         )
