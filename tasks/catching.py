@@ -11,6 +11,7 @@ from robo47_qp.failure import Cause
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Condition, Follow, Step, Wait
 from robo47_qp.waypoint import Grip, Waypoint
+from tasks.holding import Hold
 from tasks.item import Item
 from tasks.sightings import Sightings
 
@@ -24,10 +25,6 @@ _WAY = 0.8
 """Time of the way down to the item, and of the way up with it [s]."""
 _NEAR, _ALIGNED = 1.5e-3, 0.02
 """How close the tool is to where it should be before it goes on [m] and [rad]."""
-_WIDTH_TOLERANCE = 3e-3
-"""How far the fingers' width may be from the item's [m]."""
-_LEAST_SHARE = 0.1
-"""Force of a finger that holds, relative to the one that was asked for [-]."""
 
 _PATIENCE = 2.0
 """How long the tool may take to be where it should be [s]."""
@@ -149,28 +146,16 @@ class Catching:
 
         return Condition(name="the tool keeps up", cause=Cause.TIMEOUT, against=against)
 
-    def _width(self) -> float:
-        """Of the fingers that hold the item [m]."""
-        return self.item.width(self._tool(), self.simulation.seen_pose(self.item.name))
-
     def _held(self, cause: Cause) -> Condition:
-        def against() -> str | None:
-            width, forces = self.simulation.width(), self.simulation.last_finger_forces()
-            expected = self._width()
-            if abs(width - expected) > _WIDTH_TOLERANCE or not self.simulation.grip_settled():
-                return (
-                    f"the fingers are {1e3 * width:.1f} mm apart, "
-                    f"the {self.item.name} measures {1e3 * expected:.1f} mm"
-                )
-            if forces.min() < _LEAST_SHARE * self.force:
-                return (
-                    f"the fingers press with {forces[0]:.1f} N and {forces[1]:.1f} N, "
-                    f"{self.force:.1f} N were asked for"
-                )
-            return None
-
-        name = f"the fingers hold the {self.item.name}"
-        return Condition(name=name, cause=cause, against=against)
+        sim, item = self.simulation, self.item
+        hold = Hold(
+            simulation=sim,
+            item=item,
+            force=self.force,
+            standing=lambda: sim.seen_pose(item.name),
+            settled=True,
+        )
+        return hold.condition(cause)
 
 
 def _raised(T_world_tcp: SE3, height: float) -> SE3:

@@ -11,16 +11,13 @@ from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Compliance, Comply, Condition, Grasp, Move, Release, Step
 from robo47_qp.waypoint import Motion, Place, Waypoint
 from tasks.headings import heading
+from tasks.holding import Hold
 from tasks.item import Item, turned_about_vertical
 from tasks.looking import look
 
 LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
 """Failures after which it makes sense to look where the item is and to try again."""
 HOME = Waypoint(name="home", target=Place.HOME)
-_WIDTH_TOLERANCE = 3e-3
-"""How far the fingers' width may be from the item's [m]."""
-_LEAST_SHARE = 0.1
-"""Force of a finger that holds, relative to the one that was asked for [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,24 +166,10 @@ class Handling:
         return Move(waypoints=(waypoint,), before=held, during=held, after=held)
 
     def _held(self, cause: Cause) -> Condition:
-        name = f"the fingers hold the {self.item.name}"
-        return Condition(name=name, cause=cause, against=self._against_holding)
-
-    def _against_holding(self) -> str | None:
-        """What speaks against the item being between the fingers; None where it is."""
-        width, forces = self.simulation.width(), self.simulation.last_finger_forces()
-        expected = self.item.width(self.simulation.tool_pose(), self._seen())
-        if abs(width - expected) > _WIDTH_TOLERANCE:
-            return (
-                f"the fingers are {1e3 * width:.1f} mm apart, "
-                f"the {self.item.name} measures {1e3 * expected:.1f} mm"
-            )
-        if forces.min() < _LEAST_SHARE * self.force:
-            return (
-                f"the fingers press with {forces[0]:.1f} N and {forces[1]:.1f} N, "
-                f"{self.force:.1f} N were asked for"
-            )
-        return None
+        hold = Hold(
+            simulation=self.simulation, item=self.item, force=self.force, standing=self._seen
+        )
+        return hold.condition(cause)
 
     def _line(self, name: str, target: SE3) -> Waypoint:
         return Waypoint(name=name, target=target, motion=Motion.LIN)
