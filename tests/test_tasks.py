@@ -1,0 +1,66 @@
+"""Every task, found by looking: it can be rehearsed, has a script, and judges its own start."""
+
+import importlib
+import inspect
+import pkgutil
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scenarios
+import tasks
+from robo47_qp.errors import PlanError
+from robo47_qp.options import RunOptions
+from robo47_qp.robots.panda import PANDA
+from robo47_qp.runner import Runner
+from robo47_qp.simulation import Simulation
+
+
+def found() -> dict[str, type]:
+    """Classes of tasks by their names."""
+    members = [
+        member
+        for module in pkgutil.iter_modules(tasks.__path__, "tasks.")
+        for member in vars(importlib.import_module(module.name)).values()
+        if inspect.isclass(member) and member.__module__ == module.name
+    ]
+    return {member.name: member for member in members if hasattr(member, "program")}
+
+
+FOUND = found()
+SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
+
+
+def test_all_tasks_are_found() -> None:
+    assert set(FOUND) == {
+        *("pick_place", "reach", "stack", "sort", "wipe"),
+        *("peg_insert", "obstacle_reach", "conveyor_pick"),
+    }
+
+
+@pytest.mark.parametrize("name", FOUND)
+@pytest.mark.parametrize("seed", [None, 0])
+def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str, seed: int | None) -> None:
+    if name == "obstacle_reach":
+        pytest.importorskip("ompl", reason="the extra planning is not installed")
+    task: Any = FOUND[name]()
+    if seed is not None:
+        task = task.variant(np.random.default_rng([seed, 2]))
+    simulation = Simulation(PANDA, task.build_scene)
+    runner = Runner(RunOptions(seed=seed).scenario(PANDA, task), simulation)
+    before = simulation.data.qpos.copy()
+    try:
+        legs = runner.rehearse()
+    except PlanError as error:
+        pytest.fail(str(error))
+    np.testing.assert_array_equal(simulation.data.qpos, before)
+    # Where a task starts is home; what it foresees ends there, or is told as it goes.
+    assert not legs or len(legs) >= 2
+    assert task.force_max > 0.0
+    assert task.name == name
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_task_has_a_script_of_its_own(name: str) -> None:
+    assert name.replace("pick_place", "pickplace") in SCRIPTS
