@@ -1,7 +1,5 @@
 """Every task, found by looking: it can be rehearsed, has a script, and judges its own start."""
 
-import importlib
-import inspect
 import pkgutil
 from typing import Any
 
@@ -9,26 +7,14 @@ import numpy as np
 import pytest
 
 import scenarios
-import tasks
 from robo47_qp.errors import PlanError
 from robo47_qp.options import RunOptions
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
+from scenarios.evaluate import known_tasks
 
-
-def found() -> dict[str, type]:
-    """Classes of tasks by their names."""
-    members = [
-        member
-        for module in pkgutil.iter_modules(tasks.__path__, "tasks.")
-        for member in vars(importlib.import_module(module.name)).values()
-        if inspect.isclass(member) and member.__module__ == module.name
-    ]
-    return {member.name: member for member in members if hasattr(member, "program")}
-
-
-FOUND = found()
+FOUND = known_tasks()
 SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
 
 
