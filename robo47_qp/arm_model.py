@@ -1,5 +1,6 @@
 """The model of an arm: the robot alone, with what it holds and what stands around it."""
 
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -23,19 +24,7 @@ def compile_arm(
         ModelError: The MJCF does not compile to the joints of the robot, or a joint has no
             position limits.
     """
-    spec = robot_spec(robot)
-    drives: list[Any] = [
-        *spec.actuators,
-        *spec.sensors,
-        *spec.tendons,
-        *spec.equalities,
-    ]
-    for element in drives:
-        spec.delete(element)
-    for joint in list(spec.joints):
-        if joint.name not in robot.joints:
-            spec.delete(joint)
-    without_looks(spec)
+    spec = _bare(robot).copy()
     if payload is not None:
         add_payload(spec, robot, payload, "payload")
     for obstacle in obstacles:
@@ -60,3 +49,22 @@ def compile_arm(
         free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]
         raise ModelError(f"Robot {robot.name!r} has joints without a range: {free}.")
     return model
+
+
+@lru_cache(maxsize=16)
+def _bare(robot: Robot) -> mujoco.MjSpec:
+    """The robot's joints and what they carry; to be copied, because striking out takes long."""
+    spec = robot_spec(robot)
+    drives: list[Any] = [
+        *spec.actuators,
+        *spec.sensors,
+        *spec.tendons,
+        *spec.equalities,
+    ]
+    for element in drives:
+        spec.delete(element)
+    for joint in list(spec.joints):
+        if joint.name not in robot.joints:
+            spec.delete(joint)
+    without_looks(spec)
+    return spec

@@ -83,7 +83,7 @@ class ControlLoop:
         )
         for observer in self.observers:
             observer.phase(self.sim.time, name)
-        if leg is not None:
+        if leg is not None and self.observers:
             path = np.array([self.arm.pose(q).translation() for q in leg.trajectory.q])
             for observer in self.observers:
                 observer.planned(self.sim.time, leg, path)
@@ -186,6 +186,8 @@ class ControlLoop:
     def _references(self, trajectory: Trajectory) -> Matrix:
         """Columns `signals.reference` for every sample."""
         arm = self.control.arm
+        if trajectory.still and trajectory.steps:
+            return np.repeat(self._references(trajectory.part(0, 0)), trajectory.steps + 1, axis=0)
         samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
         tau = np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
         poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])

@@ -42,6 +42,11 @@ class Trajectory:
         return JointReference(self.q[-1].copy(), self.v[-1].copy(), self.a[-1].copy())
 
     @property
+    def still(self) -> bool:
+        """True where nothing moves."""
+        return not (self.v.any() or self.a.any() or (self.q != self.q[0]).any())
+
+    @property
     def jerk(self) -> Matrix:
         """Mean jerk between samples (N, n) [rad/s³]."""
         return np.diff(self.a, axis=0) / self.dt
