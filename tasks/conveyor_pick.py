@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause, Failure, StepFailed
@@ -14,7 +13,8 @@ from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Release, Step, Wait
 from robo47_qp.task import Program
 from tasks.catching import Catching
-from tasks.handling import HOME, LOST, Handling
+from tasks.goal import Goal, add_goal, place_goal
+from tasks.handling import HOME, LOST, Handling, unfinished
 from tasks.headings import upright
 from tasks.item import RED, Item
 from tasks.sightings import Sightings
@@ -96,16 +96,7 @@ class ConveyorPick:
         # Its surface runs and takes along by friction what lies on it; the geom stands still.
         belt.surfacevel = [0.0, self.speed, 0.0, 0.0, 0.0, 0.0]
         self.item.add(spec, self._on_belt(0.0))
-        goal = spec.worldbody.add_body(name="goal", mocap=True)
-        x, y, _ = self.item.size
-        goal.add_geom(
-            name="goal",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * x + 0.005, 0.5 * y + 0.005, 0.0005],
-            rgba=[0.15, 0.55, 0.30, 1.0],
-            contype=0,
-            conaffinity=0,
-        )
+        add_goal(spec, self.item)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -116,11 +107,11 @@ class ConveyorPick:
             goal = np.array([rng.uniform(*limits) for limits in _AREA])
             turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
         simulation.place_object(self.item.name, upright(self._on_belt(lateral), turn_start))
-        simulation.place_marker("goal", upright([*goal, TABLE_TOP], turn_goal))
+        place_goal(simulation, goal, turn_goal)
 
     def outlook(self, simulation: Simulation) -> Sequence[Step]:
         """See `Task.outlook`."""
-        hand, goal = self._handling(simulation), self._goal(simulation)
+        hand, goal = self._handling(simulation), self._goal(simulation).pose()
         x, _, z = simulation.object_pose(self.item.name).translation()
         T_world_item = upright([x, 0.0, z], 0.0)
         grasp = self.item.grasp(T_world_item, simulation.gripper.width_max)
@@ -146,7 +137,7 @@ class ConveyorPick:
                     yield HOME
                     return gone
                 yield from catching.catch(self._first)
-                yield from hand.place(self._goal(simulation))
+                yield from hand.place(self._goal(simulation).pose())
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -162,29 +153,12 @@ class ConveyorPick:
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        error = self.measures(simulation)["place_error_m"]
-        speed = float(np.linalg.norm(simulation.object_twist(self.item.name)[:3]))
-        away = float(np.abs(simulation.state().q - simulation.robot.home).max())
-        width, open_width = simulation.width(), simulation.gripper.width_max - 1e-3
-        if error > self.place_tolerance or speed > 1e-3:
-            evidence = (
-                f"the {self.item.name} is {1e3 * error:.1f} mm from its goal and moves at "
-                f"{1e3 * speed:.1f} mm/s; allowed are {1e3 * self.place_tolerance:.1f} mm, 1 mm/s"
-            )
-        elif away > 0.01 or width < open_width:
-            evidence = (
-                f"a joint is {away:.3f} rad from home, the gripper is open {1e3 * width:.1f} mm; "
-                f"allowed are 0.01 rad, at least {1e3 * open_width:.1f} mm"
-            )
-        else:
-            return None
-        return Failure(cause=Cause.PLACE, evidence=evidence)
+        missed = self._goal(simulation).missed(self.place_tolerance)
+        return missed or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Distance of the item's centre from its goal, in 3-D [m]."""
-        goal = self._goal(simulation).translation()
-        item = simulation.object_pose(self.item.name).translation()
-        return {"place_error_m": float(np.linalg.norm(item - goal))}
+        return {"place_error_m": self._goal(simulation).error()}
 
     def _handling(self, simulation: Simulation) -> Handling:
         above = TABLE_TOP + 2.0 * _BELT[2] + 0.5 * self.item.height + self.clearance
@@ -215,10 +189,8 @@ class ConveyorPick:
             f"be there; it is met up to {_LAST:.2f} m",
         )
 
-    def _goal(self, simulation: Simulation) -> SE3:
-        """Pose of the cube as it is to stand on the goal."""
-        up = np.array([0.0, 0.0, 0.5 * self.item.height])
-        return SE3.from_translation(up) @ simulation.marker_pose("goal")
+    def _goal(self, simulation: Simulation) -> Goal:
+        return Goal(simulation=simulation, item=self.item)
 
     def _on_belt(self, lateral: float) -> tuple[float, float, float]:
         start = -np.sign(self.speed) * _START

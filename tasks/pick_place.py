@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Cause, Failure, StepFailed
+from robo47_qp.failure import Failure, StepFailed
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Step
 from robo47_qp.task import Program
+from tasks.goal import Goal, add_goal, place_goal
 from tasks.handling import HOME, LOST, Handling, unfinished
 from tasks.headings import upright
 from tasks.item import BLUE, RED, Item
@@ -83,16 +83,7 @@ class PickPlace:
         """See `Task.build_scene`."""
         add_table(spec)
         self.item.add(spec, self._on_table(self.pick))
-        goal = spec.worldbody.add_body(name="goal", mocap=True)
-        x, y, _ = self.item.size
-        goal.add_geom(
-            name="goal",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * x + 0.005, 0.5 * y + 0.005, 0.0005],
-            rgba=[0.15, 0.55, 0.30, 1.0],
-            contype=0,
-            conaffinity=0,
-        )
+        add_goal(spec, self.item)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -104,11 +95,11 @@ class PickPlace:
                 goal = _random_place(rng)
             turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
         simulation.place_object(self.item.name, upright(self._on_table(start), turn_start))
-        simulation.place_marker("goal", upright([*goal, TABLE_TOP], turn_goal))
+        place_goal(simulation, goal, turn_goal)
 
     def outlook(self, simulation: Simulation) -> Sequence[Step]:
         """See `Task.outlook`."""
-        hand, goal = self._handling(simulation), self._goal(simulation)
+        hand, goal = self._handling(simulation), self._goal(simulation).pose()
         T_world_item = simulation.object_pose(self.item.name)
         return [*hand.foreseen(T_world_item, goal), HOME]
 
@@ -118,7 +109,7 @@ class PickPlace:
         for attempt in range(1 + self.retries):
             try:
                 held = yield from hand.pick()
-                yield from hand.place(self._goal(simulation), held)
+                yield from hand.place(self._goal(simulation).pose(), held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -134,21 +125,12 @@ class PickPlace:
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        error = self.measures(simulation)["place_error_m"]
-        speed = float(np.linalg.norm(simulation.object_twist(self.item.name)[:3]))
-        if error > self.place_tolerance or speed > 1e-3:
-            evidence = (
-                f"the {self.item.name} is {1e3 * error:.1f} mm from its goal and moves at "
-                f"{1e3 * speed:.1f} mm/s; allowed are {1e3 * self.place_tolerance:.1f} mm, 1 mm/s"
-            )
-            return Failure(cause=Cause.PLACE, evidence=evidence)
-        return unfinished(simulation)
+        missed = self._goal(simulation).missed(self.place_tolerance)
+        return missed or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Distance of the item's centre from its goal, in 3-D [m]."""
-        goal = self._goal(simulation).translation()
-        item = simulation.object_pose(self.item.name).translation()
-        return {"place_error_m": float(np.linalg.norm(item - goal))}
+        return {"place_error_m": self._goal(simulation).error()}
 
     def _handling(self, simulation: Simulation) -> Handling:
         resting = TABLE_TOP + 0.5 * self.item.height
@@ -160,10 +142,8 @@ class PickPlace:
             resting=resting,
         )
 
-    def _goal(self, simulation: Simulation) -> SE3:
-        """Pose of the item as it is to stand on the goal."""
-        up = np.array([0.0, 0.0, 0.5 * self.item.height])
-        return SE3.from_translation(up) @ simulation.marker_pose("goal")
+    def _goal(self, simulation: Simulation) -> Goal:
+        return Goal(simulation=simulation, item=self.item)
 
     def _on_table(self, where: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
         return float(where[0]), float(where[1]), TABLE_TOP + 0.5 * self.item.height

@@ -17,7 +17,7 @@ from tasks.bin import Bin
 from tasks.handling import HOME, LOST, Handling, unfinished
 from tasks.headings import heading, upright
 from tasks.item import BLUE, RED, Item, standing
-from tasks.looking import look
+from tasks.looking import look_all
 from tasks.scatter import scattered
 from tasks.table import TABLE_TOP, add_table
 
@@ -139,7 +139,7 @@ class Sort:
         """See `Task.program`."""
         left = len(self.items) + self.retries
         while left:
-            seen = yield from self._look(simulation)
+            seen = yield from look_all(simulation, [item.name for item in self.items])
             loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
             if not loose:
                 break
@@ -191,12 +191,6 @@ class Sort:
         slot = self._bin(hand.item).free_slot(taken)
         goal = self._dropped(hand.item, slot, simulation.tool_pose(), T_world_item)
         yield from hand.place(goal, held)
-
-    def _look(self, simulation: Simulation) -> Generator[Step, None, dict[str, SE3]]:
-        seen = {}
-        for item in self.items:
-            seen[item.name] = yield from look(simulation, item.name)
-        return seen
 
     def _is_in(self, item: Item, T_world_item: SE3) -> bool:
         return self._bin(item).holds(T_world_item.translation())

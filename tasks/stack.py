@@ -13,10 +13,11 @@ from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Step
 from robo47_qp.task import Program
+from tasks.goal import YELLOW, add_goal, marked_goal, place_goal
 from tasks.handling import HOME, LOST, Handling, unfinished
 from tasks.headings import heading, upright
 from tasks.item import BLUE, GREEN, RED, Item, standing
-from tasks.looking import look
+from tasks.looking import look_all
 from tasks.scatter import scattered
 from tasks.table import TABLE_TOP, add_table
 from tasks.tower import Tower
@@ -104,16 +105,7 @@ class Stack:
         add_table(spec)
         for cube, where in zip(self.cubes, _START, strict=False):
             cube.add(spec, (*where, TABLE_TOP + 0.5 * self.edge))
-        goal = spec.worldbody.add_body(name="goal", mocap=True)
-        half = 0.5 * self.edge + 0.005
-        goal.add_geom(
-            name="goal",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[half, half, 0.0005],
-            rgba=[0.95, 0.75, 0.20, 1.0],
-            contype=0,
-            conaffinity=0,
-        )
+        add_goal(spec, self.cubes[0], YELLOW)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -123,7 +115,7 @@ class Stack:
             goal = np.array([rng.uniform(*limits) for limits in _GOALS])
             places = scattered(rng, _AREA, len(self.cubes), _APART, (goal, _CLEAR))
             turns = rng.uniform(-np.pi, np.pi, len(turns))
-        simulation.place_marker("goal", upright([*goal, TABLE_TOP], turns[-1]))
+        place_goal(simulation, goal, turns[-1])
         for cube, (x, y), turn in zip(self.cubes, places, turns, strict=False):
             height = TABLE_TOP + 0.5 * self.edge
             simulation.place_object(cube.name, upright([x, y, height], turn))
@@ -143,7 +135,7 @@ class Stack:
         tower = self._tower(simulation)
         left = len(self.cubes) + self.retries
         while left:
-            seen = yield from self._look(simulation)
+            seen = yield from look_all(simulation, [cube.name for cube in self.cubes])
             loose = tower.loose(seen)
             if not loose:
                 break
@@ -166,7 +158,7 @@ class Stack:
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        goal = simulation.marker_pose("goal").translation()
+        goal = marked_goal(simulation).translation()
         order = sorted(self.cubes, key=lambda c: simulation.object_pose(c.name).translation()[2])
         for level, cube in enumerate(order):
             x, y, z = simulation.object_pose(cube.name).translation() - goal
@@ -184,7 +176,7 @@ class Stack:
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Largest horizontal distance of a cube from the goal's vertical [m]."""
-        goal = simulation.marker_pose("goal").translation()
+        goal = marked_goal(simulation).translation()
         off = [simulation.object_pose(cube.name).translation() - goal for cube in self.cubes]
         return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}
 
@@ -194,21 +186,13 @@ class Stack:
         """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
         held = yield from hand.pick()
         before = tower.standing(seen)
-        now = yield from self._look(hand.simulation, before)
+        now = yield from look_all(hand.simulation, before)
         goal = tower.level(len(before))
         if tower.standing(now) != before:
             T_world_cube = hand.stood(seen[hand.item.name])
             x, y, _ = T_world_cube.translation()
             goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
         yield from hand.place(goal, held)
-
-    def _look(
-        self, simulation: Simulation, names: Sequence[str] | None = None
-    ) -> Generator[Step, None, dict[str, SE3]]:
-        seen = {}
-        for name in [cube.name for cube in self.cubes] if names is None else names:
-            seen[name] = yield from look(simulation, name)
-        return seen
 
     def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> Handling:
         tower = self._tower(simulation)
@@ -224,4 +208,4 @@ class Stack:
         )
 
     def _tower(self, simulation: Simulation) -> Tower:
-        return Tower(edge=self.edge, T_world_goal=simulation.marker_pose("goal"))
+        return Tower(edge=self.edge, T_world_goal=marked_goal(simulation))

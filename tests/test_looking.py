@@ -1,5 +1,9 @@
 """Looking: a noisy camera is looked through for as long as its noise calls for."""
 
+from collections.abc import Generator
+from typing import TypeVar
+
+import mujoco
 import numpy as np
 import pytest
 from mink import SE3, SO3
@@ -8,20 +12,28 @@ from robo47_qp.arrays import Vector
 from robo47_qp.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Wait
+from robo47_qp.steps import Step, Wait
 from tasks.item import Item
-from tasks.looking import look
+from tasks.looking import look, look_all
 
 CUBE = Item(name="cube", size=(0.04, 0.04, 0.04))
 
 
-def build(spec: object) -> None:
-    CUBE.add(spec, (0.4, 0.1, 0.02))  # type: ignore[arg-type]
+def build(spec: mujoco.MjSpec) -> None:
+    CUBE.add(spec, (0.4, 0.1, 0.02))
+
+
+Seen = TypeVar("Seen")
 
 
 def looked(simulation: Simulation, height: float | None = None) -> tuple[SE3, float]:
-    """What was seen, and how long that took [s]; time goes by without the world moving."""
-    program, waited = look(simulation, "cube", height), 0.0
+    """What was seen of the cube, and how long that took [s]."""
+    return watched(simulation, look(simulation, "cube", height))
+
+
+def watched(simulation: Simulation, program: Generator[Step, None, Seen]) -> tuple[Seen, float]:
+    """What a program returns, and how long it waits [s]."""
+    waited = 0.0
     try:
         while True:
             step = next(program)
@@ -68,3 +80,20 @@ def test_noise_is_averaged_down_to_a_millimetre(noisy: Simulation) -> None:
 def test_a_height_that_is_known_is_believed(noisy: Simulation) -> None:
     seen, _ = looked(noisy, height=0.123)
     assert seen.translation()[2] == 0.123
+
+
+def test_several_objects_are_seen_in_the_same_frames() -> None:
+    ball = Item(name="ball", size=(0.03, 0.03, 0.03), round=True)
+
+    def both(spec: mujoco.MjSpec) -> None:
+        build(spec)
+        ball.add(spec, (0.5, -0.2, 0.015))
+
+    rng = np.random.default_rng(4)
+    simulation = DisturbedSimulation(PANDA, both, Disturbance(pose_noise=3e-3), rng)
+    seen, waited = watched(simulation, look_all(simulation, ("ball", "cube")))
+    assert waited == pytest.approx(8 / 30)
+    for name in ("cube", "ball"):
+        miss = seen[name].translation() - simulation.object_pose(name).translation()
+        assert abs(miss[:2]).max() < 4e-3
+    assert watched(simulation, look_all(simulation, ())) == ({}, 0.0)

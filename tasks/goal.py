@@ -1,0 +1,81 @@
+"""Goal: where an item is to stand on the table, shown by a marker that nothing touches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.failure import Cause, Failure
+from robo47_qp.simulation import Simulation
+from tasks.headings import upright
+from tasks.item import Item
+from tasks.table import TABLE_TOP
+
+GREEN, YELLOW = (0.15, 0.55, 0.30, 1.0), (0.95, 0.75, 0.20, 1.0)
+_NAME = "goal"
+_RIM = 0.005
+"""How far the marker reaches beyond what is to stand on it [m]."""
+_STILL = 1e-3
+"""Speed below which an item counts as at rest [m/s]."""
+
+
+def add_goal(
+    spec: mujoco.MjSpec, item: Item, rgba: tuple[float, float, float, float] = GREEN
+) -> None:
+    """Add the marker of the goal of an item to a scene."""
+    body = spec.worldbody.add_body(name=_NAME, mocap=True)
+    x, y, _ = item.size
+    body.add_geom(
+        name=_NAME,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * x + _RIM, 0.5 * y + _RIM, 0.0005],
+        rgba=rgba,
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def place_goal(simulation: Simulation, where: Sequence[float] | np.ndarray, turn: float) -> None:
+    """Put the marker at a place on the table, x and y [m], with a heading [rad]."""
+    simulation.place_marker(_NAME, upright([*where, TABLE_TOP], turn))
+
+
+def marked_goal(simulation: Simulation) -> SE3:
+    """T_world_goal of the marker, on the table."""
+    return simulation.marker_pose(_NAME)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Goal:
+    """The goal of one item of one world."""
+
+    simulation: Simulation
+    item: Item
+
+    def pose(self) -> SE3:
+        """T_world_item of the item as it is to stand on the marker."""
+        up = np.array([0.0, 0.0, 0.5 * self.item.height])
+        return SE3.from_translation(up) @ marked_goal(self.simulation)
+
+    def error(self) -> float:
+        """Distance of the item's centre from its goal, in 3-D [m]."""
+        item = self.simulation.object_pose(self.item.name).translation()
+        return float(np.linalg.norm(item - self.pose().translation()))
+
+    def missed(self, tolerance: float) -> Failure | None:
+        """What speaks against the item being at its goal, at rest.
+
+        Args:
+            tolerance: How far it may be from there [m].
+        """
+        error = self.error()
+        speed = float(np.linalg.norm(self.simulation.object_twist(self.item.name)[:3]))
+        if error <= tolerance and speed <= _STILL:
+            return None
+        evidence = (
+            f"the {self.item.name} is {1e3 * error:.1f} mm from its goal and moves at "
+            f"{1e3 * speed:.1f} mm/s; allowed are {1e3 * tolerance:.1f} mm, 1 mm/s"
+        )
+        return Failure(cause=Cause.PLACE, evidence=evidence)
