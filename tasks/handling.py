@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from mink import SE3
 
-from robo47_qp.failure import Cause, Failure
+from robo47_qp.failure import Cause, Failure, StepFailed
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Compliance, Comply, Condition, Grasp, Move, Release, Step
 from robo47_qp.waypoint import Motion, Place, Waypoint
@@ -17,6 +17,8 @@ from tasks.looking import look
 
 LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
 """Failures after which it makes sense to look where the item is and to try again."""
+UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
+"""Failures before a step has begun."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
 
@@ -66,7 +68,16 @@ class Handling:
         yield self.carry(T_world_tcp, T_world_item, T_world_goal)
         # It may have turned between the fingers on the way.
         T_world_item = yield from self.look_held(held)
-        yield self.lower(self.simulation.tool_pose(), T_world_item, T_world_goal)
+        T_world_tcp = self.simulation.tool_pose()
+        lower = self.lower(T_world_tcp, T_world_item, T_world_goal)
+        try:
+            yield lower
+        except StepFailed as error:
+            if error.failure.cause not in UNPLANNED:
+                raise
+            # As it has turned, the line would leave a joint's limits: come down in another branch.
+            yield self.carry(T_world_tcp, T_world_item, T_world_goal)
+            yield lower
         yield self.release()
 
     def look_held(self, held: float | None) -> Generator[Step, None, SE3]:
