@@ -70,6 +70,8 @@ class TaskEpisode:
         try:
             run = self._driven(spec, scenario, simulation)
         except (PolicyFailed, PlanError, InvalidValueError) as error:
+            if isinstance(error, InvalidValueError) and not self.foreign:
+                raise
             failure = Failure(cause=_cause(error), evidence=str(error), time=simulation.time)
             timing = {"wall_s": perf_counter() - started}
             return failed(spec, failure, disturbance=wrong, timing=timing)
