@@ -12,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arm_model import compile_arm
 from robo47_qp.arrays import Matrix, Vector, checked_vector
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.robot import Robot
 from robo47_qp.waypoint import Payload
 
+MARGIN = 1e-3
+"""Part of a joint's range that planned positions keep from either limit: room for the errors of
+tracking, at the Panda 3 to 6 mrad [-]."""
 _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
@@ -53,6 +57,7 @@ class Arm:
         robot: Robot,
         payload: Payload | None = None,
         obstacles: Sequence[Obstacle] = (),
+        margin: float = 0.0,
     ) -> None:
         """Compile the model.
 
@@ -60,10 +65,12 @@ class Arm:
             robot: The description.
             payload: A body held by the tool, part of the belief.
             obstacles: What stands around the arm, for solvers that look at collisions.
+            margin: Part of each joint's range by which either limit is drawn in [-].
 
         Raises:
             UnknownNameError: See `robot_spec`.
-            InvalidValueError: The name of an obstacle is taken.
+            InvalidValueError: The name of an obstacle is taken, or the margin is not within
+                [0, 0.5).
             ModelError: The MJCF does not compile to the n joints of the robot, or a joint
                 has no position limits.
         """
@@ -71,6 +78,11 @@ class Arm:
         self.payload = payload
         self.obstacles = tuple(obstacles)
         self.model = compile_arm(robot, payload, self.obstacles)
+        if not 0.0 <= margin < 0.5:
+            raise InvalidValueError("margin", margin, "at least 0 and below 0.5")
+        if margin:
+            limits = self.model.jnt_range
+            limits += margin * np.diff(limits, axis=1) * [1.0, -1.0]
         self._data = mujoco.MjData(self.model)
         self.n = len(robot.joints)
         self.q_min: Vector = self.model.jnt_range[:, 0].copy()

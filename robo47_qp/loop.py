@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from robo47_qp import signals
-from robo47_qp.arm import Arm, JointReference
+from robo47_qp.arm import MARGIN, Arm, JointReference
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.controllers.active import ActiveController
 from robo47_qp.failure import Failure
@@ -45,6 +45,7 @@ class ControlLoop:
         self.scenario, self.sim = scenario, simulation
         self.arm = Arm(scenario.robot, obstacles=scenario.task.obstacles)
         """The belief while nothing is held."""
+        self._inner = Arm(scenario.robot, obstacles=scenario.task.obstacles, margin=MARGIN)
         self.control = ActiveController(scenario.controller, self.arm, dt=TIMESTEP)
         self.recording = recording
         self.observers: tuple[Observer, ...] = ()
@@ -59,6 +60,13 @@ class ControlLoop:
         still = np.zeros(self.arm.n)
         self.reference = JointReference(q, still, still)
         """What the joints should do at this instant."""
+
+    def planning_arm(self, q: Vector) -> Arm:
+        """The belief that motions from q are planned with, its limits drawn in.
+
+        Where q itself is beyond those, it is the one with the whole range.
+        """
+        return self.arm if self._inner.limit_margin(q) < 0.0 else self._inner
 
     @property
     def resting(self) -> bool:

@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from robo47_qp.arm import Arm
+from robo47_qp.arm import MARGIN, Arm
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.policy import Action, JointTarget, ToolTarget, Torques
 from robo47_qp.robot import Gripper, Robot
 from robo47_qp.waypoint import Grip
 
-MARGIN = 1e-3
-"""Part of the range of each joint that is left unused at each limit, because a joint that
-shivers there is outside."""
 _SINGLE = 1e-6
 """A number beyond a bound by this part of it is the bound: networks compute in single precision."""
 _UNIT = 1e-3

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robo47_qp.arm import Arm, JointReference, JointState
+from robo47_qp.arm import MARGIN, Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
 from robo47_qp.controllers.controller import Controller
 from robo47_qp.errors import PlanError
@@ -12,7 +12,6 @@ from robo47_qp.motion.leap import Leap, to_state
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.policy import pose_of
-from robo47_qp.policy_action import MARGIN
 from robo47_qp.robot import MotionProfile
 from robo47_qp.scene import TIMESTEP
 

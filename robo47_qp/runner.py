@@ -58,7 +58,9 @@ class Runner:
             if robot.gripper is None and grips:
                 raise NoGripperError(robot.name, f"waypoint {grips[0]!r}")
             if waypoints:
-                legs += plan_through(self.scenario.planner, self._loop.arm, waypoints, q)
+                legs += plan_through(
+                    self.scenario.planner, self._loop.planning_arm(q), waypoints, q
+                )
                 q = legs[-1].trajectory.end.q
         return legs
 

@@ -71,7 +71,8 @@ def planned(
     """
     planner = loop.scenario.planner if planner is None else planner
     try:
-        return plan_through(planner, loop.arm, waypoints, loop.reference.q)
+        q = loop.reference.q
+        return plan_through(planner, loop.planning_arm(q), waypoints, q)
     except PlanError as error:
         rejection = error.rejection
         unreached = rejection is None or rejection.obstacle is Obstacle.REACH

@@ -230,6 +230,20 @@ def test_another_belief_is_another_arm(robot: Robot, arm: Arm) -> None:
     assert empty.inverse_dynamics(robot.home, still, still).tolist() == before.tolist()
 
 
+def test_a_margin_draws_every_limit_in(robot: Robot, arm: Arm) -> None:
+    inner = Arm(robot, margin=0.01)
+    room = 0.01 * (arm.q_max - arm.q_min)
+    np.testing.assert_allclose(inner.q_min, arm.q_min + room, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(inner.q_max, arm.q_max - room, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(inner.pose(robot.home).wxyz_xyz, arm.pose(robot.home).wxyz_xyz)
+
+
+@pytest.mark.parametrize("margin", [-0.1, 0.5, np.nan])
+def test_a_margin_that_leaves_nothing_is_refused(robot: Robot, margin: float) -> None:
+    with pytest.raises(InvalidValueError, match="margin must be at least 0 and below 0.5"):
+        Arm(robot, margin=margin)
+
+
 @given(target=poses, at=fractions)
 def test_distance_is_that_of_the_points_and_the_angle_between_the_axes(
     arm: Arm, plain: PlainArm, target: SE3, at: Vector

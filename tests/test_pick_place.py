@@ -425,10 +425,3 @@ def test_the_payload_is_the_cube() -> None:
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         replace(PickPlace(), **change)  # type: ignore[arg-type]
-
-
-def test_a_box_that_turned_in_the_hand_comes_down_in_another_branch() -> None:
-    run = carry_out(PickPlace().variant(np.random.default_rng([762, 2])), seed=762)
-    assert run.failure is None
-    assert names(run).count("carry") == 2
-    assert names(run).count("lower") == 1

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robo47_qp.arm import Arm
+from robo47_qp.arm import MARGIN, Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.policy import Action, JointTarget, ToolTarget, Torques, pose_of, vector_of
-from robo47_qp.policy_action import MARGIN, checked_action, grip_of
+from robo47_qp.policy_action import checked_action, grip_of
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import tool_down
 from tests.robots import robot_named, the_gripper
