@@ -1,6 +1,7 @@
-"""Joint paths: smooth where stretches meet, on them elsewhere, and refused where there is no room."""
+"""Joint paths: smooth where stretches meet, on them elsewhere, refused where there is no room."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def off_stretches(q: Matrix) -> Vector:
     """Distance of each configuration from the nearest of the straight stretches [rad]."""
     found = []
     ends = corners()
-    for a, b in zip(ends, ends[1:], strict=False):
+    for a, b in pairwise(ends):
         s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
         found.append(np.abs(q - a - s[:, None] * (b - a)).max(axis=1))
     nearest: Vector = np.min(found, axis=0)
@@ -136,3 +137,35 @@ def test_a_stretch_without_room_for_both_its_bends_is_named() -> None:
     with pytest.raises(BlendError, match=r"ends within the blend radius of \d+\.\d mm") as caught:
         path((1.1 * length, 0.01))
     assert caught.value.segment == 1
+
+
+@dataclass(frozen=True)
+class Wave:
+    """The first joint swings away and back and away."""
+
+    first: Vector
+
+    def __call__(self, x: Vector | float, nu: int = 0) -> Matrix:
+        x = np.asarray(x, dtype=float)[..., None]
+        w = 2.5 * np.pi
+        swing = (np.sin(w * x), w * np.cos(w * x), -(w**2) * np.sin(w * x))[nu]
+        found: Matrix = (self.first if nu == 0 else 0.0 * self.first) + 0.3 * np.eye(7)[0] * swing
+        return found
+
+
+def test_a_bend_ends_where_the_tool_first_leaves_the_radius() -> None:
+    ends, radius = corners(), 0.05
+    wave = Wave(ends[1])
+    none = {"cuts": np.array([0.0, 1.0]), "passes": np.zeros(0)}
+    pair = [
+        Stretch(curve=Straight(ends[0], ends[1]), time=1.0, **none),
+        Stretch(curve=wave, time=10.0, **none),
+    ]
+    (end,) = [cut for cut in JointPath(ARM, pair, [radius]).cuts * 11.0 if 1.0 < cut < 11.0]
+    u = np.linspace(0.0, 1.0, 4001)
+    away = np.array([np.linalg.norm(tool(q) - tool(ends[1])) for q in wave(u)])
+    assert (np.diff(np.sign(away - radius)) != 0).sum() == 5
+    side = Straight(ends[1], ends[0])
+    back = np.array([np.linalg.norm(tool(q) - tool(ends[1])) for q in side(u)])
+    zone = min(10.0 * u[np.argmax(away > radius)], u[np.argmax(back > radius)])
+    assert end - 1.0 == pytest.approx(zone, abs=3e-3)
