@@ -9,6 +9,7 @@ from hashlib import sha256
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from robo47_qp.arm import Arm
 from robo47_qp.errors import InvalidValueError, MissingExtraError, Obstacle, PlanError
@@ -167,14 +168,32 @@ def test_what_the_search_did_not_see_is_seen_in_the_end() -> None:
 def test_where_limits_are_narrow_the_way_keeps_its_margin() -> None:
     """Three joints have hardly more room than the margins of both their limits."""
     narrow, few = Arm(PANDA), [2, 4, 6]
-    narrow.q_min[few] = START[few] - 0.03
-    narrow.q_max[few] = START[few] + 0.03
+    narrow.q_min[few] = START[few] - 0.0205
+    narrow.q_max[few] = START[few] + 0.0205
     motion = detour().plan(narrow, collisions(), (START, GOAL), PANDA.profile, DT)
     assert motion is not None
     room = np.minimum(motion.q - narrow.q_min, narrow.q_max - motion.q)
     assert room.min() >= 0.02 - 1e-9
     # What there is is made use of.
-    assert room[:, few].min() < 0.03 - 1e-3
+    assert room[:, few].min() < 0.0205 - 1e-5
+
+
+def test_a_spline_that_would_swing_into_the_margin_is_not_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between two corners on the edge of the margin a natural spline is beyond them."""
+    corners = np.tile(START, (4, 1))
+    corners[:, 0] += [0.0, 0.5, 1.0, 1.5]
+    corners[1:3, 6] = ARM.q_max[6] - 0.02
+    monkeypatch.setattr(Detour, "corners", lambda *_: corners)
+    empty = Collisions(PANDA, no_objects, clearance=CLEARANCE)
+    ends = (corners[0], corners[-1])
+    motion = detour(roomy=empty).plan(ARM, empty, ends, PANDA.profile, DT)
+    assert motion is not None
+    # Between two looks it may bulge a little.
+    assert (ARM.q_max - motion.q)[:, 6].min() >= 0.02 - 5e-5
+    spline = CubicSpline([0.0, 0.5, 1.0, 1.5], corners, bc_type="natural")
+    assert (ARM.q_max - spline(0.75))[6] < 0.0
 
 
 @pytest.mark.parametrize("name", ["iterations", "step", "stride", "searches", "seed"])
