@@ -320,3 +320,5 @@ def test_less_is_promised_of_an_arm_that_yields_from_its_first_row_to_its_last(r
     for row in (first - 1, last + 1):
         assert pushed(yielding, row, "a", "tau_command") == [A, TORQUE]
         assert pushed(yielding, row, "tau") == []
+    ending = replace(run, phases=[*run.phases[:-1], replace(run.phases[-1], compliant=True)])
+    assert pushed(ending, len(run.rows) - 1, "a", "tau_command") == []

@@ -158,14 +158,15 @@ def test_a_bend_ends_where_the_tool_first_leaves_the_radius() -> None:
     wave = Wave(ends[1])
     none = {"cuts": np.array([0.0, 1.0]), "passes": np.zeros(0)}
     pair = [
-        Stretch(curve=Straight(ends[0], ends[1]), time=1.0, **none),
+        Stretch(curve=Straight(ends[0], ends[1]), time=10.0, **none),
         Stretch(curve=wave, time=10.0, **none),
     ]
-    (end,) = [cut for cut in JointPath(ARM, pair, [radius]).cuts * 11.0 if 1.0 < cut < 11.0]
+    (end,) = [cut for cut in JointPath(ARM, pair, [radius]).cuts * 20.0 if 10.0 < cut < 20.0]
     u = np.linspace(0.0, 1.0, 4001)
     away = np.array([np.linalg.norm(tool(q) - tool(ends[1])) for q in wave(u)])
     assert (np.diff(np.sign(away - radius)) != 0).sum() == 5
     side = Straight(ends[1], ends[0])
     back = np.array([np.linalg.norm(tool(q) - tool(ends[1])) for q in side(u)])
-    zone = min(10.0 * u[np.argmax(away > radius)], u[np.argmax(back > radius)])
-    assert end - 1.0 == pytest.approx(zone, abs=3e-3)
+    swings, comes = (10.0 * u[np.argmax(way > radius)] for way in (away, back))
+    assert swings < comes
+    assert end - 10.0 == pytest.approx(swings, abs=3e-3)
