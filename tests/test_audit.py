@@ -289,3 +289,36 @@ def test_a_reference_that_is_the_state_itself_promises_no_speed(run: Run) -> Non
             assert broken(audit(with_value(streamed, "joints/v_ref", row, 0, 2.1))) == told
         before = with_value(streamed, "joints/v_ref", first - 1, 0, 2.1)
         assert "reference v (joint1)" in broken(audit(before))
+
+
+# Phases that yield
+
+
+def pushed(run: Run, row: int, *signals: str) -> list[str]:
+    """What is told where the first joint does twice what it may in one row."""
+    limits = {"a": PANDA.rated.a_max, "tau": PANDA.tau_max, "tau_command": PANDA.tau_max}
+    for signal in signals:
+        run = with_value(run, f"joints/{signal}", row, 0, 2.0 * float(limits[signal][0]))
+    return [name for name in broken(audit(run)) if name in (A, TORQUE)]
+
+
+A, TORQUE = "measured a (joint1)", "torque (joint1)"
+
+
+def test_less_is_promised_of_an_arm_that_yields_from_its_first_row_to_its_last(run: Run) -> None:
+    stiff, first, last = streaming(run, compliant=False)
+    phases = [
+        replace(phase, streamed=False, compliant=True) if phase.streamed else phase
+        for phase in stiff.phases
+    ]
+    yielding = replace(run, phases=phases)
+    for row in (first, last):
+        assert pushed(yielding, row, "a", "tau_command") == []
+        assert pushed(stiff, row, "a", "tau_command") == [A, TORQUE]
+        # What the motors deliver is promised all the same.
+        assert pushed(yielding, row, "tau") == [TORQUE]
+    for row in (first - 1, last + 1):
+        assert pushed(yielding, row, "a", "tau_command") == [A, TORQUE]
+        assert pushed(yielding, row, "tau") == []
+    ending = replace(run, phases=[*run.phases[:-1], replace(run.phases[-1], compliant=True)])
+    assert pushed(ending, len(run.rows) - 1, "a", "tau_command") == []

@@ -9,7 +9,9 @@ from hashlib import sha256
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
+from robo47_qp.arm import Arm
 from robo47_qp.errors import InvalidValueError, MissingExtraError, Obstacle, PlanError
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
@@ -24,6 +26,7 @@ from robo47_qp.motion.second_look import SecondLook
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import Waypoint
+from tests.runs import no_objects
 from tests.test_collisions import ARM, DT, ball, gap, turned
 
 CLEARANCE = 0.01
@@ -125,6 +128,8 @@ def test_where_no_spline_is_free_it_stops_at_the_corners(monkeypatch: pytest.Mon
     for corner in corners:
         (k, *_) = np.flatnonzero(np.abs(motion.q - corner).max(axis=1) < 1e-9)
         assert not motion.v[k].any()
+    # And nowhere else.
+    assert np.count_nonzero(~motion.v.any(axis=1)) == len(corners)
     assert min(gap(q) for q in motion.q[::5]) >= CLEARANCE
 
 
@@ -151,6 +156,44 @@ def test_the_way_stays_off_the_joint_limits_but_where_it_ends() -> None:
     room = np.minimum(motion.q - ARM.q_min, ARM.q_max - motion.q)
     assert room.min() >= 0.001 - 1e-9
     assert np.delete(room, 3, axis=1).min() >= 0.02 - 1e-9
+
+
+def test_what_the_search_did_not_see_is_seen_in_the_end() -> None:
+    """A search that looks at an empty world finds the straight way, which hits the ball."""
+    blind = detour(roomy=Collisions(PANDA, no_objects, clearance=CLEARANCE))
+    assert blind.corners(ARM, (START, GOAL), 1) is not None
+    assert blind.plan(ARM, collisions(), (START, GOAL), PANDA.profile, DT) is None
+
+
+def test_where_limits_are_narrow_the_way_keeps_its_margin() -> None:
+    """Three joints have hardly more room than the margins of both their limits."""
+    narrow, few = Arm(PANDA), [2, 4, 6]
+    narrow.q_min[few] = START[few] - 0.0205
+    narrow.q_max[few] = START[few] + 0.0205
+    motion = detour().plan(narrow, collisions(), (START, GOAL), PANDA.profile, DT)
+    assert motion is not None
+    room = np.minimum(motion.q - narrow.q_min, narrow.q_max - motion.q)
+    assert room.min() >= 0.02 - 1e-9
+    # What there is is made use of.
+    assert room[:, few].min() < 0.0205 - 1e-5
+
+
+def test_a_spline_that_would_swing_into_the_margin_is_not_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between two corners on the edge of the margin a natural spline is beyond them."""
+    corners = np.tile(START, (4, 1))
+    corners[:, 0] += [0.0, 0.5, 1.0, 1.5]
+    corners[1:3, 6] = ARM.q_max[6] - 0.02
+    monkeypatch.setattr(Detour, "corners", lambda *_: corners)
+    empty = Collisions(PANDA, no_objects, clearance=CLEARANCE)
+    ends = (corners[0], corners[-1])
+    motion = detour(roomy=empty).plan(ARM, empty, ends, PANDA.profile, DT)
+    assert motion is not None
+    # Between two looks it may bulge a little.
+    assert (ARM.q_max - motion.q)[:, 6].min() >= 0.02 - 5e-5
+    spline = CubicSpline([0.0, 0.5, 1.0, 1.5], corners, bc_type="natural")
+    assert (ARM.q_max - spline(0.75))[6] < 0.0
 
 
 @pytest.mark.parametrize("name", ["iterations", "step", "stride", "searches", "seed"])

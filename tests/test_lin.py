@@ -18,7 +18,7 @@ from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.motion.tracking import LinError
+from robo47_qp.motion.tracking import LinError, _away
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile, Robot
 from robo47_qp.robots.panda import PANDA
@@ -354,6 +354,27 @@ def test_knots_are_doubled_until_the_line_is_kept(robot: Robot, arm: Arm, plain:
     trajectory, _ = coarse.plan(arm, ik, arm.home, goal, robot.profile, DT)
     assert len(ik.results) in {8 + 16, 8 + 16 + 32, 8 + 16 + 32 + 64}
     assert off_line(plain, trajectory.q[::7], arm.pose(arm.home), goal)[0] < 3e-6
+
+
+def test_as_many_knots_are_taken_as_the_deviation_asks_for() -> None:
+    arm, plain = Arm(PANDA), PlainArm(PANDA)
+    start = arm.pose(arm.home)
+    goal = moved(start, (np.array([0.1, 0.3, -0.2]), np.array([0.0, 0.0, 0.8])))
+    ik = QpIk(tolerance=Tolerance(position=1e-9, orientation=1e-9))
+    for deviation in 10.0 ** -np.arange(3.0, 6.5, 0.5):
+        lin = Lin(knot_spacing=1.0, deviation=float(deviation), doublings=6)
+        trajectory, _ = lin.plan(arm, ik, arm.home, goal, PANDA.profile, DT)
+        assert off_line(plain, trajectory.q[::7], start, goal)[0] <= 1.2 * deviation
+
+
+def test_the_way_from_the_limits_does_not_move_the_tool(rng: np.random.Generator) -> None:
+    arm, plain = Arm(PANDA), PlainArm(PANDA)
+    half = 0.5 * (arm.q_max - arm.q_min)
+    for q in arm.q_min + 2.0 * half * rng.uniform(0.0, 1.0, (20, arm.n)):
+        way = _away(arm, q)
+        assert np.abs(plain.jacobian(q) @ way).max() < 1e-9
+        # Against the fourth power of the distances from the middle.
+        assert way @ ((q - arm.q_min - half) / half) ** 3 < 0.0
 
 
 def test_a_joint_that_leaves_its_limits_is_named(robot: Robot, arm: Arm) -> None:

@@ -60,6 +60,50 @@ def test_figures_of_made_up_rows() -> None:
     )
 
 
+YIELDING = [
+    {"name": "move", "start": 0},
+    {"name": "press", "start": 300, "compliant": True},
+    {"name": "follow", "start": 600, "streamed": True},
+    {"name": "end", "start": 900},
+]
+
+
+def while_yielding(marks: dict[int, float], phases: list[dict[str, object]]) -> dict[str, float]:
+    """Figures of 1000 rows with errors of joints and tool in some of them."""
+    run = picked_and_placed()
+    leg = next(phase.leg for phase in run.phases if phase.leg is not None)
+    rows = Rows(run.rows.signals, np.zeros((1000, run.rows.values.shape[1])))
+    for row, size in marks.items():
+        rows["errors/q"][row, 2] = -size
+        rows["errors/tool_position"][row, 0] = size
+    named = [
+        Phase(leg=leg if phase["name"] == "move" else None, **phase)  # type: ignore[arg-type]
+        for phase in phases
+    ]
+    return metrics(replace(run, rows=rows, phases=named))
+
+
+@pytest.mark.parametrize("row", [299, 300, 599, 600, 899])
+def test_a_tool_that_yields_makes_no_error(row: int) -> None:
+    figures = while_yielding({row: 0.4}, YIELDING)
+    error = 0.0 if 300 <= row < 600 else 0.4
+    assert figures["max_joint_error_rad"] == error
+    assert figures["max_tool_error_m"] == error
+    assert figures["rms_tool_error_m"] == pytest.approx(error / np.sqrt(700))
+
+
+def test_where_it_always_yields_there_is_no_error_to_tell() -> None:
+    always = [{**phase, "compliant": True} for phase in YIELDING]
+    figures = while_yielding({10: 0.4, 700: 0.4}, always)
+    names = ("max_joint_error_rad", "max_tool_error_m", "rms_tool_error_m")
+    assert [figures[name] for name in names] == [0.0, 0.0, 0.0]
+
+
+def test_a_tool_that_yields_is_not_waited_for() -> None:
+    assert while_yielding({500: 0.4}, YIELDING)["settle_time_s"] == 0.0
+    assert while_yielding({650: 0.4}, YIELDING)["settle_time_s"] == pytest.approx(0.351)
+
+
 def test_figures_of_a_real_run() -> None:
     run = picked_and_placed()
     rows, figures = run.rows, metrics(run)

@@ -72,6 +72,43 @@ def test_a_joint_that_cannot_turn_round_in_time_is_named() -> None:
     assert found.time == pytest.approx(0.05 / 1.5, abs=4e-3)
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_where_on_the_way_a_joint_leaves_its_limits_is_told(side: int) -> None:
+    """Past either limit; the turn takes as long as full deceleration does, and back."""
+    q, v = ARM.home.copy(), np.zeros(ARM.n)
+    limit = ARM.q_max[1] if side > 0 else ARM.q_min[1]
+    q[1], v[1] = limit - side * 0.1, side * 1.5
+    with pytest.raises(PlanError, match="joint2 leaves its limits") as caught:
+        retarget(ARM, JointReference(q, v, np.zeros(ARM.n)), q, PROFILE, DT)
+    found = caught.value.rejection
+    assert found is not None
+    assert found.q is not None
+    assert found.time is not None
+    assert found.fraction is not None
+    assert side * (found.q[1] - limit) > 0.0
+    # The whole way by the same bounds, where there is room for it.
+    apart = q.copy()
+    apart[1] = 0.5 * (ARM.q_min[1] + ARM.q_max[1])
+    whole = retarget(ARM, JointReference(apart, v, np.zeros(ARM.n)), apart, PROFILE, DT)
+    assert found.fraction == pytest.approx(found.time / whole.duration, rel=1e-9)
+    assert 0.0 < found.fraction < 0.5
+
+
+def test_what_is_handed_out_can_be_written_to() -> None:
+    pursuit = Pursuit(ARM, ARM.home, PROFILE, DT)
+    there = ARM.home + 0.1
+    pursuit.aim(there)
+    there[:] = 7.0
+    for array in (*pursuit.reference, pursuit.goal):
+        array[:] = 7.0
+    assert pursuit.reference.q.tolist() == ARM.home.tolist()
+    assert not np.any(pursuit.reference.v)
+    assert pursuit.goal == pytest.approx(ARM.home + 0.1)
+    for _ in range(1000):
+        pursuit.step()
+    assert pursuit.reference.q == pytest.approx(ARM.home + 0.1, abs=1e-12)
+
+
 def test_a_refused_goal_leaves_the_old_one() -> None:
     pursuit = Pursuit(ARM, ARM.home, PROFILE, DT)
     pursuit.aim(ARM.home + 0.1)

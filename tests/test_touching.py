@@ -8,9 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from robo47_qp.arm import Arm
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause, StepFailed
+from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Compliance, Comply, Condition, Guarded
@@ -226,6 +228,35 @@ def test_springs_give_way_to_what_is_in_the_way() -> None:
     force = rows_of(run_program(program), "comply", "contact/tool")[-1, 2]
     # 20 mm less what the plate gives: 400 N/m in series with a plate that is far stiffer.
     assert 5.0 < force < 8.0
+
+
+def test_springs_that_lose_their_load_do_it_without_a_jump_of_the_torque() -> None:
+    """Both where they begin anew where the arm is, and where the arm is stiff again."""
+    soft = Compliance(stiffness=np.array([400.0] * 3 + [40.0] * 3))
+
+    def loaded(simulation: Simulation, name: str, by: float) -> Comply:
+        down = line(simulation, [0.0, 0.0, by], name)
+        return Comply(
+            waypoints=(down,), compliance=soft, speed=0.05, seconds=0.3, stay=True, renew=True
+        )
+
+    def program(simulation: Simulation) -> Program:
+        yield loaded(simulation, "down", -PLATE - 0.02)
+        # The load of the springs is gone once, and built up again.
+        yield replace(loaded(simulation, "again", -0.02), name="still")
+        yield line(simulation, [0.0, 0.0, 0.02], "stiff")
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    arm = Arm(PANDA)
+    tau, q, force = (run.rows[f"{x}"] for x in ("joints/tau_command", "joints/q", "contact/tool"))
+    for name in ("again", "stiff"):
+        start = next(phase.start for phase in run.phases if phase.name == name)
+        lever = arm.jacobian(q[start])[:3].T @ arm.pose(q[start]).rotation().as_matrix().T
+        load = lever @ force[start]
+        assert np.abs(load).max() > 2.0
+        assert np.abs(np.diff(tau[start - 3 : start + 3], axis=0)).max() < 0.1
 
 
 def test_what_breaks_on_the_way_stops_the_arm_and_is_told() -> None:
