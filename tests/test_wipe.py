@@ -1,6 +1,6 @@
 """Wiping: the force is held while the sponge slides, all marks go, what goes wrong is noticed."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -10,13 +10,18 @@ from mink import SE3
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause
+from robo47_qp.policy import Observation, ToolTarget, vector_of
+from robo47_qp.policy_runner import Pace
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
+from robo47_qp.waypoint import tool_down
 from tasks.board import BOARD, MARKS, SURFACE, Notes, Wish, mark, marks_left
+from tasks.headings import upright
 from tasks.memory import memory, put_away
 from tasks.wipe import Wipe
 from tests.examples import shifted
+from tests.policies import Scripted, follow
 from tests.robots import GRIPPER
 from tests.runs import Meddler, carry_out
 
@@ -252,6 +257,48 @@ def test_a_mark_goes_where_the_foam_lies_on_it(
     notes.force = 10.0
     notes.take()
     assert len(marks_left(simulation)) == left
+
+
+@pytest.mark.parametrize(("turn", "gone"), [(0.5 * np.pi, 2), (0.0, 0)])
+def test_marks_vanish_under_whoever_presses_the_sponge_on_them(turn: float, gone: int) -> None:
+    """A policy comes down on a sponge that lies on two marks, or between them, until it feels 8 N.
+
+    The foam is 85 mm long and 36 mm wide; the marks are 40 mm apart.
+    """
+    task, (x, y, z) = _Lying(turn=turn), _lying(_world())
+    height = z + 0.06
+
+    def press(seen: Observation) -> ToolTarget:
+        nonlocal height
+        if seen.time > 1.0 and seen.force[2] < 8.0:
+            height -= 2e-4
+        return ToolTarget(pose=vector_of(tool_down([x, y, height], 0.0)), width=0.0)
+
+    run = follow(Scripted(press), task=task, pace=Pace(rate=100.0, seconds=2.6))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert run.failure.evidence.startswith(f"{MARKS - gone} of 8 marks are left")
+    assert run.measures["marks_left"] == MARKS - gone
+    assert abs(run.rows["contact/tool"][2550, 2] - 8.0) < 1.5
+
+
+def _lying(simulation: Simulation) -> np.ndarray:
+    """Between the first and the third mark."""
+    Wipe().reset(simulation, None)
+    first, third = (simulation.marker_pose(mark(i)).translation() for i in (0, 2))
+    between: np.ndarray = 0.5 * (first + third) + np.array([0.0, 0.0, 0.5 * Wipe().sponge.height])
+    return between
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Lying(Wipe):
+    """The sponge lies on the board, turned."""
+
+    turn: float
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        at = _lying(simulation)
+        simulation.place_object("sponge", upright(list(at), self.turn))
 
 
 @pytest.mark.parametrize("seed", range(20))
