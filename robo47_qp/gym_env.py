@@ -73,8 +73,7 @@ class TaskEnv(_Base):
             render_mode: "rgb_array" for pictures, which need OpenGL.
 
         Raises:
-            InvalidValueError: There is no such mode, or the world alone does not tell whether the
-                task is done.
+            InvalidValueError: There is no such mode, or the task is done before it is begun.
             RenderingError: Pictures are wanted, and the machine cannot draw.
         """
         self._task: Task = pkgutil.resolve_name(task)() if isinstance(task, str) else task

@@ -33,7 +33,8 @@ class Observation:
     objects: Mapping[str, Vector]
     """Poses of the movable objects as the camera sees them, each (7,)."""
     markers: Mapping[str, Vector]
-    """Poses of goals and other marks, each (7,)."""
+    """Poses of goals and other marks, each (7,); one that is done with has gone out of sight, to
+    a metre below the base."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -44,16 +44,16 @@ class Pace:
 
 
 def check_judged(task: Task, simulation: Simulation) -> None:
-    """Check that the world alone tells whether a task is done; puts the world at its start.
+    """Check that a task is to be done: not all is well at its start, where this puts the world.
 
     Raises:
-        InvalidValueError: The verdict is success before anything has moved: what counts is judged
-            while the task's own program runs, and nothing can be said of a policy.
+        InvalidValueError: The verdict is success before anything has moved. What counts may be a
+            condition of the task's own program: `Task.notice` is where to judge it for everybody.
     """
     simulation.reset()
     task.reset(simulation, None)
     if task.verdict(simulation) is None:
-        expected = "one that is not done before it is begun, to be judged of a policy"
+        expected = "one whose verdict is no success before anything has moved"
         raise InvalidValueError("task", repr(task.name), expected)
 
 

@@ -54,8 +54,17 @@ class Task(Protocol):
         """What to do, looking at the world as it is whenever the next step is due."""
         ...
 
+    def notice(self, simulation: Simulation) -> None:
+        """Look at the world, every few control periods, whoever moves the arm.
+
+        What has to be so on the way and cannot be seen at the end is noted here, in the
+        simulation: its markers, or MuJoCo's user data. A task keeps no notes itself. What moves
+        freely, and the robot, are left alone.
+        """
+        ...
+
     def verdict(self, simulation: Simulation) -> Failure | None:
-        """Judge the world as it is at the end; None is success."""
+        """Judge the world as it is at the end, with what was noted on the way; None is success."""
         ...
 
     def measures(self, simulation: Simulation) -> dict[str, float]:

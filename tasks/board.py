@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Cause, Failure
 from robo47_qp.simulation import Simulation
+from tasks.memory import add_memory, memory, put_away
 from tasks.sponge import Sponge
 from tasks.table import TABLE_TOP
 
@@ -24,6 +23,11 @@ MARKS = 8
 """How many there are."""
 _SLIDING = 5e-3
 """Speed from which the sponge slides [m/s]."""
+_TOUCHING = 2e-3
+"""Height above a mark up to which the foam lies on it [m]."""
+_SLID, _OUTSIDE, _WORST, _LAST = range(4)
+"""What is remembered: how long the sponge has slid, how long of that with a force out of its band
+[s], how far that force was off at worst [N], and the time of the last look [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +58,7 @@ class Wish:
 
 def add_board(spec: mujoco.MjSpec) -> None:
     """Add the board, a body that the program places, its frame in the middle of its surface."""
+    add_memory(spec, 4)
     box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     board = spec.worldbody.add_body(name="board", mocap=True)
     x, y = BOARD
@@ -77,15 +82,14 @@ def add_board(spec: mujoco.MjSpec) -> None:
 
 
 class Notes:
-    """What becomes of the marks, and how well the force is held, while the sponge slides."""
+    """What becomes of the marks, and how well the force is held, while the sponge slides.
+
+    What it remembers is in the world: see `tasks.memory`.
+    """
 
     def __init__(self, simulation: Simulation, sponge: Sponge, wish: Wish) -> None:
-        """Nothing has been seen yet."""
+        """Go on with what the world remembers."""
         self._simulation, self._sponge, self._wish = simulation, sponge, wish
-        self.sliding = self.outside = 0
-        """How often the sponge was seen sliding, and how often with a force out of its band."""
-        self.worst = wish.force
-        """The force then that was furthest from the one asked for [N]."""
 
     def pressed(self) -> float:
         """Force of the sponge on the board [N]: that on the hand without the sponge's weight."""
@@ -94,37 +98,54 @@ class Notes:
 
     def take(self) -> None:
         """Look once: wipe marks off, and take note of the force while the sponge slides."""
-        simulation, wish = self._simulation, self._wish
+        simulation, wish, note = self._simulation, self._wish, memory(self._simulation)
+        passed, note[_LAST] = simulation.time - note[_LAST], simulation.time
         force = self.pressed()
         if force >= wish.force_least:
             self._wipe_off()
-        twist = simulation.object_twist(self._sponge.name)
-        if np.hypot(twist[0], twist[1]) > 5e-3 and force > 0.1 * wish.force:
-            self.sliding += 1
-            off = abs(force - wish.force)
-            self.outside += off > wish.band * wish.force
-            if off > abs(self.worst - wish.force):
-                self.worst = force
+        if force > 0.1 * wish.force and self._slides():
+            note[_SLID] += passed
+            off = force - wish.force
+            if abs(off) > wish.band * wish.force:
+                note[_OUTSIDE] += passed
+            if abs(off) > abs(note[_WORST]):
+                note[_WORST] = off
 
-    def against_force(self) -> Failure | None:
+    def against_force(self) -> str | None:
         """What speaks against the force having been held; None where it was."""
-        if self.sliding and self.outside <= 0.01 * self.sliding:
+        slid, outside, worst, _ = memory(self._simulation)
+        if slid == 0.0:
+            return "the sponge has not been led over the board"
+        if outside <= 0.01 * slid:
             return None
-        share = 100.0 * self.outside / max(1, self.sliding)
-        evidence = (
-            f"the force was off by more than {100 * self._wish.band:.0f} % for {share:.1f} % of "
-            f"the time of sliding, {self.worst:.2f} N at worst; allowed is 1 %"
+        return (
+            f"the force was off by more than {100 * self._wish.band:.0f} % for "
+            f"{100 * outside / slid:.1f} % of the time of sliding, "
+            f"{self._wish.force + worst:.2f} N at worst; allowed is 1 %"
         )
-        return Failure(cause=Cause.PLACE, evidence=evidence)
+
+    def _slides(self) -> bool:
+        """Whether the sponge moves along the board."""
+        twist = self._simulation.object_twist(self._sponge.name)
+        if np.hypot(twist[0], twist[1]) <= _SLIDING:
+            return False
+        T_world_board = self._simulation.marker_pose("board")
+        sponge = self._simulation.object_pose(self._sponge.name).translation()
+        R = T_world_board.rotation().as_matrix()
+        x, y, _ = (sponge - T_world_board.translation()) @ R
+        return bool(abs(x) <= 0.5 * BOARD[0] and abs(y) <= 0.5 * BOARD[1])
 
     def _wipe_off(self) -> None:
-        simulation, sponge = self._simulation, self._sponge
-        T_sponge_world = simulation.object_pose(sponge.name).inverse()
-        for i in marks_left(simulation):
-            at = T_sponge_world @ simulation.marker_pose(mark(i)).translation()
-            if (np.abs(at[:2]) <= 0.5 * np.array(sponge.foam)).all():
-                gone = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
-                simulation.place_marker(mark(i), gone)
+        """Marks go that the foam lies on; it gives way to what presses it."""
+        sponge, positions = self._sponge, _positions(self._simulation)
+        T_world_sponge = self._simulation.object_pose(sponge.name)
+        R = T_world_sponge.rotation().as_matrix()
+        at = (positions - T_world_sponge.translation()) @ R
+        deep = 0.5 * (sponge.foam_height + _TOUCHING)
+        middle = np.array([0.0, 0.0, deep - _TOUCHING - 0.5 * sponge.height])
+        half = np.array([0.5 * sponge.foam[0], 0.5 * sponge.foam[1], deep])
+        for i in np.flatnonzero((np.abs(at - middle) <= half).all(axis=1)):
+            put_away(self._simulation, mark(int(i)))
 
 
 def mark(i: int) -> str:
@@ -134,4 +155,10 @@ def mark(i: int) -> str:
 
 def marks_left(simulation: Simulation) -> list[int]:
     """Numbers of the marks on the board; those that are wiped off are below the floor."""
-    return [i for i in range(MARKS) if simulation.marker_pose(mark(i)).translation()[2] > 0.0]
+    return [int(i) for i in np.flatnonzero(_positions(simulation)[:, 2] > 0.0)]
+
+
+def _positions(simulation: Simulation) -> np.ndarray:
+    """Of all marks, in the world (MARKS, 3) [m]; markers are in the order of the scene."""
+    first = simulation.markers.index(mark(0))
+    return simulation.data.mocap_pos[first : first + MARKS]

@@ -151,6 +151,9 @@ class ConveyorPick:
         yield HOME
         return None
 
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
         missed = self._goal(simulation).missed(self.place_tolerance)

@@ -8,14 +8,15 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Cause, Failure
+from robo47_qp.failure import Failure
 from robo47_qp.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Condition, Step, Wait
+from robo47_qp.steps import Step, Wait
 from robo47_qp.task import Program
 from robo47_qp.waypoint import Waypoint, tool_down
 from tasks.handling import HOME
 from tasks.headings import upright
+from tasks.held import Held
 from tasks.table import TABLE, TABLE_TOP, add_table
 
 _BOARD = (0.12, 0.18, 0.01)
@@ -31,7 +32,8 @@ class ObstacleReach:
     """Bring the tool behind a post and under a shelf, hold it at each, and go home.
 
     Where the two stand is part of the scene; a seed draws the targets near them. A target is
-    reached when the tool is held within `position_tolerance` and `turn_tolerance` of it.
+    reached when the tool is held within `position_tolerance` and `turn_tolerance` of it
+    for `seconds`; then it goes out of sight.
     """
 
     post: tuple[float, float] = (0.38, -0.22)
@@ -50,6 +52,8 @@ class ObstacleReach:
     """[m]"""
     turn_tolerance: float = np.radians(0.5)
     """[rad]"""
+    seconds: float = 0.25
+    """How long each target is held [s]."""
     force_max: float = 1.0
     """Nothing is to be touched [N]."""
     name: str = "obstacle_reach"
@@ -65,7 +69,7 @@ class ObstacleReach:
             if len(where) != 2 or not np.isfinite(where).all():
                 raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
         sizes = ("post_radius", "post_height", "shelf_height", "behind")
-        for name in (*sizes, "position_tolerance", "turn_tolerance", "force_max"):
+        for name in (*sizes, "position_tolerance", "turn_tolerance", "seconds", "force_max"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "positive")
 
@@ -115,6 +119,7 @@ class ObstacleReach:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
+        Held.remember(spec)
         for obstacle in self.obstacles:
             if obstacle is not TABLE:
                 add_obstacle(spec, obstacle)
@@ -133,6 +138,7 @@ class ObstacleReach:
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
+        Held.forget(simulation)
         behind, height, turn = self.behind, 0.15, 0.0
         depth, drop, pitch = 0.07, 0.23, 0.6
         if rng is not None:
@@ -162,24 +168,31 @@ class ObstacleReach:
         for name in self._targets:
             yield self._reach(simulation, name)
             yield Wait(name=f"hold {name}", seconds=_SETTLE)
-            there = self._there(simulation, name)
+            there = self._held.condition(simulation, name)
             for _ in range(_LOOKS):
                 yield Wait(name=f"hold {name}", seconds=_LOOK, after=(there,))
         yield HOME
         return None
 
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._held.notice(simulation, self._targets)
+
     def verdict(self, simulation: Simulation) -> Failure | None:
-        """See `Task.verdict`; that targets were held is a condition of the program."""
-        away = self.measures(simulation)["home_error_rad"]
-        if away > 0.01:
-            evidence = f"a joint is {away:.3f} rad from home; allowed are 0.01 rad"
-            return Failure(cause=Cause.PLACE, evidence=evidence)
-        return None
+        """See `Task.verdict`."""
+        return self._held.verdict(simulation, self._targets)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Largest distance of a joint from home [rad]."""
-        q = simulation.state().q
-        return {"home_error_rad": float(np.abs(q - simulation.robot.home).max())}
+        """Targets that are left [-], and how far a joint is from home at most [rad]."""
+        return self._held.measures(simulation, self._targets)
+
+    @property
+    def _held(self) -> Held:
+        return Held(
+            position_tolerance=self.position_tolerance,
+            turn_tolerance=self.turn_tolerance,
+            seconds=self.seconds,
+        )
 
     @property
     def _targets(self) -> tuple[str, str]:
@@ -187,21 +200,6 @@ class ObstacleReach:
 
     def _reach(self, simulation: Simulation, name: str) -> Waypoint:
         return Waypoint(name=f"reach {name}", target=simulation.marker_pose(name))
-
-    def _there(self, simulation: Simulation, name: str) -> Condition:
-        def against() -> str | None:
-            T_target_tcp = simulation.marker_pose(name).inverse() @ simulation.tool_pose()
-            off = float(np.linalg.norm(T_target_tcp.translation()))
-            turned = float(np.linalg.norm(T_target_tcp.rotation().log()))
-            if off <= self.position_tolerance and turned <= self.turn_tolerance:
-                return None
-            return (
-                f"the tool is {1e3 * off:.2f} mm and {np.degrees(turned):.2f}° from the target; "
-                f"allowed are {1e3 * self.position_tolerance:.2f} mm, "
-                f"{np.degrees(self.turn_tolerance):.2f}°"
-            )
-
-        return Condition(name=f"the tool is {name}", cause=Cause.TRACK, against=against)
 
 
 def _at(x: float, y: float, z: float) -> SE3:

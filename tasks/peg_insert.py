@@ -140,6 +140,9 @@ class PegInsert:
         yield HOME
         return None
 
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
         measures = self.measures(simulation)

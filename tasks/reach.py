@@ -8,12 +8,13 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Cause, Failure
+from robo47_qp.failure import Failure
 from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Condition, Move, Step, Wait
+from robo47_qp.steps import Move, Step, Wait
 from robo47_qp.task import Program
 from robo47_qp.waypoint import Place, Waypoint, tool_down
+from tasks.held import Held
 from tasks.table import TABLE_TOP, add_table
 
 _DISTANCE = (0.48, 0.72)
@@ -40,12 +41,13 @@ _DEFAULT = (
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """Visit tool poses, each from home, and hold every one; with a seed they are random.
+    """Hold tool poses, one after the other, and go home; with a seed they are random.
 
     A random pose is that of a random configuration inside the joint limits which touches
     nothing: so it can be reached, and nobody is told how. Only poses in the workspace in
-    front of the base are taken, with the tool tilted from straight down by up to 60°. The arm
-    goes home between them: from there the way to each stays above the table.
+    front of the base are taken, with the tool tilted from straight down by up to 60°. A pose
+    that has been held goes out of sight. The program goes home between them: from there the way
+    to each stays above the table.
     """
 
     count: int = 5
@@ -81,6 +83,7 @@ class Reach:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
         add_table(spec)
+        Held.remember(spec)
         for i in range(self.count):
             marker = spec.worldbody.add_body(name=f"pose {i + 1}", mocap=True)
             for axis in range(3):
@@ -98,13 +101,14 @@ class Reach:
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
-        for i in range(self.count):
+        Held.forget(simulation)
+        for i, name in enumerate(self._poses):
             if rng is None:
                 position, tilt, yaw = _DEFAULT[i]
                 pose = tool_down(position, yaw) @ SE3.from_rotation(SO3.from_y_radians(tilt))
             else:
                 pose = _reachable(simulation, rng)
-            simulation.place_marker(f"pose {i + 1}", pose)
+            simulation.place_marker(name, pose)
 
     def outlook(self, simulation: Simulation) -> Sequence[Step]:
         """See `Task.outlook`."""
@@ -115,25 +119,36 @@ class Reach:
         yield from self._steps(simulation)
         return None
 
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._held.notice(simulation, self._poses)
+
     def verdict(self, simulation: Simulation) -> Failure | None:
-        """See `Task.verdict`; that each pose was held is judged as it is visited."""
-        away = self.measures(simulation)["home_error_rad"]
-        if away > 0.01:
-            evidence = f"a joint is {away:.3f} rad from home; allowed are 0.01 rad"
-            return Failure(cause=Cause.PLACE, evidence=evidence)
-        return None
+        """See `Task.verdict`."""
+        return self._held.verdict(simulation, self._poses)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """How far a joint is from home at most [rad]."""
-        q = simulation.true_state().q
-        return {"home_error_rad": float(np.abs(q - simulation.robot.home).max())}
+        """Poses that are left [-], and how far a joint is from home at most [rad]."""
+        return self._held.measures(simulation, self._poses)
+
+    @property
+    def _poses(self) -> list[str]:
+        return [f"pose {i + 1}" for i in range(self.count)]
+
+    @property
+    def _held(self) -> Held:
+        return Held(
+            position_tolerance=self.position_tolerance,
+            turn_tolerance=self.angle_tolerance,
+            seconds=self.seconds,
+            speed=_STILL,
+        )
 
     def _steps(self, simulation: Simulation) -> list[Move | Wait]:
         steps: list[Move | Wait] = []
-        for i in range(self.count):
-            name = f"pose {i + 1}"
+        for name in self._poses:
             target = simulation.marker_pose(name)
-            there = (self._held(simulation, name, target),)
+            there = (self._held.condition(simulation, name),)
             steps += [
                 Move(waypoints=(Waypoint(name=name, target=target),)),
                 Wait(name=f"settle at {name}", seconds=self.seconds, after=there),
@@ -141,23 +156,6 @@ class Reach:
                 Move(waypoints=(Waypoint(name="home", target=Place.HOME),)),
             ]
         return steps
-
-    def _held(self, simulation: Simulation, name: str, T_world_goal: SE3) -> Condition:
-        def against() -> str | None:
-            T_goal_tcp = T_world_goal.inverse() @ simulation.tool_pose()
-            off = float(np.linalg.norm(T_goal_tcp.translation()))
-            turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
-            speed = float(np.abs(simulation.true_state().v).max())
-            if off <= self.position_tolerance and turn <= self.angle_tolerance and speed <= _STILL:
-                return None
-            return (
-                f"the tool is {1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {name}, the "
-                f"fastest joint moves at {1e3 * speed:.1f} mrad/s; allowed are "
-                f"{1e3 * self.position_tolerance:.2f} mm, "
-                f"{np.rad2deg(self.angle_tolerance):.2f}° and {1e3 * _STILL:.1f} mrad/s"
-            )
-
-        return Condition(name=f"the tool is at rest at {name}", cause=Cause.TRACK, against=against)
 
 
 def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:

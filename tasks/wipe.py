@@ -25,6 +25,7 @@ from tasks.board import (
 )
 from tasks.handling import HOME, LOST
 from tasks.headings import upright
+from tasks.memory import memory
 from tasks.sponge import Sponge
 from tasks.table import TABLE_TOP, add_table
 from tasks.wiping import Wiper
@@ -37,8 +38,9 @@ class Wipe:
     """Take the sponge, wipe all marks off the board, and put the sponge back where it was.
 
     A mark is wiped once the sponge has passed over it, pressed with at least `force_least`.
-    While the sponge slides, its force has to be within `band` of `force` in at least 99 % of
-    the time; at the end the marks are gone, the sponge is back, the gripper open, the arm home.
+    While the sponge slides over the board, its force has to be within `band` of `force` in at
+    least 99 % of the time; at the end the marks are gone, the sponge is back, the gripper open,
+    the arm home.
     """
 
     wish: Wish = Wish()
@@ -78,6 +80,7 @@ class Wipe:
             x, y = rng.uniform(0.35, 0.55), rng.uniform(0.24, 0.34)
             start = upright([x, y, TABLE_TOP], rng.uniform(-np.pi, np.pi))
             marks = rng.uniform(-1.0, 1.0, (MARKS, 2)) * DIRTY
+        memory(simulation)[:] = 0.0
         simulation.place_marker("board", board)
         simulation.place_marker("place of the sponge", start)
         up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
@@ -123,23 +126,31 @@ class Wipe:
                 break
         yield hand.retreat(simulation.tool_pose())
         yield HOME
-        return hand.notes.against_force()
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._notes(simulation).take()
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
+        against = self._against_end(simulation) or self._notes(simulation).against_force()
+        return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
+
+    def _against_end(self, simulation: Simulation) -> str | None:
+        """What speaks against the world being as it should be at the end; None where it is so."""
         measures = self.measures(simulation)
         left, off = round(measures["marks_left"]), measures["sponge_error_m"]
         away = float(np.abs(simulation.state().q - simulation.robot.home).max())
         width, open_width = simulation.width(), simulation.gripper.width_max - 1e-3
         speed = float(np.linalg.norm(simulation.object_twist(self.sponge.name)[:3]))
         if left or off > 0.01 or speed > 1e-3 or away > 0.01 or width < open_width:
-            evidence = (
+            return (
                 f"{left} of {MARKS} marks are left, the sponge is {1e3 * off:.1f} mm from its "
                 f"place and moves at {1e3 * speed:.1f} mm/s, a joint is {away:.3f} rad from home, "
                 f"the gripper is open {1e3 * width:.1f} mm; allowed are 0, 10.0 mm, 1 mm/s, "
                 f"0.01 rad, at least {1e3 * open_width:.1f} mm"
             )
-            return Failure(cause=Cause.PLACE, evidence=evidence)
         return None
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
@@ -154,15 +165,17 @@ class Wipe:
 
     def _wiper(self, simulation: Simulation) -> "Wiper":
         above = SURFACE + 0.10 + self.sponge.height
-        notes = Notes(simulation, self.sponge, self.wish)
         return Wiper(
             simulation=simulation,
             item=self.sponge,
             above=above,
             force=40.0,
             wish=self.wish,
-            notes=notes,
+            notes=self._notes(simulation),
         )
+
+    def _notes(self, simulation: Simulation) -> Notes:
+        return Notes(simulation, self.sponge, self.wish)
 
 
 def _add_outline(spec: mujoco.MjSpec, sponge: Sponge) -> None:

@@ -68,7 +68,6 @@ class Wiper(Handling):
             renew=True,
             speed=self.wish.speed,
             during=held,
-            observe=self.notes.take,
         )
         off = self._line("lift off", self._up(self.simulation.tool_pose()))
         yield Comply(

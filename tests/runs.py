@@ -95,6 +95,9 @@ class Reach:
         yield from self.outlook(simulation)
         return self.ending
 
+    def notice(self, simulation: Simulation) -> None:
+        pass
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         return None
 

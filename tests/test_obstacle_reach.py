@@ -15,6 +15,7 @@ from robo47_qp.options import RunOptions
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
+from tasks.memory import put_away
 from tasks.obstacle_reach import ObstacleReach
 from tests.runs import Meddler, carry_out, make_runner
 
@@ -52,6 +53,7 @@ def test_targets_are_held_and_nothing_is_touched(seed: int | None) -> None:
             turns = [target.rotation().inverse() @ SO3(wxyz) for wxyz in rows[:, 3:]]
             assert max(np.linalg.norm(turn.log()) for turn in turns) < np.radians(0.5)
     assert held == 2
+    assert run.measures["poses_left"] == 0.0
     assert np.abs(run.rows["joints/q"][-1] - PANDA.home).max() < 1e-3
 
 
@@ -78,7 +80,7 @@ def test_near_is_not_there(away: float, turn: float, held: bool) -> None:
         SO3.from_x_radians(np.radians(turn)), np.array([0.0, away, 0.0])
     )
     simulation.place_marker("behind post", simulation.tool_pose() @ off)
-    against = task._there(simulation, "behind post").against()
+    against = task._held.condition(simulation, "behind post").against()
     assert (against is None) == held
     if against is not None:
         assert "allowed are 1.00 mm, 0.50°" in against
@@ -89,7 +91,7 @@ def test_a_target_that_moves_away_is_not_held() -> None:
         away = SE3.from_translation(np.array([0.0, 0.0, 2e-3]))
         simulation.place_marker("behind post", away @ simulation.marker_pose("behind post"))
 
-    meddler = Meddler("hold behind post", move, after=0.2)
+    meddler = Meddler("hold behind post", move, after=0.1)
     run = carry_out(ObstacleReach(), observers=[meddler])
     assert meddler.done == 1
     assert run.failure is not None
@@ -128,6 +130,8 @@ def test_an_obstacle_that_nobody_declared_is_hit_and_told() -> None:
 def test_the_end_is_judged_by_where_the_arm_is() -> None:
     task = ObstacleReach()
     _, simulation = make_runner(task)
+    for target in ("behind post", "under shelf"):
+        put_away(simulation, target)
     assert task.verdict(simulation) is None
     simulation._q[1] += 0.011
     failure = task.verdict(simulation)
@@ -152,7 +156,7 @@ def test_ik_that_cannot_keep_clear_is_refused() -> None:
         RunOptions(ik="dls").scenario(PANDA, ObstacleReach())
 
 
-@pytest.mark.parametrize("name", ["post_radius", "shelf_height", "behind", "force_max"])
+@pytest.mark.parametrize("name", ["post_radius", "shelf_height", "behind", "seconds", "force_max"])
 def test_sizes_are_positive(name: str) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive; found 0.0"):
         replace(ObstacleReach(), **{name: 0.0})  # type: ignore[arg-type]

@@ -19,8 +19,10 @@ from robo47_qp.run import Run
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import tool_down
+from scenarios.policies.hold_poses import HoldPoses
 from scenarios.policies.pick_and_place import PickAndPlace
 from scenarios.policies.random_targets import RandomTargets
+from tasks import reach as judged_reach
 from tasks.pick_place import PickPlace
 from tests.policies import Scripted, follow
 from tests.robots import robot_named
@@ -433,6 +435,31 @@ def test_the_example_solves_the_main_job_from_what_it_observes() -> None:
     assert run.measures["place_error_m"] < 3e-3
     assert names(run) == ["tool targets", "joint targets", "stop", "end"]
     assert len(run.rows) < 20_000
+
+
+def test_the_example_holds_poses_in_turn() -> None:
+    """Judged as the classical stack is judged: from what was seen on the way."""
+    seen = []
+
+    class Watched(HoldPoses):
+        def act(self, observation: Observation) -> Action | None:
+            seen.append(observation)
+            return super().act(observation)
+
+    task = judged_reach.Reach(count=2)
+    run = follow(Watched(), task=task, pace=Pace(), seed=3)
+    assert run.failure is None
+    assert broken(run) == []
+    assert run.measures["poses_left"] == 0.0
+    assert len(run.rows) < 20_000
+    left = [[name for name, pose in o.markers.items() if pose[2] > 0.0] for o in seen]
+    first = [names for names, before in zip(left[1:], left, strict=False) if names != before]
+    assert first == [["pose 2"], []]
+    for name in ("pose 1", "pose 2"):
+        gone = next(o.time for o in seen if o.markers[name][2] < 0.0)
+        goal = seen[0].markers[name]
+        rows = run.rows["tool/pose"][round(1e3 * gone) - 230 : round(1e3 * gone) - 30]
+        assert np.linalg.norm(rows[:, :3] - goal[:3], axis=1).max() < 1e-3
 
 
 def test_the_example_without_a_plan_fails_by_the_verdict() -> None:

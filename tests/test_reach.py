@@ -19,6 +19,7 @@ from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Move, Step, Wait
+from tasks.memory import put_away
 from tasks.reach import Reach
 from tests.runs import Meddler, carry_out, make_runner
 
@@ -54,6 +55,7 @@ def test_every_pose_is_held(seed: int | None) -> None:
     assert np.abs(run.rows["contact/links"]).max() == 0.0
     assert np.abs(run.rows["contact/tool"]).max() == 0.0
     assert run.measures["home_error_rad"] < 1e-3
+    assert run.measures["poses_left"] == 0.0
 
 
 def test_the_arm_goes_home_between_poses() -> None:
@@ -214,6 +216,8 @@ def test_a_tool_in_motion_is_not_held() -> None:
 
 def test_the_arm_must_be_home_at_the_end() -> None:
     task, simulation = Reach(), Simulation(PANDA, Reach().build_scene)
+    for i in range(task.count):
+        put_away(simulation, f"pose {i + 1}")
     assert task.verdict(simulation) is None
     simulation.data.joint(PANDA.joints[0]).qpos[0] += 0.011
     failure = task.verdict(simulation)
