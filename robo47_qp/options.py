@@ -124,9 +124,7 @@ class RunOptions:
             return DlsIk(clearance=clearance)
         if self.ik == "lm":
             return LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
-        return QpIk(
-            backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance
-        )
+        return QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance)
 
     def scenario(self, robot: Robot, task: Task) -> Scenario:
         """The scenario that was chosen; declared obstacles are planned around.
