@@ -54,8 +54,9 @@ def evaluate_several(jobs: Sequence[Job], options: EvaluateOptions, console: Con
 def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
     """Refuse what cannot be had before anything runs, and open every journal.
 
-    Without --resume all old journals are put aside now: an interruption must leave none that a
-    later --resume would take for one of this evaluation.
+    With --resume all are read before one is begun: a refused evaluation leaves none with settings
+    that the right one would be refused for. Without it, all old ones are put aside now: an
+    interruption leaves none that a later --resume would take for one of this evaluation.
     """
     settings = [job.evaluation.settings for job in jobs]
     for name in COMPARISON:
@@ -64,6 +65,9 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
     for job, journal in zip(jobs, journals, strict=True):
         job.claim()
         claim(journal)
+    if options.resume:
+        for journal, asked in zip(journals, settings, strict=True):
+            Journal.read(journal, asked)
     for journal, asked in zip(journals, settings, strict=True):
         Journal(journal, asked, resume=options.resume).close()
 
