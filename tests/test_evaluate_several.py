@@ -28,6 +28,7 @@ from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.paired import paired
 from robo47_qp.evaluation.paired_words import paired_markdown
 from robo47_qp.evaluation.policy import PolicyLoadError
+from robo47_qp.evaluation.progress import EvaluationBar
 from robo47_qp.evaluation.summary import summary
 from robo47_qp.evaluation.worker import run_guarded
 from robo47_qp.ik.dls import DlsIk
@@ -84,7 +85,7 @@ class Skilled:
             index=spec.index,
             seed=spec.seed,
             success=success,
-            metrics={"cycle_time_s": 5.0 + float(slow) * len(self.ik)},
+            metrics={"cycle_time_s": 5.0 + float((slow - luck) ** 2) * len(self.ik)},
             disturbance={"world": float(world)},
             sha256="same" if spec.seed == 0 else f"{self.ik} {spec.seed}",
             **({} if success else told),
@@ -429,6 +430,8 @@ def test_labels_are_safe_in_file_names_and_differ() -> None:
         assert len(label) < 80
     assert found[3] == "x-y-z-D"
     assert found[4].endswith("e-py-F")
+    cased = labels([Contender(name=name, ik=None) for name in ("a.py:C", "A.py:c")])
+    assert len({label.lower() for label in cased}) == 2
     # The same files whatever comes first: what was begun can be gone on with.
     turned = labels([Contender(name=name, ik=None) for name in reversed(names)])
     assert turned[::-1] == found
@@ -458,3 +461,12 @@ def test_a_policy_from_elsewhere_needs_a_task_that_can_be_judged_of_it(tmp_path:
     chosen = options(tmp_path, task="reach", policy=("classical", "tests.toy_policies:GoodPolicy"))
     with pytest.raises(InvalidValueError, match="task must be one that is not done before"):
         scenario.run(chosen, QUIET)
+
+
+def test_the_bar_tells_whose_episodes_they_are() -> None:
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=True, width=120)
+    with EvaluationBar(console, 8, "a.py:B [odd]") as bar:
+        bar.show([EpisodeResult(index=0, seed=0, success=True)])
+    assert "a.py:B [odd]" in screen.getvalue()
+    assert "1/8" in screen.getvalue()
