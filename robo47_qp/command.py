@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import tyro
 from rich.console import Console
@@ -34,13 +34,27 @@ Options = TypeVar("Options")
 ObserverT = TypeVar("ObserverT", bound=Observer)
 
 
-def main(options: type[Options], run: Callable[[Options, Console], int], description: str) -> int:
+def main(
+    options: type[Options],
+    run: Callable[[Options, Console], int],
+    description: str,
+    *,
+    repeated: bool = False,
+) -> int:
     """Parse the command line, run, and turn errors into one message and an exit code.
+
+    Args:
+        options: What can be chosen.
+        run: Runs what was chosen.
+        description: What the help begins with.
+        repeated: An option with several values is given once for each, and not once for all.
 
     Returns:
         0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C.
     """
-    flags = (tyro.conf.FlagCreatePairsOff,)
+    flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
+    if repeated:
+        flags += (tyro.conf.UseAppendAction,)
     try:
         chosen = tyro.cli(options, description=description, config=flags)
         return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import mujoco
 
@@ -23,6 +23,10 @@ from robo47_qp.robot import Robot
 from robo47_qp.run import Scenario
 from robo47_qp.task import Task
 
+IkName: TypeAlias = Literal["qp", "lm", "dls", "qp-single", "lm-single", "dls-single"]
+"""Inverse kinematics that can be chosen: with restarts, or from a single start."""
+SINGLE = "-single"
+"""How the names without restarts end."""
 LOGS = Path(__file__).resolve().parents[1] / "logs"
 """Where recordings go unless another place is named."""
 _SLOWEST = 0.01
@@ -39,12 +43,17 @@ _WAY_CLEARANCE = 0.005
 class RunOptions:
     """What can be chosen for one run."""
 
-    ik: Literal["qp", "lm", "dls"] = "qp"
+    ik: IkName = "qp"
     """Inverse kinematics: mink's QP inside the joint limits, the faster Levenberg-Marquardt
-    inside them, or damped least squares. Each is restarted from other configurations where it
-    gets stuck."""
+    inside them, or damped least squares clamped to them. Each starts from home and is restarted
+    from other configurations, at most 100 times, where it gets stuck; the names with -single
+    start from home alone, with the more patient settings of a solver without restarts (100 QPs,
+    200 steps of dls), and offer one configuration per goal where the others offer several. Among
+    obstacles qp and lm step around what is in the way; dls has its answers looked at, and those
+    too close to anything refused. Straight lines are followed from one start per point with any
+    of them, and where one fails, a slower search near it helps."""
     qp_solver: Literal["daqp", "osqp"] = "daqp"
-    """QP solver for --ik qp."""
+    """QP solver for --ik qp and qp-single."""
     seed: int | None = None
     """Draw start and goal at random from this seed; without it, the default ones are used."""
     speed: float = 1.0
@@ -77,8 +86,9 @@ class RunOptions:
             raise InvalidValueError("--speed", self.speed, f"between {_SLOWEST} and 1")
         if self.seed is not None and self.seed < 0:
             raise InvalidValueError("--seed", self.seed, "0 or more")
-        if self.qp_solver != "daqp" and self.ik != "qp":
-            raise InvalidValueError("--qp-solver", self.qp_solver, "left out unless --ik is qp")
+        if self.qp_solver != "daqp" and self.ik.removesuffix(SINGLE) != "qp":
+            expected = "left out unless --ik is qp or qp-single"
+            raise InvalidValueError("--qp-solver", self.qp_solver, expected)
         files = {"--log": (self.log, ".rrd"), "--plot": (self.plot, ".png")}
         files["--video"] = (self.video, ".mp4")
         for option, (path, ending) in files.items():
@@ -95,25 +105,31 @@ class RunOptions:
 
         Args:
             clearance: Distance to keep from declared obstacles [m]; None looks at none.
-
-        Raises:
-            InvalidValueError: The IK that was chosen cannot keep a clearance.
         """
+        if self.ik.endswith(SINGLE):
+            return self._single(clearance)
+        return MultiStart(solver=self._hasty(clearance))
+
+    def _single(self, clearance: float | None) -> IkSolver:
+        """What has one start only, and does not give it up early."""
+        if self.ik == "dls-single":
+            return DlsIk(clearance=clearance)
+        if self.ik == "lm-single":
+            return LmIk(clearance=clearance)
+        return QpIk(backend=self.qp_solver, clearance=clearance)
+
+    def _hasty(self, clearance: float | None) -> IkSolver:
+        """What is restarted; lm and qp give up a start early."""
         if self.ik == "dls":
-            if clearance is not None:
-                raise InvalidValueError("--ik", self.ik, "qp or lm for a task with obstacles")
-            return MultiStart(solver=DlsIk())
+            return DlsIk(clearance=clearance)
         if self.ik == "lm":
-            lm = LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
-            return MultiStart(solver=lm)
-        qp = QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance)
-        return MultiStart(solver=qp)
+            return LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
+        return QpIk(backend=self.qp_solver, max_iterations=30, stall=Stall(), clearance=clearance)
 
     def scenario(self, robot: Robot, task: Task) -> Scenario:
         """The scenario that was chosen; declared obstacles are planned around.
 
         Raises:
-            InvalidValueError: The IK that was chosen cannot keep clear of the task's obstacles.
             MissingExtraError: There are obstacles and what plans around them is not installed.
         """
         planner = Planner(ik=self.solver(), profile=robot.profile, speed=self.speed)

@@ -1,4 +1,4 @@
-"""A task evaluated: many episodes under a policy, with paired seeds, causes and intervals."""
+"""A task evaluated: many episodes under one policy or several, on paired seeds."""
 
 import pkgutil
 import sys
@@ -11,7 +11,6 @@ from rich.console import Console
 import tasks
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policy import CLASSICAL
 from robo47_qp.policy_runner import PolicyRunner, check_judged
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
@@ -39,7 +38,7 @@ def run(options: EvaluateOptions, console: Console) -> int:
     if options.task not in known:
         raise UnknownNameError("task", options.task, known)
     task = known[options.task]()
-    if options.policy != CLASSICAL:
+    if any(contender.ik is None for contender in options.contenders):
         check_judged(task, Simulation(PANDA, task.build_scene))
     return evaluate(task, PANDA, options, console, partial(PolicyRunner, pace=options.pace))
 
@@ -47,4 +46,4 @@ def run(options: EvaluateOptions, console: Console) -> int:
 if __name__ == "__main__":
     from robo47_qp.command import main
 
-    sys.exit(main(EvaluateOptions, run, __doc__))
+    sys.exit(main(EvaluateOptions, run, __doc__, repeated=True))

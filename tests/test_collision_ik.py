@@ -15,6 +15,7 @@ from robo47_qp.ik.avoidance import Rows
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.clearance import Clearance, clearance_of
 from robo47_qp.ik.descent import Descent
+from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
@@ -106,6 +107,29 @@ def test_every_target_of_a_clear_configuration_is_reached_clear(
         least = min(least, judged)
     # It is what was asked for, and the answers do make use of the room.
     assert ASKED - 1e-7 <= least < 0.02
+
+
+def test_dls_avoids_nothing_and_is_refused_where_it_ends_too_close(
+    crowded: Arm, contacts: Contacts
+) -> None:
+    """Its steps are the same; restarts find another answer, where there is one."""
+    free, looked_at = DlsIk(), DlsIk(clearance=ASKED)
+    again = MultiStart(solver=looked_at, max_restarts=10)
+    refused, saved = 0, 0
+    for target in poses(crowded, 50, clear=False):
+        plain = free.solve(crowded, target, crowded.home)
+        result = looked_at.solve(crowded, target, crowded.home)
+        assert result.q.tolist() == plain.q.tolist()
+        if not plain.converged:
+            assert (result.reason, result.clearance) == (plain.reason, None)
+            continue
+        least = contacts.least(result.q)
+        assert result.reason is (Reason.COLLISION if least < ASKED else None)
+        if least < ASKED and not result.inevitable and refused < 8:
+            other = again.solve(crowded, target, crowded.home)
+            assert not other.converged or contacts.least(other.q) >= ASKED - 1e-7
+            refused, saved = refused + 1, saved + other.converged
+    assert refused > saved >= 1
 
 
 @EACH
@@ -275,9 +299,11 @@ def test_a_narrow_gap_is_found_by_restarts() -> None:
     assert contacts.least(result.q) >= ASKED - 1e-7
 
 
-@pytest.mark.parametrize("kind", [LmIk, QpIk])
+@pytest.mark.parametrize("kind", [LmIk, QpIk, DlsIk])
 @pytest.mark.parametrize("clearance", [-0.01, np.nan, np.inf])
-def test_a_clearance_that_is_none_is_refused(kind: type[LmIk | QpIk], clearance: float) -> None:
+def test_a_clearance_that_is_none_is_refused(
+    kind: type[LmIk | QpIk | DlsIk], clearance: float
+) -> None:
     with pytest.raises(InvalidValueError, match="clearance must be finite and not negative"):
         kind(clearance=clearance)
 

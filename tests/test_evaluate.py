@@ -15,7 +15,7 @@ from rich.console import Console
 
 from robo47_qp.command import main
 from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
-from robo47_qp.evaluation import evaluate as evaluate_module
+from robo47_qp.evaluation import job, replay
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.journal import JournalError
@@ -83,7 +83,8 @@ class InProcess:
 def _in_process() -> Iterator[None]:
     """Starting workers takes longer than the episodes; tests of workers are elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluate_module, "LocalProcesses", InProcess)
+        for module in (job, replay):
+            patch.setattr(module, "LocalProcesses", InProcess)
         yield
 
 
@@ -177,9 +178,9 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
         with pytest.raises(error, match=match):
             evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
 
-    refused(PolicyLoadError, "cannot be loaded", policy="nowhere:Policy")
+    refused(PolicyLoadError, "cannot be loaded", policy=("nowhere:Policy",))
     good = "tests.toy_policies:GoodPolicy"
-    refused(InvalidValueError, "--policy must be classical; found tests", policy=good)
+    refused(InvalidValueError, "--policy must be classical; found tests", policy=(good,))
     refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
     (tmp_path / "odd.json").write_text('{"settings": {}}')
     refused(
@@ -193,7 +194,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
 
 
 def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
-    chosen = options(tmp_path, episodes=1, policy="tests.toy_policies:GoodPolicy", workers=1)
+    chosen = options(tmp_path, episodes=1, policy=("tests.toy_policies:GoodPolicy",), workers=1)
     assert evaluate(Odd(), PANDA, chosen, QUIET, GoodCell) == 0
     assert read(tmp_path)["policy"] == "tests.toy_policies:GoodPolicy"
 
@@ -251,7 +252,7 @@ def test_the_script_ends_with_2_for_bad_input(
     log = str(tmp_path / "eval.rrd")
     for arguments in (["--task", "fly"], ["--workers", "0"], ["--policy", "nowhere:Policy"]):
         monkeypatch.setattr(sys, "argv", ["evaluate.py", "--log", log, "--json", *arguments])
-        assert main(EvaluateOptions, scenario.run, "") == 2
+        assert main(EvaluateOptions, scenario.run, "", repeated=True) == 2
         out, err = capsys.readouterr()
         assert out == ""
         assert err.startswith("error: ")

@@ -11,9 +11,10 @@ from mink import SE3, SO3
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.failure import Cause
-from robo47_qp.options import RunOptions
+from robo47_qp.options import IkName, RunOptions
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
+from robo47_qp.runner import Runner
 from robo47_qp.simulation import Simulation
 from tasks.memory import put_away
 from tasks.obstacle_reach import ObstacleReach
@@ -149,11 +150,23 @@ def test_variants_differ_and_stand_apart() -> None:
     assert len({drawn(seed).post for seed in range(50)}) == 50
 
 
-def test_ik_that_cannot_keep_clear_is_refused() -> None:
-    with pytest.raises(
-        InvalidValueError, match="--ik must be qp or lm for a task with obstacles; found dls"
-    ):
-        RunOptions(ik="dls").scenario(PANDA, ObstacleReach())
+def test_dls_takes_another_answer_where_its_first_one_is_in_the_way() -> None:
+    task = drawn(DETOURS)
+
+    def carried_out(ik: IkName) -> Run:
+        scenario = RunOptions(ik=ik, seed=DETOURS).scenario(PANDA, task)
+        return Runner(scenario, Simulation(PANDA, task.build_scene)).run()
+
+    alone = carried_out("dls-single")
+    assert alone.failure is not None
+    assert alone.failure.cause is Cause.IK
+    assert "post" in alone.failure.evidence
+    assert "10 mm are asked" in alone.failure.evidence
+    assert not alone.rows["joints/v_ref"].any()
+    run = carried_out("dls")
+    assert run.failure is None
+    assert not run.rows["contact/links"].any()
+    assert not run.rows["contact/tool"].any()
 
 
 @pytest.mark.parametrize("name", ["post_radius", "shelf_height", "behind", "seconds", "force_max"])

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.contender import Contender, check_different, labels
 from robo47_qp.evaluation.executor import cores
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policy import CLASSICAL
-from robo47_qp.options import LOGS, RunOptions
+from robo47_qp.options import LOGS, IkName, RunOptions
 from robo47_qp.policy_runner import Pace
 
 _MILLI = 1e-3
@@ -60,9 +61,11 @@ class EvaluateOptions(PerturbOptions):
 
     task: str = "pick_place"
     """Name of a task."""
-    policy: str = CLASSICAL
-    """The classical stack, or module:Class or file.py:Class of a policy: a class with
-    reset(observation) and act(observation)."""
+    policy: tuple[str, ...] = ()
+    """The classical stack (the default): classical with the IK of --ik, or classical:qp, :lm,
+    :dls, :qp-single, :lm-single or :dls-single. Or module:Class or file.py:Class of a policy: a
+    class with reset(observation) and act(observation). Given more than once, each one runs on
+    the same seeds, and the first is the baseline that each other one is compared with."""
     rate: float = Pace.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
     time_limit: float = Pace.seconds
@@ -77,8 +80,9 @@ class EvaluateOptions(PerturbOptions):
     """Wall time of an episode, after which its process is killed and replaced [s]."""
     cluster: Literal["local", "ray"] = "local"
     """Where episodes run: processes of this machine, or a Ray cluster (needs the extra "ray")."""
-    ik: Literal["qp", "lm", "dls"] = "qp"
-    """Inverse kinematics of the classical stack."""
+    ik: IkName = "qp"
+    """Inverse kinematics of plain classical: restarted from other configurations where it gets
+    stuck, or from a single start (-single)."""
     speed: float = 1.0
     """Pace of the classical stack, 0.01 to 1."""
     perturb: Literal["none", "moderate", "severe"] = "none"
@@ -94,7 +98,8 @@ class EvaluateOptions(PerturbOptions):
     """Report (.json) of another evaluation on the same seeds to compare with."""
     log: Path = LOGS / "eval.rrd"
     """Recording of the failures; the other files go beside it: report (.json and .md), journal
-    (.jsonl), picture (.png)."""
+    (.jsonl), picture (.png). Of several policies, each has files of its own (eval.NAME.json and
+    so on), and eval.json and eval.md hold the comparison."""
     json: bool = False
     """Print the report as JSON on the standard output and nothing else."""
 
@@ -109,14 +114,58 @@ class EvaluateOptions(PerturbOptions):
                 raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
         if not 0.0 < self.timeout < float("inf"):
             raise InvalidValueError("--timeout", self.timeout, "above 0 and finite")
-        if self.policy == CLASSICAL and self.pace != Pace():
-            raise InvalidValueError(
-                "--rate or --time-limit", "another one", f"left out with --policy {CLASSICAL}"
-            )
+        self._check_policies()
         if self.replay is not None and self.replay < 0:
             raise InvalidValueError("--replay", self.replay, "0 or more")
         if self.log.suffix != ".rrd":
             raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
+
+    def _check_policies(self) -> None:
+        contenders = self.contenders
+        check_different(contenders)
+        if all(contender.ik is not None for contender in contenders) and self.pace != Pace():
+            raise InvalidValueError(
+                "--rate or --time-limit", "another one", f"left out with --policy {CLASSICAL}"
+            )
+        if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
+            raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
+        for name in ("against", "replay"):
+            found = getattr(self, name)
+            if len(contenders) > 1 and found is not None:
+                raise InvalidValueError(f"--{name}", found, "left out with several policies")
+
+    @property
+    def contenders(self) -> list[Contender]:
+        """The policies, in their order.
+
+        Raises:
+            UnknownNameError: One names an IK that nobody knows.
+        """
+        names = self.policy if self.policy else (CLASSICAL,)
+        return [Contender.of(name, self.ik) for name in names]
+
+    @property
+    def contender(self) -> Contender:
+        """The policy, where there is one."""
+        return self.contenders[0]
+
+    @property
+    def each(self) -> "list[EvaluateOptions]":
+        """The same for each policy alone, with files of its own where there are several."""
+        contenders = self.contenders
+        if len(contenders) == 1:
+            return [self]
+        return [
+            replace(
+                self,
+                policy=(contender.name,),
+                ik=self.ik if contender.name == CLASSICAL else EvaluateOptions.ik,
+                rate=self.rate if contender.ik is None else Pace.rate,
+                time_limit=self.time_limit if contender.ik is None else Pace.seconds,
+                log=self.log.with_name(f"{self.log.stem}.{label}.rrd"),
+            )
+            for contender, label in zip(contenders, labels(contenders), strict=True)
+        ]
 
     @property
     def pace(self) -> Pace:
@@ -143,7 +192,7 @@ class EvaluateOptions(PerturbOptions):
         Raises:
             InvalidValueError: The speed is out of range.
         """
-        return RunOptions(ik=self.ik, speed=self.speed)
+        return RunOptions(ik=self.contender.ik or self.ik, speed=self.speed)
 
     @property
     def files(self) -> dict[str, Path]:
@@ -155,7 +204,8 @@ class EvaluateOptions(PerturbOptions):
 
 def policy_settings(options: EvaluateOptions, digest: str | None) -> dict[str, Any]:
     """The policy as JSON: what the results depend on of it."""
-    named = {"name": options.policy}
-    if options.policy == CLASSICAL:
-        return {**named, "ik": options.ik, "speed": options.speed}
+    contender = options.contender
+    named = {"name": contender.name}
+    if contender.ik is not None:
+        return {**named, "ik": contender.ik, "speed": options.speed}
     return {**named, "sha256": digest, "rate": options.rate, "time_limit": options.time_limit}

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from types import TracebackType
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from robo47_qp.evaluation.episode import EpisodeResult
@@ -13,10 +14,10 @@ from robo47_qp.statistics import wilson
 class EvaluationBar:
     """A bar over the episodes, with the success rate so far and the time left."""
 
-    def __init__(self, console: Console, episodes: int) -> None:
-        """Prepare an empty bar."""
+    def __init__(self, console: Console, episodes: int, title: str = "episodes") -> None:
+        """Prepare an empty bar, with a title before it."""
         self._progress = Progress(
-            TextColumn("episodes"),
+            TextColumn(escape(title)),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
             TextColumn("{task.description}"),

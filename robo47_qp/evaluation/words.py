@@ -37,18 +37,18 @@ def markdown(figures: Mapping[str, Any], pictures: Sequence[str]) -> str:
     if "comparison" in figures:
         lines += [comparison_line(figures["comparison"]) + ".", ""]
     if figures["causes"]:
-        lines += ["## Why episodes failed", "", *_table(("cause", "episodes"), _causes(figures))]
+        lines += ["## Why episodes failed", "", *table(("cause", "episodes"), _causes(figures))]
     lines += ["## Figures of the successes", ""]
-    lines += _table(("figure", "median", "95th percentile", "largest"), _rows(figures))
+    lines += table(("figure", "median", "95th percentile", "largest"), _rows(figures))
     lines += [f"![{name}]({name})\n" for name in pictures]
     failures = [e for e in figures["entries"] if not e["success"]]
     if failures:
         lines += ["## Failures", ""]
-        lines += _table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
+        lines += table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
     if figures.get("timing"):
         lines += ["## Throughput", "", throughput_line(figures["timing"]) + ".", ""]
-    lines += ["## Settings", "", *_table(("setting", "value"), figures["settings"].items())]
-    lines += ["## Versions", "", *_table(("package", "version"), figures["versions"].items())]
+    lines += ["## Settings", "", *table(("setting", "value"), figures["settings"].items())]
+    lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
     return "\n".join(lines)
 
 
@@ -59,6 +59,16 @@ def throughput_line(timing: Mapping[str, Any]) -> str:
         f"workers: {timing['episodes_per_minute']:.1f} per minute, "
         f"{timing['episodes_per_minute_per_worker']:.1f} per worker"
     )
+
+
+def table(head: Sequence[str], rows: Any) -> list[str]:
+    """A table with as many rows as are read; the rest is told."""
+    every = list(rows)
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in every[:MOST]]
+    if len(every) > MOST:
+        lines.append(f"\n{len(every) - MOST} more are in the JSON file.")
+    return [*lines, ""]
 
 
 def _causes(figures: Mapping[str, Any]) -> list[tuple[str, int]]:
@@ -77,16 +87,6 @@ def _failure(entry: Mapping[str, Any]) -> tuple[Any, ...]:
         return entry["seed"], "error", "", "", entry["error"].splitlines()[-1]
     time = "" if entry["time"] is None else f"{entry['time']:.2f}"
     return entry["seed"], entry["cause"], entry["step"] or "", time, entry["evidence"]
-
-
-def _table(head: Sequence[str], rows: Any) -> list[str]:
-    """A table with as many rows as are read; the rest is told."""
-    every = list(rows)
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in every[:MOST]]
-    if len(every) > MOST:
-        lines.append(f"\n{len(every) - MOST} more are in the JSON file.")
-    return [*lines, ""]
 
 
 def _cell(value: object) -> str:

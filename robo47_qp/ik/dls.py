@@ -8,6 +8,7 @@ from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.settings import check_steps, check_weight
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 
@@ -18,7 +19,9 @@ class DlsIk:
 
     dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e the way to the target in the tool frame, a displacement
     and a rotation vector; with `position_only` the rows of the rotation are left out. It
-    knows nothing of joint limits: with `clip`, each step ends inside them by clamping.
+    knows nothing of joint limits: with `clip`, each step ends inside them by clamping. Nor does
+    it know of obstacles: with `clearance`, an answer that is too close to something is refused
+    once it is there, and other starts may find another (see `MultiStart`).
     (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with Jacobian
     transpose, pseudoinverse and damped least squares methods", 2004.)
     """
@@ -31,6 +34,9 @@ class DlsIk:
     """λ: the larger, the slower and the calmer near singularities [m or rad per rad]."""
     max_iterations: int = 200
     """Steps before giving up."""
+    clearance: float | None = None
+    """Distance that an answer must keep from itself and from obstacles [m]; looked at in the end
+    only, no step avoids anything. None looks at none."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
@@ -41,6 +47,8 @@ class DlsIk:
         """
         check_steps("max_iterations", self.max_iterations)
         check_weight("damping", self.damping)
+        if self.clearance is not None:
+            check_clearance(self.clearance)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
@@ -64,5 +72,5 @@ class DlsIk:
             q = q + J.T @ np.linalg.solve(J @ J.T + regular, e)
             if self.clip:
                 q = np.clip(q, arm.q_min, arm.q_max)
-        result = judged(arm, T_world_target, q, tolerance, iteration)
+        result = judged(arm, T_world_target, q, tolerance, iteration, None, self.clearance)
         return replace(result, seconds=process_time() - started)
