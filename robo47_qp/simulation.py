@@ -208,6 +208,11 @@ class Simulation:
         """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, none."""
         return 0.0
 
+    @property
+    def weights_known(self) -> bool:
+        """Whether objects are as heavy as modelled: here, they are."""
+        return True
+
     def object_twist(self, name: str) -> Vector:
         """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
 
