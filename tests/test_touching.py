@@ -7,6 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
@@ -15,7 +16,7 @@ from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Compliance, Comply, Condition, Guarded
 from robo47_qp.task import Program
-from robo47_qp.waypoint import Motion, Place, Waypoint
+from robo47_qp.waypoint import Motion, Payload, Place, Waypoint
 from tests.examples import shifted
 from tests.runs import Reach, carry_out
 
@@ -226,6 +227,20 @@ def test_springs_give_way_to_what_is_in_the_way() -> None:
     force = rows_of(run_program(program), "comply", "contact/tool")[-1, 2]
     # 20 mm less what the plate gives: 400 N/m in series with a plate that is far stiffer.
     assert 5.0 < force < 8.0
+
+
+def test_what_the_tool_is_told_to_hold_is_held_up() -> None:
+    """Nothing is there: so the springs are pulled up by the weight."""
+    load = Payload(mass=0.5, inertia=(1e-4,) * 3, T_tcp_com=SE3.identity())
+
+    def program(simulation: Simulation) -> Program:
+        springs = Compliance()
+        yield Comply(waypoints=(), compliance=springs, carried=load, seconds=0.8, stay=True)
+        yield Comply(waypoints=(), compliance=springs, seconds=0.1)
+        return None
+
+    z = rows_of(run_program(program), "comply", "tool/pose")[:, 2]
+    assert z[-1] - z[0] == pytest.approx(0.5 * 9.81 / 800.0, rel=0.02)
 
 
 def test_what_breaks_on_the_way_stops_the_arm_and_is_told() -> None:
