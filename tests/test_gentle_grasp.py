@@ -113,7 +113,7 @@ def test_a_grip_is_as_fast_as_the_gripper_at_most() -> None:
 
 def test_in_a_cell_that_errs_an_item_is_grasped_and_carried_within_all_limits() -> None:
     """An item of 0.4 kg that weighs 0.33 kg, seen to 5 mm by frame: met hard, and taken to be
-    heavier than it is, it breaks four promises."""
+    heavier than it is, it breaks three promises."""
     episode = TaskEpisode(robot=PANDA, task=PickPlace(), perturbation=PRESETS["moderate"])
     scenario = episode.scenario(505)
     run = episode.drive(scenario, episode.simulation(scenario, 505), sinks=(), observers=())
