@@ -5,6 +5,7 @@ from robo47_qp.loop import TICK_ROWS, ControlLoop
 from robo47_qp.scene import TIMESTEP
 from robo47_qp.step_failures import Broken, demand, planned
 from robo47_qp.steps import (
+    Compliance,
     Comply,
     Follow,
     Grasp,
@@ -50,7 +51,8 @@ class Actions:
             case Move():
                 self._move(action)
             case Grasp():
-                self._grip(action.name, Grip(width=action.width, force=action.force))
+                grip = Grip(width=action.width, force=action.force, speed=action.speed)
+                self._grip(action.name, grip, action.compliance)
             case Release():
                 self._release(action)
             case Wait():
@@ -92,16 +94,20 @@ class Actions:
         width = gripper.width_max if step.width is None else step.width
         self._grip(step.name, Grip(width=width, force=gripper.force_max))
 
-    def _grip(self, name: str, grip: Grip) -> None:
+    def _grip(self, name: str, grip: Grip, compliance: Compliance | None = None) -> None:
         loop, sim = self._loop, self._loop.sim
         if grip.width > sim.width():
             loop.believe(None)
         sim.command_grip(grip)
+        if compliance is not None:
+            self._touching.soften(compliance)
+        loop.begin(name, compliant=compliance is not None, afresh=False)
         still, waited = 0.0, 0.0
         while still < _GRIP_STILL and waited < _GRIP_TIMEOUT:
-            self._hold(name, TICK_ROWS * TIMESTEP)
+            loop.hold(TICK_ROWS * TIMESTEP)
             waited += TICK_ROWS * TIMESTEP
             still = still + TICK_ROWS * TIMESTEP if sim.grip_settled() else 0.0
+        self.finish()
         force = sim.last_finger_forces()
         loop.note(f"{name}: {1e3 * sim.width():.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
 

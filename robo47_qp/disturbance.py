@@ -188,6 +188,11 @@ class DisturbedSimulation(Simulation):
         """Standard deviation of a position in `seen_pose`, per axis and frame [m]."""
         return self.disturbance.pose_noise
 
+    @property
+    def weights_known(self) -> bool:
+        """Whether objects are as heavy as their models say."""
+        return self.disturbance.object_mass_factor == 1.0
+
     def place_object(self, name: str, T_world_object: SE3) -> None:
         """As `Simulation.place_object`; the camera sees it at its new place at once."""
         super().place_object(name, T_world_object)

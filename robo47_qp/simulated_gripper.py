@@ -37,7 +37,7 @@ class SimulatedGripper:
         self.command(self._open)
 
     def command(self, grip: Grip) -> None:
-        """Let the fingers move to a width, at the gripper's speed and with a bounded force.
+        """Let the fingers move to a width, with a bounded speed and force.
 
         Raises:
             InvalidValueError: Width or force are outside what the gripper can do.
@@ -63,7 +63,7 @@ class SimulatedGripper:
         ctrl, wanted = self._data.ctrl, self._grip.width
         now = float(ctrl[self._servo])
         if now != wanted:
-            step = self.gripper.speed_max * TIMESTEP
+            step = min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
             ctrl[self._servo] = min(max(wanted, now - step), now + step)
 
     def width(self) -> float:

@@ -19,9 +19,8 @@ from robo47_qp.waypoint import Grip
 class Simulation:
     """Robot and objects in MuJoCo, stepped with joint torques.
 
-    After construction and after every `step`, what can be read belongs to the instant
-    `time`: positions, velocities, tool and object poses. What belongs to the period that
-    led there (acceleration, contact forces, torques) is named `last_...`.
+    What can be read belongs to the instant `time`: positions, velocities, tool and object poses.
+    What belongs to the period that led there (acceleration, forces, torques) is named `last_...`.
     """
 
     def __init__(self, robot: Robot, build_scene: BuildScene) -> None:
@@ -101,7 +100,7 @@ class Simulation:
         return self._needed("the task").gripper
 
     def command_grip(self, grip: Grip) -> None:
-        """Let the fingers move to a width, at the gripper's speed and with a bounded force.
+        """Let the fingers move to a width, with a bounded speed and force.
 
         Raises:
             InvalidValueError: Width or force are outside what the gripper can do.
@@ -170,9 +169,8 @@ class Simulation:
     def last_tool_force(self) -> Vector:
         """Net contact force on the tool in the last period (3,), in the world [N].
 
-        What the rest of the world does to the last joint's body and all that it carries, as a
-        sensor at the wrist reads it, without inertia and weight: a hand that presses on a table
-        feels +z.
+        What the world does to the last joint's body and all that it carries, as a sensor at the
+        wrist reads it, without inertia and weight: a hand that presses on a table feels +z.
         """
         return self._contact.tool_force()
 
@@ -207,6 +205,11 @@ class Simulation:
     def camera_noise(self) -> float:
         """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, none."""
         return 0.0
+
+    @property
+    def weights_known(self) -> bool:
+        """Whether objects are as heavy as modelled: here, they are."""
+        return True
 
     def object_twist(self, name: str) -> Vector:
         """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).

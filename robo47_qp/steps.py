@@ -65,6 +65,10 @@ class Grasp(_Conditions):
     """Of one finger [N]."""
     width: float = 0.0
     """Opening width to close to, if nothing is in between [m]."""
+    speed: float = inf
+    """Rate of the opening width at most, beside that of the gripper [m/s]."""
+    compliance: "Compliance | None" = None
+    """How the tool gives way meanwhile, to fingers that do not meet at once; None is stiff."""
     name: str = "grasp"
 
 
@@ -170,9 +174,10 @@ class Comply(_Conditions):
     """
 
     waypoints: tuple[Waypoint, ...]
-    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`. The belief about
-    what the tool holds stays."""
+    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`."""
     compliance: Compliance
+    carried: Payload | None = None
+    """What the tool holds from now on; None leaves the belief about that as it is."""
     speed: float = inf
     """Speed along the waypoints at most, beside their own pace [m/s]."""
     seconds: float = 0.0

@@ -72,6 +72,16 @@ class Touching:
         if not step.stay:
             self.stiffen()
 
+    def soften(self, compliance: Compliance) -> None:
+        """Give way from now on, until `stiffen`."""
+        control = self._loop.control
+        if compliance is self._compliance:
+            return
+        if self._stiff is None:
+            self._stiff = control.controller
+        self._compliance = compliance
+        control.switch(self._controller(compliance))
+
     def stiffen(self) -> None:
         """Take where a yielding arm has come to as the reference, and bring it to rest there."""
         if self._stiff is None:
@@ -101,7 +111,9 @@ class Touching:
         if step.renew and self._stiff is not None:
             self._renew(loop.control.controller)
         legs = planned(loop, step.waypoints, planner) if step.waypoints else []
-        self._soften(step.compliance)
+        if step.carried is not None:
+            loop.believe(step.carried)
+        self.soften(step.compliance)
         for leg in legs:
             loop.begin(leg.waypoint.name, leg, compliant=True)
             if loop.track(leg.trajectory, looking, block=_GUARD_ROWS):
@@ -113,15 +125,6 @@ class Touching:
             loop.begin(step.name, compliant=True)
             still = hold(loop.reference.q, round(step.seconds / TIMESTEP), TIMESTEP)
             loop.track(still, looking, block=_GUARD_ROWS)
-
-    def _soften(self, compliance: Compliance) -> None:
-        control = self._loop.control
-        if compliance is self._compliance:
-            return
-        if self._stiff is None:
-            self._stiff = control.controller
-        self._compliance = compliance
-        control.switch(self._controller(compliance))
 
     def _controller(self, compliance: Compliance) -> Controller:
         springs = CartesianImpedance(stiffness=compliance.stiffness, frame=compliance.frame)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import inf
 
 import numpy as np
 from mink import SE3, SO3
@@ -36,6 +37,17 @@ class Grip:
     """Opening width to move to [m]; a smaller one than the object's squeezes it."""
     force: float
     """Force of one finger at most [N]."""
+    speed: float = inf
+    """Rate of the opening width at most, beside that of the gripper [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on the gripper.
+
+        Raises:
+            InvalidValueError: The speed is not positive.
+        """
+        if not self.speed > 0.0:
+            raise InvalidValueError("grip speed", self.speed, "above 0 [m/s]")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,25 +1,38 @@
 """Handling: the steps that pick an item and put it somewhere."""
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from mink import SE3
 
 from robo47_qp.failure import Cause, Failure, StepFailed
 from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Compliance, Comply, Condition, Grasp, Move, Release, Step
+from robo47_qp.steps import Condition, Grasp, Move, Release, Step
 from robo47_qp.waypoint import Motion, Place, Waypoint
+from tasks.closing import close
 from tasks.headings import heading
 from tasks.holding import Hold
 from tasks.item import Item, turned_about_vertical
 from tasks.looking import look
+from tasks.weighing import weigh
 
 LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
 """Failures after which it makes sense to look where the item is and to try again."""
 UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
 """Failures before a step has begun."""
 HOME = Waypoint(name="home", target=Place.HOME)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """What is known of an item from when it was picked."""
+
+    above: float | None
+    """Height of its centre above the tool point, where that is known [m]."""
+    mass: float
+    """[kg]"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,51 +53,64 @@ class Handling:
     T_item_standing: SE3 | None = None
     """Turn of an item that has tipped over: from its own frame to that of `item`, with z up."""
 
-    def pick(self) -> Generator[Step, None, float | None]:
-        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up.
-
-        Returns:
-            Height of the item's centre above the tool point, where that is known [m].
-        """
+    def pick(self) -> Generator[Step, None, Held]:
+        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up."""
         T_world_item = yield from self._look(self.resting)
         yield from self.approach(T_world_item)
-        yield Grasp(name="close gripper", force=self.force, after=(self._held(Cause.GRASP),))
-        if self.simulation.camera_noise:
-            # Fingers that close beside the middle push the item and the arm aside.
-            yield Comply(name="give way", waypoints=(), compliance=Compliance(), seconds=0.1)
-        T_world_tcp = self.simulation.tool_pose()
-        yield self.lift(T_world_tcp, self._seen())
-        return None if self.resting is None else self.resting - float(T_world_tcp.translation()[2])
+        held = (self._held(Cause.GRASP),)
+        grasp = Grasp(name="close gripper", force=self.force, after=held)
+        yield from close(self.simulation, self.item, T_world_item, grasp)
+        height = float(self.simulation.tool_pose().translation()[2])
+        hand = yield from self._weighed()
+        yield hand.lift(self.simulation.tool_pose(), self._seen())
+        above = None if self.resting is None else self.resting - height
+        return Held(above=above, mass=hand.item.mass)
 
-    def place(self, T_world_goal: SE3, held: float | None = None) -> Generator[Step, None, None]:
+    def holding(self, held: Held | None) -> Self:
+        """With what is known of the item since it was picked."""
+        return self if held is None else replace(self, item=replace(self.item, mass=held.mass))
+
+    def place(self, T_world_goal: SE3, held: Held | None = None) -> Generator[Step, None, None]:
         """Carry the item to a pose and let go of it; fails with DROP on the way.
 
         Args:
             T_world_goal: Pose of the item where it is let go.
             held: What `pick` returned.
         """
+        hand = self.holding(held)
         T_world_item = yield from self.look_held(held)
         T_world_tcp = self.simulation.tool_pose()
-        yield self.carry(T_world_tcp, T_world_item, T_world_goal)
+        yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
         # It may have turned between the fingers on the way.
         T_world_item = yield from self.look_held(held)
         T_world_tcp = self.simulation.tool_pose()
-        lower = self.lower(T_world_tcp, T_world_item, T_world_goal)
+        lower = hand.lower(T_world_tcp, T_world_item, T_world_goal)
         try:
             yield lower
         except StepFailed as error:
             if error.failure.cause not in UNPLANNED:
                 raise
             # As it has turned, the line would leave a joint's limits: come down in another branch.
-            yield self.carry(T_world_tcp, T_world_item, T_world_goal)
+            yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
             yield lower
         yield self.release()
 
-    def look_held(self, held: float | None) -> Generator[Step, None, SE3]:
+    def look_held(self, held: Held | None) -> Generator[Step, None, SE3]:
         """Where the item is, as one that stands, while it is held; `held` as in `place`."""
-        height = float(self.simulation.tool_pose().translation()[2])
-        T_world_item = yield from self._look(None if held is None else height + held)
+        height = None
+        if held is not None and held.above is not None:
+            height = float(self.simulation.tool_pose().translation()[2]) + held.above
+        T_world_item = yield from self._look(height)
         return T_world_item
+
+    def _weighed(self) -> Generator[Step, None, Self]:
+        """With the mass that the item has, where that is not known."""
+        sim = self.simulation
+        if sim.weights_known:
+            return self
+        payload = self.item.payload(sim.tool_pose().inverse() @ self._seen())
+        mass = yield from weigh(sim, self.item.name, payload, self._held(Cause.GRASP))
+        return self.holding(Held(above=None, mass=mass))
 
     def _look(self, height: float | None) -> Generator[Step, None, SE3]:
         T_world_item = yield from look(self.simulation, self.item.name, height)

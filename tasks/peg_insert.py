@@ -117,7 +117,8 @@ class PegInsert:
         for attempt in range(1 + self.retries):
             try:
                 if offset is None:
-                    yield from hand.pick()
+                    held = yield from hand.pick()
+                    hand = hand.holding(held)
                     offset = yield from hand.offset()
                 yield from hand.insert(offset, radius)
             except StepFailed as error:

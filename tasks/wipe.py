@@ -108,7 +108,7 @@ class Wipe:
         for attempt in range(1 + self.retries):
             try:
                 if not held:
-                    yield from hand.pick()
+                    hand = hand.holding((yield from hand.pick()))
                     held = True
                 yield from hand.wipe()
                 if marks_left(simulation) and attempt < self.retries:

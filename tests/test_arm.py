@@ -240,7 +240,7 @@ def test_a_margin_draws_every_limit_in(robot: Robot, arm: Arm) -> None:
 
 @pytest.mark.parametrize("margin", [-0.1, 0.5, np.nan])
 def test_a_margin_that_leaves_nothing_is_refused(robot: Robot, margin: float) -> None:
-    with pytest.raises(InvalidValueError, match="margin must be at least 0 and below 0.5"):
+    with pytest.raises(InvalidValueError, match=r"margin must be at least 0 and below 0\.5"):
         Arm(robot, margin=margin)
 
 

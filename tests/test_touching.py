@@ -7,6 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.arm import Arm
 from robo47_qp.audit import audit
@@ -17,7 +18,7 @@ from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Compliance, Comply, Condition, Guarded
 from robo47_qp.task import Program
-from robo47_qp.waypoint import Motion, Place, Waypoint
+from robo47_qp.waypoint import Motion, Payload, Place, Waypoint
 from tests.examples import shifted
 from tests.runs import Reach, carry_out
 
@@ -257,6 +258,20 @@ def test_springs_that_lose_their_load_do_it_without_a_jump_of_the_torque() -> No
         load = lever @ force[start]
         assert np.abs(load).max() > 2.0
         assert np.abs(np.diff(tau[start - 3 : start + 3], axis=0)).max() < 0.1
+
+
+def test_what_the_tool_is_told_to_hold_is_held_up() -> None:
+    """Nothing is there: so the springs are pulled up by the weight."""
+    load = Payload(mass=0.5, inertia=(1e-4,) * 3, T_tcp_com=SE3.identity())
+
+    def program(simulation: Simulation) -> Program:
+        springs = Compliance()
+        yield Comply(waypoints=(), compliance=springs, carried=load, seconds=0.8, stay=True)
+        yield Comply(waypoints=(), compliance=springs, seconds=0.1)
+        return None
+
+    z = rows_of(run_program(program), "comply", "tool/pose")[:, 2]
+    assert z[-1] - z[0] == pytest.approx(0.5 * 9.81 / 800.0, rel=0.02)
 
 
 def test_what_breaks_on_the_way_stops_the_arm_and_is_told() -> None:
