@@ -1,6 +1,7 @@
 """Reach tool poses that are spread over the workspace."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -15,16 +16,18 @@ from robo47_qp.steps import Move, Step, Wait
 from robo47_qp.task import Program
 from robo47_qp.waypoint import Place, Waypoint, tool_down
 from tasks.held import Held
-from tasks.table import TABLE_TOP, add_table
+from tasks.table import TABLE, TABLE_TOP, add_table
 
-_DISTANCE = (0.48, 0.72)
+_DISTANCE = (0.35, 0.75)
 """Range of the horizontal distance from the base [m]."""
-_DIRECTION = np.deg2rad(45.0)
+_DIRECTION = np.deg2rad(90.0)
 """How far from straight ahead, seen from the base [rad]."""
-_HEIGHT = (0.20, 0.50)
+_HEIGHT = (0.15, 0.60)
 """Range of heights above the table [m]."""
 _TILT = np.deg2rad(60.0)
 """How far the tool's axis is from straight down at most [rad]."""
+_ROOM = 0.015
+"""What does not touch stays this far apart at random poses: room for a clearance [m]."""
 _DRAWS = 100_000
 """Configurations to draw per pose, at most; about one in a hundred lies in the workspace."""
 _STILL = 2e-3
@@ -60,8 +63,8 @@ class Reach:
     """How long each pose is held [s]."""
     force_max: float = 1.0
     """See `Task.force_max`; nothing is to be touched [N]."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """Nothing stands on the table."""
+    obstacles: tuple[Obstacle, ...] = (TABLE,)
+    """All that is in the way."""
     name: str = "reach"
 
     def __post_init__(self) -> None:
@@ -164,9 +167,11 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
     Raises:
         InvalidValueError: None was found: the robot does not reach into the workspace.
     """
-    model, robot = simulation.model, simulation.robot
+    model, robot = copy(simulation.model), simulation.robot
+    model.geom_margin[:] = 0.5 * _ROOM  # of both geoms of a pair, added up
     data = mujoco.MjData(model)
     data.qpos[:] = simulation.data.qpos
+    as_built = _close(model, data)
     joints = [model.joint(name) for name in robot.joints]
     addresses = [int(joint.qposadr[0]) for joint in joints]
     low, high = np.array([joint.range for joint in joints]).T
@@ -176,14 +181,20 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
         mujoco.mj_kinematics(model, data)
         if not _in_workspace(data.site_xpos[tcp], -float(data.site_xmat[tcp][8])):
             continue
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
-        if data.ncon == 0:
+        if _close(model, data) <= as_built:
             rotation = SO3.from_matrix(data.site_xmat[tcp].reshape(3, 3))
             return SE3.from_rotation_and_translation(rotation, data.site_xpos[tcp].copy())
     raise InvalidValueError(
         "workspace", f"none of {_DRAWS} configurations of {robot.name} in it", "within reach"
     )
+
+
+def _close(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
+    """Pairs of geoms that are closer than their margins."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
+    return {(int(a), int(b)) for a, b in data.contact.geom}
 
 
 def _in_workspace(position: np.ndarray, down: float) -> bool:
