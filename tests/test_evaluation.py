@@ -99,7 +99,7 @@ def test_a_killed_evaluation_loses_nothing_that_was_finished(
         "from robo47_qp.evaluation.evaluation import Evaluation\n"
         "from robo47_qp.evaluation.executor import LocalProcesses\n"
         "from tests.toy_episodes import SETTINGS, Toy\n"
-        "e = Evaluation(episode=Toy(pause=0.1), settings=SETTINGS, episodes=12, seed=40)\n"
+        "e = Evaluation(episode=Toy(pause=0.4), settings=SETTINGS, episodes=12, seed=40)\n"
         "e.run(LocalProcesses(workers=2, timeout=60.0), Path(sys.argv[1]), print, resume=False)\n"
     )
     command = [sys.executable, "-c", code, str(path)]
