@@ -15,6 +15,7 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.ik.stall import Stall
+from robo47_qp.motion.chain import Chain
 from robo47_qp.motion.collisions import Collisions, Surroundings
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.planner import Planner
@@ -135,10 +136,12 @@ class RunOptions:
         planner = Planner(ik=self.solver(), profile=robot.profile, speed=self.speed)
         if task.obstacles:
             around = _around(task.obstacles)
+            collisions = Collisions(robot, around, clearance=_WAY_CLEARANCE)
             planner = replace(
                 planner,
                 ik=self.solver(_IK_CLEARANCE),
-                collisions=Collisions(robot, around, clearance=_WAY_CLEARANCE),
+                collisions=collisions,
+                chain=Chain(collisions=collisions),
                 detour=Detour(roomy=Collisions(robot, around, clearance=_SEARCH_CLEARANCE)),
             )
         return Scenario(

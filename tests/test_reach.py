@@ -12,13 +12,15 @@ from mink import SE3, SO3
 
 from robo47_qp.arm import Arm
 from robo47_qp.audit import audit
-from robo47_qp.errors import InvalidValueError, ModelError
+from robo47_qp.errors import InvalidValueError, ModelError, PlanError
 from robo47_qp.failure import Cause
+from robo47_qp.motion.chain import Chain
 from robo47_qp.options import RunOptions
 from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Move, Step, Wait
+from robo47_qp.waypoint import Waypoint
 from tasks.memory import put_away
 from tasks.reach import Reach
 from tests.runs import Meddler, carry_out, make_runner
@@ -241,3 +243,16 @@ def test_the_arm_must_be_home_at_the_end() -> None:
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         replace(Reach(), **change)  # type: ignore[arg-type]
+
+
+def test_a_pose_is_approached_in_a_branch_that_is_clear_of_open_fingers_too() -> None:
+    task, simulation = Reach(), _world()
+    task.reset(simulation, np.random.default_rng(171))
+    planner, arm = RunOptions().scenario(PANDA, task).planner, Arm(PANDA, obstacles=task.obstacles)
+    waypoint = Waypoint(name="pose 5", target=simulation.marker_pose("pose 5"))
+    q = planner.plan(arm, waypoint, arm.home, 1e-3).trajectory.end.q
+    assert planner.collisions is not None
+    assert planner.collisions.at(q) is None
+    careless = replace(planner, chain=Chain())
+    with pytest.raises(PlanError, match="link5 and left_finger come within"):
+        careless.plan(arm, waypoint, arm.home, 1e-3)

@@ -12,6 +12,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.route import refused, segment
 from robo47_qp.motion.tracking import LinError
@@ -49,6 +50,9 @@ class Chain:
     """Starts of the IK per PTP waypoint."""
     crowding: float = 0.5
     """What it costs to be at a joint limit [s]."""
+    collisions: Collisions | None = None
+    """What is not to be hit; configurations for PTP waypoints that do are passed over. IK, which
+    takes the fingers as closed, may take them for clear."""
 
     def choose(
         self,
@@ -112,7 +116,7 @@ class Chain:
             # The chain begins on a line: the branch is that of its start.
             starts = [_line(arm, ik, lin, first, q_start)]
         else:
-            starts = self.answers(arm, ik, first)
+            starts = self._clear(self.answers(arm, ik, first))
         branches, failed = [], []
         for start in starts:
             try:
@@ -122,6 +126,12 @@ class Chain:
         if not branches:
             raise _ruled_out(group, failed)
         return branches
+
+    def _clear(self, found: list[IkResult]) -> list[IkResult]:
+        """Those that hit nothing; all of them where there is none, for the planner to refuse."""
+        if self.collisions is None:
+            return found
+        return [result for result in found if self.collisions.at(result.q) is None] or found
 
     def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
         """Configurations for a PTP waypoint that differ, the preferred one first.
