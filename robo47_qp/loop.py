@@ -45,7 +45,8 @@ class ControlLoop:
         self.scenario, self.sim = scenario, simulation
         self.arm = Arm(scenario.robot, obstacles=scenario.task.obstacles)
         """The belief while nothing is held."""
-        self._inner = Arm(scenario.robot, obstacles=scenario.task.obstacles, margin=MARGIN)
+        inner = Arm(scenario.robot, obstacles=scenario.task.obstacles, margin=MARGIN)
+        self._inner = self.arm if inner.limit_margin(inner.home) < 0.0 else inner
         self.control = ActiveController(scenario.controller, self.arm, dt=TIMESTEP)
         self.recording = recording
         self.observers: tuple[Observer, ...] = ()
@@ -64,7 +65,7 @@ class ControlLoop:
     def planning_arm(self, q: Vector) -> Arm:
         """The belief that motions from q are planned with, its limits drawn in.
 
-        Where q itself is beyond those, it is the one with the whole range.
+        Where q itself or home is beyond those, it is the one with the whole range.
         """
         return self.arm if self._inner.limit_margin(q) < 0.0 else self._inner
 

@@ -80,7 +80,7 @@ class Reach:
                 raise InvalidValueError(name, getattr(self, name), "positive")
 
     def variant(self, rng: np.random.Generator) -> "Reach":
-        """The same: its scene is empty."""
+        """The same: its scene does not change."""
         return self
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:

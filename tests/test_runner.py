@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 from mink import SE3
 
-from robo47_qp.arm import Arm, JointReference, JointState
+from robo47_qp.arm import MARGIN, Arm, JointReference, JointState
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import PlanError, RecordingError
 from robo47_qp.failure import Cause, Failure
-from robo47_qp.loop import LOAD_CHANGES, TICK_ROWS
+from robo47_qp.loop import LOAD_CHANGES, TICK_ROWS, ControlLoop
 from robo47_qp.observer import Observer
-from robo47_qp.recording import Rows
+from robo47_qp.options import RunOptions
+from robo47_qp.recording import Recording, Rows
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.runner import Runner
 from robo47_qp.scene import TIMESTEP
+from robo47_qp.signals import all_signals
 from robo47_qp.simulation import Simulation
 from robo47_qp.waypoint import Motion, Payload, Place
 from tasks.pick_place import PickPlace
-from tests.runs import Reach, Witness, carry_out, make_runner, picked_and_placed
+from tests.runs import Reach, Witness, carry_out, make_runner, no_objects, picked_and_placed
 
 PHASES = [
     "approach",
@@ -376,3 +378,25 @@ def test_different_seeds_give_different_runs() -> None:
     starts = {picked_and_placed(seed=s).rows["objects/cube"][0].tobytes() for s in range(5)}
     goals = {picked_and_placed(seed=s).rows["objects/cube"][-1].tobytes() for s in range(5)}
     assert len(starts) == len(goals) == 5
+
+
+def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
+    scenario, simulation = RunOptions().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
+    recording = Recording(all_signals(PANDA, simulation.objects))
+    loop, arm = ControlLoop(scenario, simulation, recording), Arm(PANDA)
+    room = MARGIN * (arm.q_max - arm.q_min)
+    inner = loop.planning_arm(arm.home)
+    np.testing.assert_allclose(inner.q_min, arm.q_min + room)
+    np.testing.assert_allclose(inner.q_max, arm.q_max - room)
+    whole = loop.planning_arm(arm.q_max - 0.5 * room)
+    np.testing.assert_array_equal(whole.q_max, arm.q_max)
+
+
+def test_an_arm_that_starts_next_to_a_limit_can_leave_it_and_come_back() -> None:
+    arm = Arm(PANDA)
+    home = np.array(PANDA.home)
+    home[6] = arm.q_max[6] - 0.3 * MARGIN * (arm.q_max[6] - arm.q_min[6])
+    robot = replace(PANDA, home=home)
+    scenario = RunOptions().scenario(robot, Reach())
+    simulation = Simulation(robot, Reach().build_scene)
+    assert Runner(scenario, simulation).run().failure is None

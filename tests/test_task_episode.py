@@ -218,10 +218,11 @@ def test_a_policy_is_found_in_a_module_and_in_a_file(
     [
         ("nothing", "names no place and class"),
         ("module:not a name", "names no place and class"),
-        (f"{TOYS}:Missing", "AttributeError"),
+        (f"{TOYS}:Missing", f"{TOYS} has no Missing"),
         ("no_such_module:Policy", "ModuleNotFoundError: No module named 'no_such_module'"),
         ("/no/such/file.py:Policy", "FileNotFoundError"),
         (f"{TOYS}:NoPolicy", "it has no act"),
+        (f"{TOYS}:NeedyPolicy", "it cannot be made without arguments: .* 'weights'"),
         (f"{TOYS}:dataclass", "it has no reset and no act"),
     ],
 )

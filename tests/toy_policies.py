@@ -46,6 +46,12 @@ class UnmakeablePolicy(GoodPolicy):
         raise OSError("no weights")
 
 
+class NeedyPolicy(GoodPolicy):
+    def __init__(self, weights: str) -> None:
+        super().__init__()
+        self.weights = weights
+
+
 class NoPolicy:
     def reset(self, observation: Any) -> None:
         pass

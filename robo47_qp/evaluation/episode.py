@@ -60,6 +60,11 @@ class EpisodeResult:
         """Why it is no success: the cause, or "error"."""
         return "error" if self.error is not None else self.cause
 
+    @property
+    def timed_out(self) -> bool:
+        """True where wall time ended it: how far it came depends on the machine."""
+        return self.cause == Cause.TIMEOUT.value and self.time is None
+
     def entry(self) -> dict[str, Any]:
         """The result as JSON."""
         return {**asdict(self), "broken_promises": list(self.broken_promises)}

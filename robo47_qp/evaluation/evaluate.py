@@ -83,6 +83,7 @@ def _against(options: EvaluateOptions, evaluation: Evaluation) -> dict[str, Any]
 
 
 def _print_end(figures: dict[str, Any], options: EvaluateOptions, console: Console) -> None:
+    print_unsound(figures, console)
     if options.json:
         sys.stdout.write(json.dumps(figures, indent=2, allow_nan=False) + "\n")
         return
@@ -94,4 +95,3 @@ def _print_end(figures: dict[str, Any], options: EvaluateOptions, console: Conso
         lines.append(throughput_line(figures["timing"]))
     lines += [f"  {name:<10} {path}" for name, path in options.files.items() if path.exists()]
     console.print(escape("\n".join(lines)), highlight=False, soft_wrap=True)
-    print_unsound(figures, console)

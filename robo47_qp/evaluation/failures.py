@@ -25,17 +25,18 @@ def picked(results: Sequence[EpisodeResult], most: int) -> list[EpisodeResult]:
 
 def record_failures(
     episode: Episode, executor: Executor, failures: Sequence[EpisodeResult], path: Path
-) -> Mapping[int, bool]:
+) -> Mapping[int, bool | None]:
     """Run failed episodes again and write one file with a recording of each.
 
     Returns:
-        By seed: whether the episode came out the same, bit by bit.
+        By seed: whether the episode came out the same, bit by bit; None where it was not over in
+        time, as recording takes longer.
 
     Raises:
         RecordingError: The file cannot be written.
         WorkerError: See `Executor.run`.
     """
-    same = {}
+    same: dict[int, bool | None] = {}
     with TemporaryDirectory(dir=path.parent) as folder:
         specs = {
             f.seed: EpisodeSpec(
@@ -47,7 +48,9 @@ def record_failures(
         }
         before = {f.seed: f for f in failures}
         for again in executor.run(episode, list(specs.values())):
-            same[again.seed] = is_same(before[again.seed], again)
+            first = before[again.seed]
+            late = again.timed_out and not first.timed_out
+            same[again.seed] = None if late else is_same(first, again)
         files = [spec.recording for spec in specs.values() if spec.recording is not None]
         _merge([file for file in files if file.exists()], path)
     return dict(sorted(same.items()))

@@ -145,7 +145,7 @@ class Job:
 
 def sound(figures: Mapping[str, Any]) -> bool:
     """True where no episode ended with an error of our own, and replays were the same."""
-    return not figures["errors"] and all(figures["replayed"].values())
+    return not figures["errors"] and False not in figures["replayed"].values()
 
 
 def print_unsound(figures: Mapping[str, Any], console: Console) -> None:
@@ -156,7 +156,7 @@ def print_unsound(figures: Mapping[str, Any], console: Console) -> None:
             f"[bold red]{len(errors)} episodes ended with an error of our own[/], the first:"
         )
         console.print(escape(errors[0]), highlight=False)
-    other = [seed for seed, same in figures["replayed"].items() if not same]
+    other = [seed for seed, same in figures["replayed"].items() if same is False]
     if other:
         console.print(f"[bold red]replayed, these seeds came out otherwise:[/] {other}")
 

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -59,14 +60,20 @@ class PolicyReference:
         with Guard() as guard:
             of_file = place.endswith(".py")
             module = _file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
-            found = getattr(module, name)
+            found = getattr(module, name, None)
         if guard.error is not None:
             why = f"{type(guard.error).__name__}: {guard.error}"
             raise PolicyLoadError(self.text, why) from guard.error
+        if found is None:
+            raise PolicyLoadError(self.text, f"{place} has no {name}")
         missing = [method for method in ("reset", "act") if not hasattr(found, method)]
         if missing or not isinstance(found, type):
             why = f"it has no {' and no '.join(missing)}" if missing else "it is no class"
             raise PolicyLoadError(self.text, why)
+        with Guard() as guard:
+            signature(found).bind()
+        if guard.error is not None:
+            raise PolicyLoadError(self.text, f"it cannot be made without arguments: {guard.error}")
         return found
 
     def make(self) -> Any:

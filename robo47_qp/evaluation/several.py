@@ -78,6 +78,8 @@ def _print_end(
     options: EvaluateOptions,
     console: Console,
 ) -> None:
+    for report in reports:
+        print_unsound(report, console)
     if options.json:
         sys.stdout.write(json.dumps(figures, indent=2, allow_nan=False) + "\n")
         return
@@ -85,5 +87,3 @@ def _print_end(
     lines += [f"  {name:<10} {options.files[name]}" for name in COMPARISON]
     lines += [f"  {'report':<10} {options.log.with_name(p['report'])}" for p in figures["policies"]]
     console.print(escape("\n".join(lines)), highlight=False, soft_wrap=True)
-    for report in reports:
-        print_unsound(report, console)
