@@ -15,13 +15,14 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.chain import Chain
+from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.tracking import LinError
 from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
-from robo47_qp.waypoint import Motion, Place, Waypoint
+from robo47_qp.waypoint import Motion, Place, Waypoint, tool_down
 from tests.examples import shifted
 
 IK = MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))
@@ -196,3 +197,21 @@ def test_only_straight_motions_can_be_foreseen() -> None:
     message = r"what follows waypoint 'start' must be .* LIN or CIRC; found \['elsewhere"
     with pytest.raises(InvalidValueError, match=message):
         Waypoint(name="start", target=Place.HOME, onward=(bent,))
+
+
+class Nowhere(Collisions):
+    """Takes everything for touched."""
+
+    def at(self, q: Vector) -> tuple[str, str, str, float] | None:
+        return "hand", "table", "joint1", -1e-3
+
+
+def test_where_every_configuration_is_touched_the_choice_is_left_to_the_planner() -> None:
+    arm, ik, target = Arm(PANDA), MultiStart(solver=LmIk()), tool_down([0.5, 0.1, 0.3])
+    waypoints, v_max = [Waypoint(name="there", target=target)], PANDA.profile.v_max
+    nowhere = Nowhere(PANDA, lambda _: None, clearance=0.005)
+    chosen = [
+        chain.choose(arm, ik, Lin(), waypoints, arm.home, v_max)[0].q.tolist()
+        for chain in (Chain(), Chain(collisions=nowhere))
+    ]
+    assert chosen[0] == chosen[1]
