@@ -128,6 +128,7 @@ def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None
     assert evaluate(Reach(), PANDA, chosen, QUIET) == 0
     a, b = read(tmp_path, "eval.classical.json"), read(tmp_path, "eval.classical-dls-single.json")
     assert a["settings"]["policy"] == {"name": "classical", "ik": "lm", "speed": 1.0}
+    assert a["policy"] == "classical:lm"
     assert b["settings"]["policy"]["ik"] == "dls-single"
     assert [e["seed"] for e in a["entries"]] == [e["seed"] for e in b["entries"]] == [0, 1]
     for x, y in zip(a["entries"], b["entries"], strict=True):

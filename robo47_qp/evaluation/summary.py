@@ -24,7 +24,7 @@ def summary(settings: Mapping[str, Any], results: Sequence[EpisodeResult]) -> di
     causes = Counter(result.cause for result in results if result.cause is not None)
     return {
         "task": settings["task"]["name"],
-        "policy": settings["policy"]["name"],
+        "policy": _policy(settings["policy"]),
         "episodes": n,
         "successes": successes,
         "rate": successes / n,
@@ -90,6 +90,12 @@ def compared(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
         "difference": float(won_a.mean() - won_b.mean()),
         "interval": list(paired_difference(only_a, only_b, len(seeds))),
     }
+
+
+def _policy(named: Mapping[str, Any]) -> str:
+    """The name, with the IK that the plain classical stack was given, where it is not the usual."""
+    name, ik = named["name"], named.get("ik", "qp")
+    return f"{name}:{ik}" if name == "classical" and ik != "qp" else str(name)
 
 
 def _figures(results: Sequence[EpisodeResult]) -> dict[str, dict[str, float]]:
