@@ -13,7 +13,7 @@ from robo47_qp.obstacle import Obstacle
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Release, Step
 from robo47_qp.task import Program
-from tasks.handling import HOME, LOST
+from tasks.handling import HOME, LOST, unfinished
 from tasks.headings import upright
 from tasks.inserting import Inserter
 from tasks.peg import ANGLE_ERROR, DEPTH, DIAMETER, LENGTH, POSITION_ERROR, TOP, Peg, add_block
@@ -157,16 +157,7 @@ class PegInsert:
                 f"allowed are at least {1e3 * 0.9 * DEPTH:.1f} mm, 1 mm, 0.03 rad, 1 mm/s"
             )
             return Failure(cause=Cause.PLACE, evidence=evidence)
-        away = float(np.abs(simulation.state().q - simulation.robot.home).max())
-        open_width = simulation.gripper.width_max - 1e-3
-        if away > 0.01 or simulation.width() < open_width:
-            evidence = (
-                f"a joint is {away:.3f} rad from home, the gripper is open "
-                f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
-                f"at least {1e3 * open_width:.1f} mm"
-            )
-            return Failure(cause=Cause.PLACE, evidence=evidence)
-        return None
+        return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """How deep the peg's end is in the hole, how far beside its axis [m], its tilt [rad]."""

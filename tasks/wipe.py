@@ -141,7 +141,7 @@ class Wipe:
         """What speaks against the world being as it should be at the end; None where it is so."""
         measures = self.measures(simulation)
         left, off = round(measures["marks_left"]), measures["sponge_error_m"]
-        away = float(np.abs(simulation.state().q - simulation.robot.home).max())
+        away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
         width, open_width = simulation.width(), simulation.gripper.width_max - 1e-3
         speed = float(np.linalg.norm(simulation.object_twist(self.sponge.name)[:3]))
         if left or off > 0.01 or speed > 1e-3 or away > 0.01 or width < open_width:
