@@ -62,7 +62,10 @@ class Held:
             note[0] = 0.0
 
     def condition(self, simulation: Simulation, marker: str) -> Condition:
-        """That the tool rests at a pose now; where its marker was last, if that is put away."""
+        """That the tool rests at a pose now; where its marker was last, if that is put away.
+
+        The marker must not be away yet.
+        """
         goal = simulation.marker_pose(marker)
 
         def against() -> str | None:

@@ -166,9 +166,9 @@ class ObstacleReach:
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
         for name in self._targets:
+            there = self._held.condition(simulation, name)  # while the marker is there
             yield self._reach(simulation, name)
             yield Wait(name=f"hold {name}", seconds=_SETTLE)
-            there = self._held.condition(simulation, name)
             for _ in range(_LOOKS):
                 yield Wait(name=f"hold {name}", seconds=_LOOK, after=(there,))
         yield HOME

@@ -178,3 +178,9 @@ def test_sizes_are_positive(name: str) -> None:
 def test_places_are_finite() -> None:
     with pytest.raises(InvalidValueError, match=r"post must be two finite numbers.*nan"):
         ObstacleReach(post=(np.nan, 0.0))
+
+
+def test_a_target_that_is_held_before_it_is_looked_at_counts() -> None:
+    """Its marker is put away as the arm comes to rest."""
+    task = ObstacleReach(seconds=0.02).variant(np.random.default_rng([113, 2]))
+    assert carry_out(task, seed=113).failure is None
