@@ -95,7 +95,9 @@ def test_a_killed_evaluation_loses_nothing_that_was_finished(
     """SIGINT goes to the whole group, as Ctrl-C does."""
     path = tmp_path / "eval.jsonl"
     code = (
-        "import sys; from pathlib import Path\n"
+        "import signal, sys; from pathlib import Path\n"
+        # Who runs the tests in the background may have told them to ignore Ctrl-C.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from robo47_qp.evaluation.evaluation import Evaluation\n"
         "from robo47_qp.evaluation.executor import LocalProcesses\n"
         "from tests.toy_episodes import SETTINGS, Toy\n"
