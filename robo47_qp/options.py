@@ -38,6 +38,8 @@ _SEARCH_CLEARANCE = 0.009
 """Distance that is kept while a way around is sought [m]."""
 _WAY_CLEARANCE = 0.005
 """Distance that is kept on the way [m]."""
+_SELF_CLEARANCE = 0.002
+"""Distance that links keep from each other where no obstacles are declared [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +132,9 @@ class RunOptions:
     def scenario(self, robot: Robot, task: Task) -> Scenario:
         """The scenario that was chosen; declared obstacles are planned around.
 
+        Without any, motions in which the arm would touch itself are refused, and of a task's
+        configurations those are chosen from which its lines can be run without that.
+
         Raises:
             MissingExtraError: There are obstacles and what plans around them is not installed.
         """
@@ -144,6 +149,9 @@ class RunOptions:
                 chain=Chain(collisions=collisions),
                 detour=Detour(roomy=Collisions(robot, around, clearance=_SEARCH_CLEARANCE)),
             )
+        else:
+            collisions = Collisions(robot, _around(()), clearance=_SELF_CLEARANCE)
+            planner = replace(planner, collisions=collisions, chain=Chain(collisions=collisions))
         return Scenario(
             robot=robot,
             task=task,

@@ -149,8 +149,10 @@ class Handling:
     def approach(self, T_world_item: SE3) -> list[Waypoint]:
         """To above the item and down to it."""
         grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
-        descend = self._line("descend", grasp)
-        return [Waypoint(name="approach", target=self._up(grasp), onward=(descend,)), descend]
+        descend, up = self._line("descend", grasp), self._up(grasp)
+        # What leads down does not always lead up again: near a fold the way back may differ.
+        onward = (descend, self._line("lift", up))
+        return [Waypoint(name="approach", target=up, onward=onward), descend]
 
     def lift(self, T_world_tcp: SE3, T_world_item: SE3) -> Move:
         """Straight up with the item."""
@@ -167,8 +169,9 @@ class Handling:
         """To above the place from which the item can be lowered to its goal."""
         lower = self.lower(T_world_tcp, T_world_item, T_world_goal).waypoints[0]
         target = self._up(self.release_pose(T_world_tcp, T_world_item, T_world_goal))
+        onward = (lower, self._line("retreat", target))
         return self._carrying(
-            Waypoint(name="carry", target=target, carried=lower.carried, onward=(lower,))
+            Waypoint(name="carry", target=target, carried=lower.carried, onward=onward)
         )
 
     def lower(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:

@@ -19,8 +19,9 @@ _FIRM = np.array([1500.0] * 3 + [40.0] * 3)
 _SLACK = np.array([300.0] * 3 + [1.5, 1.5, 20.0])
 """Stiffness of the tool in the search, and on the way down, where the hole leads the peg [N/m,
 N·m/rad]."""
-_PITCH = 0.4e-3
-"""Between the turns of a spiral [m]: less than the clearance."""
+PITCH = 0.4e-3
+"""Between the turns of a first spiral [m]: less than the clearance. A peg tilted by 2 degrees about
+both axes goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
 _FALLEN = 2e-3
 """Sinking of the peg from where it touched, from which it is in the hole [m]. A peg that is tilted
 by twice the error of an angle sinks by 1 mm at the edge."""
@@ -44,8 +45,16 @@ class Inserter(Handling):
         at = (self.simulation.tool_pose().inverse() @ T_world_peg).translation()
         return np.array([at[0], 0.0])
 
-    def insert(self, offset: np.ndarray, radius: float) -> Generator[Step, None, None]:
-        """Touch the block, feel for the hole, and go down; fails with TIMEOUT or DROP."""
+    def insert(
+        self, offset: np.ndarray, radius: float, pitch: float
+    ) -> Generator[Step, None, None]:
+        """Touch the block, feel for the hole, and go down; fails with TIMEOUT or DROP.
+
+        Args:
+            offset: See `offset`.
+            radius: Of the spiral [m].
+            pitch: Between its turns [m].
+        """
         yield from self.to_hole(offset)
         held = (self._held(Cause.DROP),)
         yield Comply(
@@ -61,7 +70,7 @@ class Inserter(Handling):
         if -self._height(offset) < POSITION_ERROR + _FALLEN:
             yield Comply(
                 name="search",
-                waypoints=self._spiral(touched, radius),
+                waypoints=self._spiral(touched, radius, pitch),
                 compliance=self._pressing(_FIRM, self.search_force, 0.02),
                 renew=True,
                 speed=0.008,
@@ -120,15 +129,15 @@ class Inserter(Handling):
         here, top = self.simulation.tool_pose(), self._tool_on_top(offset)
         return float((here.translation() - top.translation()).dot(self._axis))
 
-    def _spiral(self, T_world_tcp: SE3, radius: float) -> tuple[Waypoint, ...]:
+    def _spiral(self, T_world_tcp: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
         """A square spiral around a tool pose, across the axis of the hole, out to a radius."""
         ways = [T_world_tcp.rotation().as_matrix()[:, i] for i in (0, 1)]
-        poses, at, length = [], np.zeros(3), _PITCH
+        poses, at, length = [], np.zeros(3), pitch
         while length <= 2.0 * radius:
             for way in ways:
                 at = at + length * way
                 poses.append(SE3.from_translation(at) @ T_world_tcp)
-            ways, length = [-way for way in ways], length + _PITCH
+            ways, length = [-way for way in ways], length + pitch
         return tuple(
             Waypoint(name=f"search {i + 1}", target=pose, motion=Motion.LIN)
             for i, pose in enumerate(poses)

@@ -15,7 +15,7 @@ from robo47_qp.steps import Release, Step
 from robo47_qp.task import Program
 from tasks.handling import HOME, LOST, unfinished
 from tasks.headings import upright
-from tasks.inserting import Inserter
+from tasks.inserting import PITCH, Inserter
 from tasks.peg import ANGLE_ERROR, DEPTH, DIAMETER, LENGTH, POSITION_ERROR, TOP, Peg, add_block
 from tasks.table import TABLE_TOP, add_table
 
@@ -46,7 +46,8 @@ class PegInsert:
     search_radius: float = 3.2e-3
     """Of the first spiral: a little more than the error of the position in x and y [m]."""
     retries: int = 3
-    """Further attempts, each with a spiral 1.5 times as wide, or with the peg picked again."""
+    """Further attempts, each with the peg picked again, or with a spiral that is 1.5 times as wide
+    and has its turns 0.7 times as far apart."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
     obstacles: tuple[Obstacle, ...] = ()
@@ -113,14 +114,14 @@ class PegInsert:
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
         hand = self._inserter(simulation)
-        radius, offset = self.search_radius, None
+        radius, pitch, offset = self.search_radius, PITCH, None
         for attempt in range(1 + self.retries):
             try:
                 if offset is None:
                     held = yield from hand.pick()
                     hand = hand.holding(held)
                     offset = yield from hand.offset()
-                yield from hand.insert(offset, radius)
+                yield from hand.insert(offset, radius, pitch)
             except StepFailed as error:
                 lost = error.failure.cause in LOST
                 if not lost and error.failure.cause is not Cause.TIMEOUT:
@@ -129,7 +130,7 @@ class PegInsert:
                     yield from hand.back_off()
                     offset = None
                 else:
-                    radius *= 1.5
+                    radius, pitch = 1.5 * radius, 0.7 * pitch
                     yield from hand.draw_out()
                 if attempt == self.retries:
                     yield HOME

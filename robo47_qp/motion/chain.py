@@ -18,6 +18,11 @@ from robo47_qp.motion.route import refused, segment
 from robo47_qp.motion.tracking import LinError
 from robo47_qp.waypoint import Motion, Place, Waypoint
 
+_ROOM = 0.02
+"""Room at joint limits with which a branch is taken without a look at others, as in `Branch`:
+with less, where the lines really run may lie beyond a limit."""
+_LOOKS = 33
+"""Points of a line between which the joints are taken to run straight, to look for collisions."""
 _TOLD = 3
 """Branches whose failure is told when all fail."""
 
@@ -51,8 +56,8 @@ class Chain:
     crowding: float = 0.5
     """What it costs to be at a joint limit [s]."""
     collisions: Collisions | None = None
-    """What is not to be hit; configurations for PTP waypoints that do are passed over. IK, which
-    takes the fingers as closed, may take them for clear."""
+    """What is not to be hit; configurations for PTP waypoints that do, or from which a line does,
+    are passed over. IK, which takes the fingers as closed, may take them for clear."""
 
     def choose(
         self,
@@ -96,17 +101,31 @@ class Chain:
     def leading_on(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult:
         """The preferred configuration at a PTP waypoint from which its lines can be followed.
 
+        Where the one near home does not lead on, the first with some room is taken. If none has
+        it, more of them are tried, and in the end the one with the most room is taken.
+
         Raises:
             PlanError: There is none; it names the waypoint that none gets past.
         """
         try:
             usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
-            return self.led_on(arm, ik, lin, usual, waypoint.onward).results[0]
+            if self._clear([usual]):
+                return self.led_on(arm, ik, lin, usual, waypoint.onward).results[0]
         except PlanError as error:
             if error.waypoint == waypoint.name:
                 raise
-        group = [waypoint, *waypoint.onward]
-        return self._branches(arm, ik, lin, group, arm.home)[0].results[0]
+        group, found = [waypoint, *waypoint.onward], list[Branch]()
+        for more in (1, 2):
+            wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
+            try:
+                found = wider._branches(arm, ik, lin, group, arm.home)
+            except PlanError:
+                if more == 2 and not found:
+                    raise
+            roomy = [branch for branch in found if branch.room >= _ROOM]
+            if roomy:
+                return roomy[0].results[0]
+        return max(found, key=lambda branch: branch.room).results[0]
 
     def _branches(
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
@@ -114,9 +133,11 @@ class Chain:
         first = group[0]
         if first.motion is not Motion.PTP:
             # The chain begins on a line: the branch is that of its start.
-            starts = [_line(arm, ik, lin, first, q_start)]
+            starts = [self._line(arm, ik, lin, first, q_start)]
         else:
-            starts = self._clear(self.answers(arm, ik, first))
+            found = self.answers(arm, ik, first)
+            # Where none is clear, the planner refuses the way there.
+            starts = self._clear(found) or found
         branches, failed = [], []
         for start in starts:
             try:
@@ -128,10 +149,10 @@ class Chain:
         return branches
 
     def _clear(self, found: list[IkResult]) -> list[IkResult]:
-        """Those that hit nothing; all of them where there is none, for the planner to refuse."""
+        """Those that hit nothing."""
         if self.collisions is None:
             return found
-        return [result for result in found if self.collisions.at(result.q) is None] or found
+        return [result for result in found if self.collisions.at(result.q) is None]
 
     def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
         """Configurations for a PTP waypoint that differ, the preferred one first.
@@ -163,11 +184,23 @@ class Chain:
         """
         results = [start]
         for waypoint in lines:
-            results.append(_line(arm, ik, lin, waypoint, results[-1].q))
+            results.append(self._line(arm, ik, lin, waypoint, results[-1].q))
         span = 0.5 * (arm.q_max - arm.q_min)
         q = np.array([result.q for result in results])
         room = float((np.minimum(q - arm.q_min, arm.q_max - q) / span).min())
         return Branch(results=tuple(results), room=room)
+
+    def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
+        way = segment(waypoint, arm.pose(q), tool_target(arm, waypoint))
+        time = lin.profile.least_time(way.length, way.angle)
+        try:
+            end, path = lin.follow(arm, ik, q, way)
+        except LinError as error:
+            raise refused(waypoint, error, error.fraction * time) from error
+        if self.collisions is not None:
+            looks = path(np.linspace(0.0, 1.0, _LOOKS))
+            self.collisions.check_path(waypoint.name, looks, time / (_LOOKS - 1))
+        return end
 
 
 def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
@@ -179,15 +212,6 @@ def _groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
     """Each PTP waypoint with the LIN and CIRC waypoints after it."""
     cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
     return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
-
-
-def _line(arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
-    way = segment(waypoint, arm.pose(q), tool_target(arm, waypoint))
-    try:
-        return lin.follow(arm, ik, q, way)
-    except LinError as error:
-        time = error.fraction * lin.profile.least_time(way.length, way.angle)
-        raise refused(waypoint, error, time) from error
 
 
 def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:

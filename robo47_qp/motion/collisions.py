@@ -6,7 +6,7 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Obstacle, PlanError, Rejection
 from robo47_qp.ik.levers import levers, moved_by
 from robo47_qp.motion.trajectory import Trajectory
@@ -85,7 +85,19 @@ class Collisions:
         Raises:
             PlanError: It does; bodies, joint and time are named.
         """
-        q, dt = trajectory.q, trajectory.dt
+        self.check_path(segment, trajectory.q, trajectory.dt)
+
+    def check_path(self, segment: str, q: Matrix, dt: float) -> None:
+        """Refuse a path of the joints that comes too close.
+
+        Args:
+            segment: The waypoint that it leads to.
+            q: Configurations on it, straight between each and the next (N, n) [rad].
+            dt: Time from each to the next [s].
+
+        Raises:
+            PlanError: It does; bodies, joint and time are named.
+        """
         # How far any pair may have come closer or apart since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
         x, last = 0.0, float(way[-1])
@@ -96,7 +108,7 @@ class Collisions:
             close = self._close(now)
             found = self._found(close)
             if found is not None:
-                raise self._refused(segment, found, now, (k + share) * dt, trajectory.duration)
+                raise self._refused(segment, found, now, (k + share) * dt, (len(q) - 1) * dt)
             if x >= last:
                 return
             least = min(close.values(), default=np.inf)

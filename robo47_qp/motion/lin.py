@@ -74,15 +74,20 @@ class Lin(Tracking):
         end = judged(arm, T_world_goal, trajectory.end.q, ik.tolerance, 0)
         return trajectory, replace(end, iterations=effort.iterations, seconds=effort.seconds)
 
-    def follow(self, arm: Arm, ik: IkSolver, q_start: Vector, way: Line | Arc) -> IkResult:
-        """Where a line or an arc ends in the branch in which it starts, without timing it.
+    def follow(
+        self, arm: Arm, ik: IkSolver, q_start: Vector, way: Line | Arc
+    ) -> tuple[IkResult, BSpline]:
+        """A line or an arc in the branch in which it starts, without timing it.
+
+        Returns:
+            Its end, and the joints over the share of the way, 0 to 1.
 
         Raises:
             LinError: See `plan`.
         """
         path, effort = self.joint_path(arm, ik, q_start, way)
         end = judged(arm, way.at(1.0), path(1.0), ik.tolerance, 0)
-        return replace(end, iterations=effort.iterations, seconds=effort.seconds)
+        return replace(end, iterations=effort.iterations, seconds=effort.seconds), path
 
     def _timed(
         self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, speed: float

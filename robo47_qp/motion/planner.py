@@ -73,7 +73,7 @@ class Planner:
         if not waypoint.rests:
             raise misshapen(waypoint, "it is not to be stopped at and nothing is known to follow")
         if waypoint.motion is Motion.PTP:
-            if self.collisions is None:
+            if not arm.obstacles:
                 result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
             else:
                 led, v_max = (waypoint, *waypoint.onward), self.profile.v_max
