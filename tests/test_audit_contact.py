@@ -32,8 +32,10 @@ def run() -> Run:
 
 
 def among(run: Run, *obstacles: Obstacle) -> Run:
-    """The same run as if the task had declared obstacles."""
-    return replace(run, scenario=replace(run.scenario, task=PickPlace(obstacles=obstacles)))
+    """The same run as if the task had declared obstacles that no planner looked at."""
+    planner = replace(run.scenario.planner, collisions=None)
+    scenario = replace(run.scenario, task=PickPlace(obstacles=obstacles), planner=planner)
+    return replace(run, scenario=scenario)
 
 
 @pytest.mark.parametrize(

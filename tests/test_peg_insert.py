@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -10,10 +11,11 @@ from mink import SE3, SO3
 
 from robo47_qp.audit import audit
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Cause
+from robo47_qp.failure import Cause, Failure, StepFailed
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.run import Run
 from robo47_qp.simulation import Simulation
+from robo47_qp.steps import Comply
 from tasks.peg import ANGLE_ERROR, CLEARANCE, DEPTH, DIAMETER, LENGTH, POSITION_ERROR
 from tasks.peg_insert import PegInsert
 from tests.examples import shifted
@@ -213,3 +215,32 @@ def _world() -> Simulation:
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive; found"):
         replace(PegInsert(), **{name: value})  # type: ignore[arg-type]
+
+
+def test_a_search_in_vain_is_followed_by_one_that_is_wider_and_finer() -> None:
+    task = PegInsert()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    program, searches = task.program(simulation), list[np.ndarray]()
+    step = next(program)
+    while len(searches) < 3:
+        if isinstance(step, Comply) and step.name == "search":
+            targets = [waypoint.target for waypoint in step.waypoints]
+            poses = [simulation.tool_pose(), *(one for one in targets if isinstance(one, SE3))]
+            searches.append(np.array([pose.translation() for pose in poses]))
+            vain = Failure(cause=Cause.TIMEOUT, evidence="not found", step="search")
+            step = program.throw(StepFailed(vain))
+        else:
+            step = next(program)
+    rng = np.random.default_rng(3)
+    for corners, gap, radius in zip(
+        searches, (0.4e-3, 0.28e-3, 0.196e-3), (3.2e-3, 4.8e-3, 7.2e-3), strict=True
+    ):
+        # Whatever is within the radius, but for a last turn, is passed within half the gap.
+        ways = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(corners)])[:, :2]
+        middle = simulation.tool_pose().translation()[:2]
+        angle, far = rng.uniform(0.0, 2.0 * np.pi, 99), (radius - gap) * np.sqrt(rng.random(99))
+        for place in middle + np.column_stack([far * np.cos(angle), far * np.sin(angle)]):
+            assert np.linalg.norm(ways - place, axis=1).min() < 0.5 * gap + 0.02e-3
+        sides = np.abs(np.diff(corners, axis=0)).max(axis=1)
+        assert np.unique(np.round(np.diff(sides), 9)).max() == pytest.approx(gap)
