@@ -4,6 +4,8 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from signal import SIGTERM, default_int_handler, signal
+from threading import current_thread, main_thread
 from typing import Any, TypeVar
 
 import tyro
@@ -50,8 +52,12 @@ def main(
         repeated: An option with several values is given once for each, and not once for all.
 
     Returns:
-        0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C.
+        0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C and
+        for SIGTERM.
     """
+    if current_thread() is main_thread():
+        # So that files are closed and what is temporary is put away.
+        signal(SIGTERM, default_int_handler)
     flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
     if repeated:
         flags += (tyro.conf.UseAppendAction,)

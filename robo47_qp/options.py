@@ -58,7 +58,8 @@ class RunOptions:
     qp_solver: Literal["daqp", "osqp"] = "daqp"
     """QP solver for --ik qp and qp-single."""
     seed: int | None = None
-    """Draw start and goal at random from this seed; without it, the default ones are used."""
+    """Draw what the task leaves open, as starts and goals, at random from this seed; without it,
+    the default ones are used."""
     speed: float = 1.0
     """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
     log: Path = LOGS / "run.rrd"

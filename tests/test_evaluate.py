@@ -208,6 +208,7 @@ def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
         ({"failures": -1}, "--failures must be 0 or more"),
         ({"replay": -1}, "--replay must be 0 or more"),
         ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
+        ({"time_limit": float("nan")}, "--time-limit must be above 0 and finite"),
         ({"log": Path("eval.json")}, r"--log must be a file that ends with \.rrd"),
     ],
 )
@@ -324,6 +325,14 @@ def test_a_long_list_of_failures_is_cut_and_told() -> None:
     text = markdown(figures, ["a.png"])
     assert text.count("| drop |") == MOST + 1
     assert "7 more are in the JSON file" in text
+
+
+def test_each_setting_has_a_row_and_versions_have_a_table() -> None:
+    settings = {**SETTINGS, "policy": {"name": "x", "speed": 0.5}, "versions": {"mink": "1"}}
+    text = markdown({**summary(settings, entries("+")), "timing": {}}, ["a.png"])
+    assert "| policy: name | x |" in text
+    assert "| policy: speed | 0.5 |" in text
+    assert "| versions" not in text
 
 
 def test_the_bar_tells_the_rate_so_far() -> None:

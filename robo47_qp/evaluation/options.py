@@ -112,8 +112,11 @@ class EvaluateOptions(PerturbOptions):
         for name, least in (("episodes", 1), ("seed", 0), ("workers", 1), ("failures", 0)):
             if getattr(self, name) < least:
                 raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
-        if not 0.0 < self.timeout < float("inf"):
-            raise InvalidValueError("--timeout", self.timeout, "above 0 and finite")
+        for name in ("timeout", "time_limit"):
+            found = getattr(self, name)
+            if not 0.0 < found < float("inf"):
+                option = f"--{name.replace('_', '-')}"
+                raise InvalidValueError(option, found, "above 0 and finite")
         self._check_policies()
         if self.replay is not None and self.replay < 0:
             raise InvalidValueError("--replay", self.replay, "0 or more")

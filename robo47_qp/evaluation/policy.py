@@ -33,7 +33,7 @@ class PolicyLoadError(Robo47Error):
         super().__init__(
             f"The policy {reference!r} cannot be loaded: {why}. Name it module:Class or "
             f"file.py:Class, a class that needs no arguments and has reset(observation) and "
-            f"act(observation), or {CLASSICAL}."
+            f"act(observation), or {CLASSICAL}, or {CLASSICAL}:IK with a name that --ik takes."
         )
 
 

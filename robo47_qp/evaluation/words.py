@@ -47,7 +47,7 @@ def markdown(figures: Mapping[str, Any], pictures: Sequence[str]) -> str:
         lines += table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
     if figures.get("timing"):
         lines += ["## Throughput", "", throughput_line(figures["timing"]) + ".", ""]
-    lines += ["## Settings", "", *table(("setting", "value"), figures["settings"].items())]
+    lines += ["## Settings", "", *table(("setting", "value"), _settings(figures["settings"]))]
     lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
     return "\n".join(lines)
 
@@ -80,6 +80,19 @@ def _rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:
         (name, *(f"{column[key]:.4g}" for key in ("median", "p95", "max")))
         for name, column in figures["figures"].items()
     ]
+
+
+def _settings(settings: Mapping[str, Any]) -> list[tuple[str, object]]:
+    """One row for each; the versions have a table of their own."""
+    rows: list[tuple[str, object]] = []
+    for name, value in settings.items():
+        if name == "versions":
+            continue
+        if isinstance(value, Mapping):
+            rows += [(f"{name}: {inner}", one) for inner, one in value.items()]
+        else:
+            rows.append((name, value))
+    return rows
 
 
 def _failure(entry: Mapping[str, Any]) -> tuple[Any, ...]:
