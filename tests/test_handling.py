@@ -2,12 +2,15 @@
 
 from collections.abc import Generator
 
+import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.failure import Cause, Failure, StepFailed
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Move, Step, as_action
+from robo47_qp.waypoint import Waypoint
 from tasks.handling import Handling
 from tasks.headings import upright
 from tasks.pick_place import PickPlace
@@ -45,3 +48,23 @@ def _place() -> Generator[Step, None, None]:
     world = Simulation(PANDA, PickPlace().build_scene)
     hand = Handling(simulation=world, item=PickPlace().item, above=0.2)
     return hand.place(upright([0.4, -0.2, 0.02], 0.0))
+
+
+def test_ways_down_are_foreseen_with_the_way_back_up() -> None:
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    hand = Handling(simulation=simulation, item=task.item, above=0.16)
+    T_world_item = simulation.object_pose(task.item.name)
+    T_world_goal = SE3.from_translation(np.array([0.1, -0.2, 0.0])) @ T_world_item
+    steps = hand.foreseen(T_world_item, T_world_goal)
+    led = {step.name: step for step in steps if isinstance(step, Waypoint)}
+    led |= {w.name: w for step in steps if isinstance(step, Move) for w in step.waypoints}
+    for above, down, up in (("approach", "descend", "lift"), ("carry", "lower", "retreat")):
+        assert [waypoint.name for waypoint in led[above].onward] == [down, up]
+        for foreseen, later in zip(led[above].onward, (led[down], led[up]), strict=True):
+            assert isinstance(foreseen.target, SE3)
+            assert isinstance(later.target, SE3)
+            np.testing.assert_allclose(
+                foreseen.target.as_matrix(), later.target.as_matrix(), atol=1e-12
+            )
