@@ -38,8 +38,9 @@ _SEARCH_CLEARANCE = 0.009
 """Distance that is kept while a way around is sought [m]."""
 _WAY_CLEARANCE = 0.005
 """Distance that is kept on the way [m]."""
-_SELF_CLEARANCE = 0.002
-"""Distance that links keep from each other where no obstacles are declared [m]."""
+_LEAST_CLEARANCE = 0.002
+"""Distance that links keep from each other where no obstacles are declared, and on PTP motions
+from what stands in the scene [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +134,8 @@ class RunOptions:
     def scenario(self, robot: Robot, task: Task) -> Scenario:
         """The scenario that was chosen; declared obstacles are planned around.
 
-        Without any, motions in which the arm would touch itself are refused, and of a task's
-        configurations those are chosen from which its lines can be run without that.
+        Without any, motions in which the arm would touch itself are refused, and so are PTP motions
+        that would touch what stands in the scene; configurations are chosen accordingly.
 
         Raises:
             MissingExtraError: There are obstacles and what plans around them is not installed.
@@ -151,8 +152,13 @@ class RunOptions:
                 detour=Detour(roomy=Collisions(robot, around, clearance=_SEARCH_CLEARANCE)),
             )
         else:
-            collisions = Collisions(robot, _around(()), clearance=_SELF_CLEARANCE)
-            planner = replace(planner, collisions=collisions, chain=Chain(collisions=collisions))
+            itself = Collisions(robot, _around(()), clearance=_LEAST_CLEARANCE)
+            planner = replace(
+                planner,
+                collisions=itself,
+                surroundings=Collisions(robot, task.build_scene, clearance=_LEAST_CLEARANCE),
+                chain=Chain(collisions=itself),
+            )
         return Scenario(
             robot=robot,
             task=task,

@@ -9,8 +9,10 @@ from hashlib import sha256
 import mujoco
 import numpy as np
 import pytest
+from mink import SE3
 from scipy.interpolate import CubicSpline
 
+from robo47_qp import obstacle
 from robo47_qp.arm import Arm
 from robo47_qp.errors import InvalidValueError, MissingExtraError, Obstacle, PlanError
 from robo47_qp.ik.lm import LmIk
@@ -27,10 +29,21 @@ from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import Waypoint
 from tests.runs import no_objects
-from tests.test_collisions import ARM, DT, ball, gap, turned
+from tests.test_collisions import ARM, BALL, DT, RADIUS, ball, gap, turned
 
 CLEARANCE = 0.01
 START, GOAL = turned(-0.3), turned(1.8)
+AMONG = Arm(
+    PANDA,
+    obstacles=(
+        obstacle.Obstacle(
+            name="ball",
+            shape=obstacle.Shape.SPHERE,
+            size=(RADIUS,),
+            T_world_obstacle=SE3.from_translation(BALL),
+        ),
+    ),
+)
 
 
 @cache
@@ -52,7 +65,7 @@ def planned(around: Detour | None, q_goal: np.ndarray = GOAL) -> Leg:
         ik=MultiStart(solver=LmIk()), profile=PANDA.profile, collisions=collisions(), detour=around
     )
     goal = Waypoint(name="over there", target=ARM.pose(q_goal))
-    return planner.plan(ARM, goal, START, DT)
+    return planner.plan(AMONG, goal, START, DT)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Planning around the arm's own links: judged by MuJoCo's contacts along the motions."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -20,7 +21,8 @@ from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.options import RunOptions
 from robo47_qp.robot_model import robot_spec
 from robo47_qp.robots.panda import PANDA
-from robo47_qp.waypoint import Motion, Waypoint, tool_down
+from robo47_qp.simulation import Simulation
+from robo47_qp.waypoint import Motion, Place, Waypoint, tool_down
 from tasks.conveyor_pick import ConveyorPick
 
 DT = 1e-3
@@ -123,3 +125,56 @@ def test_a_line_that_would_hit_something_only_on_its_way_rules_a_branch_out() ->
     assert rejection is not None
     assert rejection.obstacle is Obstacle.COLLISION
     assert 0.2 < rejection.fraction < 0.6
+
+
+def test_a_way_through_the_scene_is_refused_and_another_one_taken() -> None:
+    """The first branch with room that leads on here lies beyond a sweep through the belt."""
+    q = np.array([-0.611, 0.342, 0.31, -2.13, -0.161, 2.451, 1.242])
+    place = (0.2807, 0.0108)
+    above, down = (tool_down([*place, z], -0.4334) for z in (0.15, 0.02))
+    onward = (
+        Waypoint(name="down", target=down, motion=Motion.LIN),
+        Waypoint(name="up", target=above, motion=Motion.LIN),
+    )
+    there = Waypoint(name="there", target=above, onward=onward)
+    careless = replace(planner(), surroundings=None).plan(ARM, there, q, DT)
+    assert struck(careless.trajectory)
+    leg = planner().plan(ARM, there, q, DT)
+    assert struck(leg.trajectory) == set()
+    assert touching(leg.trajectory) == set()
+    assert max(ARM.distance_to(above, leg.trajectory.end.q)) < 1.1e-6
+
+
+def test_what_is_too_close_may_get_away_and_none_may_come() -> None:
+    low = ARM.pose(ARM.home).translation() * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.005]
+    at_table = planner().ik.solve(ARM, tool_down(low), ARM.home).q
+    around = planner().surroundings
+    assert around is not None
+    assert around.at(at_table) is not None
+    home = Waypoint(name="home", target=Place.HOME)
+    assert planner().plan(ARM, home, at_table, DT).trajectory.end.q.tolist() == ARM.home.tolist()
+    deep = Waypoint(name="deep", target=tool_down(low - [0.0, 0.0, 0.03]))
+    with pytest.raises(
+        PlanError, match=r"Waypoint 'deep' .*: table and left_finger come within"
+    ) as caught:
+        planner().plan(ARM, deep, ARM.home, DT)
+    assert caught.value.rejection is not None
+    assert caught.value.rejection.obstacle is Obstacle.COLLISION
+    # Lines may be meant to touch.
+    line = planner().plan(ARM, replace(deep, motion=Motion.LIN), ARM.home, DT)
+    assert max(ARM.distance_to(line.T_world_goal, line.trajectory.end.q)) < 1.1e-6
+
+
+def struck(motion: Trajectory) -> set[str]:
+    """What the arm meets of the scene along a motion, its own links aside."""
+    task = ConveyorPick()
+    simulation = Simulation(PANDA, task.build_scene)
+    model, data, found = simulation.model, simulation.data, set[str]()
+    simulation.place_object("cube", SE3.from_translation(np.array([-0.5, -0.5, 2.0])))
+    at = [int(model.joint(name).qposadr[0]) for name in PANDA.joints]
+    for q in motion.q[::5]:
+        data.qpos[at] = q
+        mujoco.mj_forward(model, data)
+        names = {model.geom(g).name for pair in data.contact.geom for g in pair}
+        found |= names & {"table", "belt", "floor"}
+    return found

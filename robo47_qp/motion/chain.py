@@ -1,6 +1,6 @@
 """A chain of waypoints: configurations chosen together, so that straight lines can be followed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,8 +19,10 @@ from robo47_qp.motion.tracking import LinError
 from robo47_qp.waypoint import Motion, Place, Waypoint
 
 _ROOM = 0.02
-"""Room at joint limits with which a branch is taken without a look at others, as in `Branch`:
-with less, where the lines really run may lie beyond a limit."""
+"""Room at joint limits, as in `Branch`, with which a branch goes before those with less: where a
+line is run in the end may lie beyond a limit that is near."""
+_SAME = 1e-6
+"""Difference of two configurations that are one [rad or m]."""
 _LOOKS = 33
 """Points of a line between which the joints are taken to run straight, to look for collisions."""
 _TOLD = 3
@@ -98,34 +100,50 @@ class Chain:
             ends = [branch.results[-1].q for branch in layer]
         return _traced(layers, back, int(cost.argmin()))
 
-    def leading_on(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult:
-        """The preferred configuration at a PTP waypoint from which its lines can be followed.
+    def leading_on(
+        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
+    ) -> Iterator[IkResult]:
+        """Configurations at a PTP waypoint from which its lines can be followed.
 
-        Where the one near home does not lead on, the first with some room is taken. If none has
-        it, more of them are tried, and in the end the one with the most room is taken.
+        First the usual one near home, if it leads on. Then, sought only when asked for, others
+        with some room; in the end those without, the ones with more first.
 
         Raises:
             PlanError: There is none; it names the waypoint that none gets past.
         """
-        try:
-            usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
-            if self._clear([usual]):
-                return self.led_on(arm, ik, lin, usual, waypoint.onward).results[0]
-        except PlanError as error:
-            if error.waypoint == waypoint.name:
-                raise
-        group, found = [waypoint, *waypoint.onward], list[Branch]()
+        usual = self._usual(arm, ik, lin, waypoint)
+        if usual is not None:
+            yield usual
+        group, cramped = [waypoint, *waypoint.onward], list[Branch]()
+        seen = [] if usual is None else [usual.q]
         for more in (1, 2):
             wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
-            try:
-                found = wider._branches(arm, ik, lin, group, arm.home)
-            except PlanError:
-                if more == 2 and not found:
-                    raise
-            roomy = [branch for branch in found if branch.room >= _ROOM]
-            if roomy:
-                return roomy[0].results[0]
-        return max(found, key=lambda branch: branch.room).results[0]
+            for branch in wider._branches(arm, ik, lin, group, arm.home):
+                first = branch.results[0]
+                if any(np.abs(first.q - q).max() < _SAME for q in seen):
+                    continue
+                seen.append(first.q)
+                if branch.room >= _ROOM:
+                    yield first
+                else:
+                    cramped.append(branch)
+        for branch in sorted(cramped, key=lambda branch: -branch.room):
+            yield branch.results[0]
+
+    def _usual(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult | None:
+        """The answer near home; None where it does not lead on.
+
+        Raises:
+            PlanError: There is no answer at all.
+        """
+        usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
+        if not self._clear([usual]):
+            return None
+        try:
+            self.led_on(arm, ik, lin, usual, waypoint.onward)
+        except PlanError:
+            return None
+        return usual
 
     def _branches(
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector

@@ -27,7 +27,7 @@ class Collisions:
     """The robot among its surroundings, for distances alone; fingers fully open.
 
     Pairs that are too close at home belong to how the robot is built and are left out, and
-    so are bodies that move freely: what is to be grasped is no obstacle.
+    so are bodies that move freely or that a program moves: what is to be grasped is no obstacle.
 
     A motion is looked at as often as its distances ask for: by L |Δq| no pair comes closer,
     with the levers L of `ik.levers`. After a look at which the least distance was d, the next
@@ -49,7 +49,8 @@ class Collisions:
         spec = robot_spec(robot)
         surroundings(spec)
         for body in list(spec.bodies):
-            if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints):
+            free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+            if free or body.mocap:
                 spec.delete(body)
         for geom in spec.geoms:
             # MuJoCo sums the margins of the two geoms of a pair.
@@ -74,8 +75,9 @@ class Collisions:
             q: Configuration (n,) [rad].
 
         Returns:
-            None where everything is further apart; the joint is the last that moves one of the
-            two bodies and not the other, the distance negative where they overlap [m].
+            None where everything is further apart; what belongs to the world goes by the name of
+            its geom. The joint is the last that moves one of the two bodies and not the other, the
+            distance is negative where they overlap [m].
         """
         return self._found(self._close(q))
 
@@ -142,8 +144,19 @@ class Collisions:
         pair, distance = min(close.items(), key=lambda item: item[1], default=((0, 0), np.inf))
         if distance >= self.clearance:
             return None
-        names = [self._model.body(body).name or "world" for body in pair]
-        return names[0], names[1], self._mover(pair), distance
+        one, other = (self._name(body, pair, distance) for body in pair)
+        return one, other, self._mover(pair), distance
+
+    def _name(self, body: int, pair: tuple[int, int], distance: float) -> str:
+        """Of a body; what stands in the world goes by the name of its geom, if it has one."""
+        if body:
+            return self._model.body(body).name or f"body {body}"
+        contact = self._data.contact
+        bodies = np.sort(self._model.geom_bodyid[contact.geom], axis=1)
+        row = np.flatnonzero((bodies == pair).all(axis=1) & (contact.dist == distance))[0]
+        geoms = contact.geom[row]
+        [geom] = geoms[self._model.geom_bodyid[geoms] == 0]
+        return self._model.geom(geom).name or "world"
 
     def _close(self, q: Vector) -> dict[tuple[int, int], float]:
         """Distances of the pairs of bodies that are near, those left out left out [m]."""

@@ -46,6 +46,8 @@ class Planner:
     """How PTP and LIN motions run from rest to rest."""
     collisions: Collisions | None = None
     """What is not to be hit; None checks nothing."""
+    surroundings: Collisions | None = None
+    """What PTP motions are not to hit either; motions of the tool may be meant to touch it."""
     detour: Detour | None = None
     """How PTP motions go around what `collisions` finds in their way; None refuses them."""
 
@@ -62,7 +64,8 @@ class Planner:
 
         The goal of a PTP motion is sought near home, so that it does not depend on where the
         arm comes from (among obstacles, the roomy one that is soon reached is taken), and such
-        that the straight motions that are to follow can be; a LIN motion follows the arm.
+        that the straight motions that are to follow can be. Where the way to it is refused, others
+        are tried. A LIN motion follows the arm.
 
         Raises:
             InvalidValueError: `q_start` is not finite.
@@ -74,10 +77,9 @@ class Planner:
             raise misshapen(waypoint, "it is not to be stopped at and nothing is known to follow")
         if waypoint.motion is Motion.PTP:
             if not arm.obstacles:
-                result = self.chain.leading_on(arm, self.ik, self.lin, waypoint)
-            else:
-                led, v_max = (waypoint, *waypoint.onward), self.profile.v_max
-                result = self.chain.choose(arm, self.ik, self.lin, led, q_start, v_max)[0]
+                return self._to_any(arm, waypoint, q_start, dt)
+            led, v_max = (waypoint, *waypoint.onward), self.profile.v_max
+            result = self.chain.choose(arm, self.ik, self.lin, led, q_start, v_max)[0]
             return self._ptp(arm, waypoint, result, q_start, dt)
         return self._tool(arm, waypoint, q_start, dt)
 
@@ -108,6 +110,20 @@ class Planner:
             legs += self._blended(arm, run, results, q, dt)
             first, q = i + 1, legs[-1].trajectory.end.q
         return legs
+
+    def _to_any(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
+        """To the first configuration that leads on and that there is a way to.
+
+        Raises:
+            PlanError: There is none; told is why the one that is preferred is not reached.
+        """
+        refusals: list[PlanError] = []
+        for result in self.chain.leading_on(arm, self.ik, self.lin, waypoint):
+            try:
+                return self._ptp(arm, waypoint, result, q_start, dt)
+            except PlanError as error:
+                refusals.append(error)
+        raise refusals[0]
 
     def _blended(
         self,
@@ -156,15 +172,19 @@ class Planner:
         if self.continuous.free is not None and (result.q != q_start).any():
             return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
+        around = self.surroundings
+        # What is too close already has to get away.
+        if around is not None and around.at(q_start) is None:
+            around.check(waypoint.name, trajectory)
         try:
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
         except PlanError:
             if self.detour is None or self.collisions is None:
                 raise
-            around = self.detour.plan(arm, self.collisions, (q_start, result.q), profile, dt)
-            if around is None:
+            detour = self.detour.plan(arm, self.collisions, (q_start, result.q), profile, dt)
+            if detour is None:
                 raise
-            trajectory = around
+            trajectory = detour
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
         bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
         return replace(leg, lower_bound=bound)
