@@ -62,12 +62,12 @@ class Inserter(Handling):
             waypoints=(),
             compliance=self._pressing(_FIRM, _TOUCH_FORCE, 6e-3),
             seconds=3.0,
-            until=self._touched(),
+            until=self._touched(offset),
             during=held,
             stay=True,
         )
         touched = self.simulation.tool_pose()
-        if -self._height(offset) < POSITION_ERROR + _FALLEN:
+        if not self._inside(offset):
             yield Comply(
                 name="search",
                 waypoints=self._spiral(touched, radius, pitch),
@@ -81,7 +81,7 @@ class Inserter(Handling):
             name="insert",
             waypoints=(),
             compliance=self._pressing(_SLACK, self.insert_force, 0.015),
-            seconds=6.0,
+            seconds=15.0,
             until=self._at_bottom(offset),
             during=held,
         )
@@ -129,6 +129,10 @@ class Inserter(Handling):
         here, top = self.simulation.tool_pose(), self._tool_on_top(offset)
         return float((here.translation() - top.translation()).dot(self._axis))
 
+    def _inside(self, offset: np.ndarray) -> bool:
+        """True where the peg's end is so low that it must be in the hole."""
+        return -self._height(offset) >= POSITION_ERROR + _FALLEN
+
     def _spiral(self, T_world_tcp: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
         """A square spiral around a tool pose, across the axis of the hole, out to a radius."""
         ways = [T_world_tcp.rotation().as_matrix()[:, i] for i in (0, 1)]
@@ -143,8 +147,12 @@ class Inserter(Handling):
             for i, pose in enumerate(poses)
         )
 
-    def _touched(self) -> Condition:
+    def _touched(self, offset: np.ndarray) -> Condition:
+        """True also where it goes into the hole at once: then it never presses."""
+
         def against() -> str | None:
+            if self._inside(offset):
+                return None
             force = float(self.simulation.felt_force().dot(self._axis))
             force += 9.81 * self.item.mass
             if force >= 0.5 * _TOUCH_FORCE:

@@ -16,7 +16,17 @@ from robo47_qp.task import Program
 from tasks.handling import HOME, LOST, unfinished
 from tasks.headings import upright
 from tasks.inserting import PITCH, Inserter
-from tasks.peg import ANGLE_ERROR, DEPTH, DIAMETER, LENGTH, POSITION_ERROR, TOP, Peg, add_block
+from tasks.peg import (
+    ANGLE_ERROR,
+    DEPTH,
+    DIAMETER,
+    LENGTH,
+    POSITION_ERROR,
+    TOP,
+    Peg,
+    add_block,
+    set_exact_contacts,
+)
 from tasks.table import TABLE_TOP, add_table
 
 
@@ -71,6 +81,7 @@ class PegInsert:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
+        set_exact_contacts(spec)
         self.peg.add(spec, (0.40, 0.20, TABLE_TOP + 0.5 * LENGTH))
         add_block(spec.worldbody.add_body(name="hole", mocap=True))
         seen = spec.worldbody.add_body(name="hole seen", mocap=True)
