@@ -197,6 +197,16 @@ def test_faster_than_the_profile_it_is_braked_within_acceleration_and_jerk() -> 
     assert (np.abs(stopped.v) <= np.abs(now.v) * SLACK).all()
 
 
+def test_a_path_that_bends_by_next_to_nothing_keeps_the_jerk_as_closely_as_any() -> None:
+    n, profile = PANDA_ARM.n, PANDA.profile
+    v = 0.1 * profile.v_max
+    for beside in (1e-10, 5e-10, -5e-10):
+        a = np.zeros(n)
+        a[3] = beside
+        motion = stop(PANDA_ARM, JointReference(PANDA_ARM.home, v, a), profile, DT)
+        assert (np.abs(motion.jerk) <= profile.j_max * (1.0 + 1e-9)).all()
+
+
 def test_what_is_not_finite_is_refused() -> None:
     rest, broken = np.zeros(PANDA_ARM.n), np.full(PANDA_ARM.n, np.nan)
     for now, name in (

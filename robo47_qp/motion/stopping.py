@@ -14,6 +14,8 @@ from robo47_qp.robot import MotionProfile
 _STRAIGHT = 1e-9
 """An acceleration this far beside the velocity, as a part of it, bends the path by rounding."""
 _ROUNDING = 1e-9
+_NEGLIGIBLE = 1e-10
+"""Part of the jerk that nobody sees."""
 _HALVINGS = 30
 
 
@@ -71,7 +73,7 @@ def stop(arm: Arm, now: JointReference, profile: MotionProfile, dt: float) -> Tr
     start = np.stack([arm.checked_q(f"{name} of the reference", x) for name, x in _named(now)])
     low = np.minimum(arm.q_min, start[0]) - _ROUNDING
     high = np.maximum(arm.q_max, start[0]) + _ROUNDING
-    together = _together(start, profile)
+    together = _together(start, profile, dt)
     if _inside(together, low, high):
         return _sampled(together, start, dt)
     apart = _Apart([_alone(start, i, profile, low[i], high[i]) for i in range(arm.n)])
@@ -84,7 +86,7 @@ def _named(now: JointReference) -> list[tuple[str, Vector]]:
     return list(zip(("position", "velocity", "acceleration"), now, strict=True))
 
 
-def _together(start: Matrix, profile: MotionProfile) -> "Leap | _Straight":
+def _together(start: Matrix, profile: MotionProfile, dt: float) -> "Leap | _Straight":
     q, v, a = start
     way = v if v.any() else a
     size = float(np.abs(way).max())
@@ -92,10 +94,14 @@ def _together(start: Matrix, profile: MotionProfile) -> "Leap | _Straight":
         return to_rest(start, profile.a_max, profile.j_max)
     way = way / size
     along = float(a @ way / (way @ way))
-    if np.abs(a - along * way).max() > _STRAIGHT * max(1.0, float(np.abs(a).max())):
+    beside = np.abs(a - along * way)
+    if beside.max() > _STRAIGHT * max(1.0, float(np.abs(a).max())):
         return to_rest(start, profile.a_max, profile.j_max)
     moving = np.abs(way) > _ROUNDING
-    bounds = [(b[moving] / np.abs(way[moving])).min() for b in (profile.a_max, profile.j_max)]
+    # What lies beside goes within the first sample: that takes a little of the jerk.
+    taken = beside / dt
+    j_max = profile.j_max - np.where(taken > _NEGLIGIBLE * profile.j_max, taken, 0.0)
+    bounds = [(b[moving] / np.abs(way[moving])).min() for b in (profile.a_max, j_max)]
     state = np.array([[0.0], [size if v.any() else 0.0], [along]])
     return _Straight(q, way, to_rest(state, bounds[0][None], bounds[1][None]))
 
