@@ -69,6 +69,11 @@ def quickest(
     return best
 
 
+def blends_joints(run: Sequence[Waypoint]) -> bool:
+    """True for PTP motions that are blended into each other."""
+    return all(w.motion is Motion.PTP for w in run) and all(w.blend for w in run[:-1])
+
+
 def parted(run: Sequence[Waypoint], stops: frozenset[int]) -> list[range]:
     """Numbers of the waypoints of each motion when a run stops at some of them."""
     ends = [-1, *sorted(stops), len(run) - 1]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from mink import SE3
@@ -12,6 +11,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.motion.branch import Branch, groups, ruled_out, traced
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.route import refused, segment
@@ -25,18 +25,6 @@ _SAME = 1e-6
 """Difference of two configurations that are one [rad or m]."""
 _LOOKS = 33
 """Points of a line between which the joints are taken to run straight, to look for collisions."""
-_TOLD = 3
-"""Branches whose failure is told when all fail."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Branch:
-    """One way through a PTP waypoint and the straight lines that follow it."""
-
-    results: tuple[IkResult, ...]
-    """How each waypoint is reached, in their order."""
-    room: float
-    """Least distance to a joint limit at the waypoints, as a share of half the joint's range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,12 +72,12 @@ class Chain:
             PlanError: No sequence of configurations leads through; it names the waypoint that
                 no branch gets past, and what stopped each branch there.
         """
-        groups = _groups(waypoints)
-        layers = [self._branches(arm, ik, lin, group, q_start) for group in groups]
+        grouped = groups(waypoints)
+        layers = [self._branches(arm, ik, lin, group, q_start) for group in grouped]
         cost = np.zeros(1)
         ends = [q_start]
         back: list[list[int]] = []
-        for group, layer in zip(groups, layers, strict=True):
+        for group, layer in zip(grouped, layers, strict=True):
             reached = [branch.results[0].q for branch in layer]
             straight = group[0].motion is not Motion.PTP
             ways = np.array([[_way(q, end, v_max, straight) for end in ends] for q in reached])
@@ -98,7 +86,7 @@ class Chain:
             crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
             cost = total.min(axis=1) + crowded
             ends = [branch.results[-1].q for branch in layer]
-        return _traced(layers, back, int(cost.argmin()))
+        return traced(layers, back, int(cost.argmin()))
 
     def leading_on(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
@@ -163,7 +151,7 @@ class Chain:
             except PlanError as error:
                 failed.append(error)
         if not branches:
-            raise _ruled_out(group, failed)
+            raise ruled_out(group, failed)
         return branches
 
     def _clear(self, found: list[IkResult]) -> list[IkResult]:
@@ -226,36 +214,5 @@ def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
     return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
 
 
-def _groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
-    """Each PTP waypoint with the LIN and CIRC waypoints after it."""
-    cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
-    return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
-
-
 def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:
     return 0.0 if straight else float((np.abs(q - q_before) / v_max).max())
-
-
-def _traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list[IkResult]:
-    results: list[IkResult] = []
-    for layer, before in zip(reversed(layers), reversed(back), strict=True):
-        results[:0] = layer[last].results
-        last = before[last]
-    return results
-
-
-def _ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
-    """The waypoint that none got past: the furthest that any branch failed at."""
-    order = [waypoint.name for waypoint in group]
-    furthest = max(failed, key=lambda error: order.index(error.waypoint))
-    if len(failed) == 1:
-        return furthest
-    reasons = list(dict.fromkeys(f"{error.waypoint}: {error.reason}" for error in failed))
-    more = f"; and {len(reasons) - _TOLD} more" if len(reasons) > _TOLD else ""
-    return PlanError(
-        furthest.waypoint,
-        f"none of {len(failed)} configurations of {order[0]!r} leads there: "
-        + "; ".join(reasons[:_TOLD])
-        + more,
-        furthest.rejection,
-    )

@@ -1,5 +1,6 @@
 """Leg: a planned way to one waypoint."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mink import SE3
@@ -32,3 +33,8 @@ class Leg:
     def stops(self) -> bool:
         """True where it ends at rest; with a blend asked for, because a stop is faster."""
         return not self.trajectory.v[-1].any()
+
+
+def duration(legs: Sequence[Leg]) -> float:
+    """Of motions one after the other [s]."""
+    return sum(leg.trajectory.duration for leg in legs)

@@ -8,6 +8,7 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.tool_rates import tool_rates
+from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 
 
@@ -65,3 +66,16 @@ def lower_bound(
         for way, (v, a, j) in ((length, tool.linear), (angle, tool.angular)):
             times.append(least_time(float(way), v, a, j if straight else inf))
     return max(times)
+
+
+def paced_bound(
+    arm: Arm,
+    profile: MotionProfile,
+    motion: Trajectory,
+    pace: float,
+    tool: PathProfile | None,
+    straight: bool,
+) -> float:
+    """The lower bound of a motion at a pace of the profiles; see `lower_bound`."""
+    slowed = None if tool is None else tool.slowed(pace)
+    return lower_bound(arm, motion.q, profile.slowed(pace), slowed, straight)

@@ -8,15 +8,14 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.arc import Arc
-from robo47_qp.motion.blending import cut_ptp, least_with_stops, parted, quickest
+from robo47_qp.motion.blending import blends_joints, cut_ptp, least_with_stops, parted, quickest
 from robo47_qp.motion.chain import Chain, tool_target
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.continuous import Continuous, Pace, Passage
 from robo47_qp.motion.detour import Detour
-from robo47_qp.motion.leg import Leg
+from robo47_qp.motion.leg import Leg, duration
 from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.lower_bound import lower_bound
-from robo47_qp.motion.path_profile import PathProfile
+from robo47_qp.motion.lower_bound import paced_bound
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
 from robo47_qp.motion.time_law import S_CURVE, TimeLaw
@@ -47,7 +46,7 @@ class Planner:
     collisions: Collisions | None = None
     """What is not to be hit; None checks nothing."""
     surroundings: Collisions | None = None
-    """What PTP motions are not to hit either; motions of the tool may be meant to touch it."""
+    """Not to be hit by PTP motions, but to get away from; the tool may be meant to touch it."""
     detour: Detour | None = None
     """How PTP motions go around what `collisions` finds in their way; None refuses them."""
 
@@ -112,11 +111,7 @@ class Planner:
         return legs
 
     def _to_any(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
-        """To the first configuration that leads on and that there is a way to.
-
-        Raises:
-            PlanError: There is none; told is why the one that is preferred is not reached.
-        """
+        """To the first configuration that leads on and that there is a way to."""
         refusals: list[PlanError] = []
         for result in self.chain.leading_on(arm, self.ik, self.lin, waypoint):
             try:
@@ -148,7 +143,7 @@ class Planner:
         poses = [arm.pose(q_start), *(tool_target(arm, waypoint) for waypoint in run)]
         pace = Pace(self.profile, self.speed)
         floor = least_with_stops(poses, ends, run, pace, self.lin.profile) if corners else 0.0
-        return quickest(corners, plan, _duration, floor)
+        return quickest(corners, plan, duration, floor)
 
     def _moved(
         self,
@@ -173,7 +168,6 @@ class Planner:
             return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
         around = self.surroundings
-        # What is too close already has to get away.
         if around is not None and around.at(q_start) is None:
             around.check(waypoint.name, trajectory)
         try:
@@ -186,7 +180,7 @@ class Planner:
                 raise
             trajectory = detour
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
-        bound = self._bound(arm, trajectory, self.speed * waypoint.speed, None, True)
+        bound = paced_bound(arm, self.profile, trajectory, self.speed * waypoint.speed, None, True)
         return replace(leg, lower_bound=bound)
 
     def _tool(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
@@ -204,7 +198,7 @@ class Planner:
             time = error.fraction * self.lin.profile.least_time(way.length, way.angle)
             raise refused(waypoint, error, time) from error
         leg = self._leg(arm, waypoint, result, trajectory, q_start)
-        bound = self._bound(arm, trajectory, pace, self.lin.profile, True)
+        bound = paced_bound(arm, self.profile, trajectory, pace, self.lin.profile, True)
         return replace(leg, way=way, lower_bound=bound)
 
     def _without_stops(
@@ -216,7 +210,7 @@ class Planner:
         dt: float,
     ) -> list[Leg]:
         goals, paced = [result.q for result in results], Pace(self.profile, self.speed)
-        if len(run) > 1 and self.continuous.free is None and _blends_joints(run):
+        if len(run) > 1 and self.continuous.free is None and blends_joints(run):
             cut = cut_ptp(arm, run, [q_start, *goals], paced, self.law, dt)
             planned = Passage(*cut, [], Effort(0, 0.0))
         else:
@@ -233,14 +227,8 @@ class Planner:
             legs.append(self._leg(arm, waypoint, result, part, part.q[0]))
         pace = self.speed * max(waypoint.speed for waypoint in run)
         tool = None if any(w.motion is Motion.PTP for w in run) else self.continuous.profile
-        bound = self._bound(arm, whole, pace, tool, False)
+        bound = paced_bound(arm, self.profile, whole, pace, tool, False)
         return [replace(legs[0], lower_bound=bound), *legs[1:]]
-
-    def _bound(
-        self, arm: Arm, motion: Trajectory, pace: float, tool: PathProfile | None, straight: bool
-    ) -> float:
-        slowed = None if tool is None else tool.slowed(pace)
-        return lower_bound(arm, motion.q, self.profile.slowed(pace), slowed, straight)
 
     def _leg(
         self,
@@ -259,11 +247,3 @@ class Planner:
             T_world_start=arm.pose(q_start),
             T_world_goal=tool_target(arm, waypoint),
         )
-
-
-def _blends_joints(run: Sequence[Waypoint]) -> bool:
-    return all(w.motion is Motion.PTP for w in run) and all(w.blend for w in run[:-1])
-
-
-def _duration(legs: Sequence[Leg]) -> float:
-    return sum(leg.trajectory.duration for leg in legs)
