@@ -65,9 +65,9 @@ class Past(Reach):
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         super().build_scene(spec)
         if self.where is not None:
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0.1, 0.0], pos=self.where
-            )
+            # What a program may move is no part of the scene that motions are planned in.
+            body = spec.worldbody.add_body(name="post", pos=self.where, mocap=True)
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0.1, 0.0])
 
     def outlook(self, simulation: Simulation) -> list[Waypoint]:
         aside = shifted(simulation.tool_pose(), np.array([-0.1, 0.35, 0.0]))
