@@ -17,6 +17,9 @@ _STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
 """Half the length of a stroke along the board's y, and where the strokes are in its x [m]."""
 _ABOVE = 0.015
 """Of the sponge above where the surface is thought to be, before it is let down [m]."""
+_STEADY = 0.3
+"""How long the force has to be close to the one asked for: one that swings around it with a period
+of 0.9 s passes by it sooner [s]."""
 _FIRM = np.array([3000.0] * 3 + [100.0] * 3)
 """Stiffness of the tool on the board [N/m, N·m/rad]."""
 
@@ -55,7 +58,7 @@ class Wiper(Handling):
             name="settle",
             waypoints=(),
             compliance=pressing,
-            seconds=2.0,
+            seconds=5.0,
             until=self._pressed(),
             during=held,
             stay=True,
@@ -136,7 +139,7 @@ class Wiper(Handling):
             now, force = self.simulation.time, self.notes.pressed()
             if abs(force - self.wish.force) > 0.02 * self.wish.force:
                 since = now
-            if now - since >= 0.1:
+            if now - since >= _STEADY:
                 return None
             return f"the sponge presses with {force:.2f} N, {self.wish.force:.2f} N are asked for"
 

@@ -17,9 +17,9 @@ from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.chain import Chain
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.planner import Planner
-from robo47_qp.motion.tracking import LinError
 from robo47_qp.robot import Robot
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.waypoint import Motion, Place, Waypoint, tool_down

@@ -16,9 +16,10 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
 from robo47_qp.ik.stall import Stall
 from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.motion.tracking import LinError, _away
+from robo47_qp.motion.tracking import _away
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile, Robot
 from robo47_qp.robots.panda import PANDA
@@ -471,3 +472,28 @@ def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None
     assert all(plain.inside(row) for row in trajectory.q)
     assert off_line(plain, trajectory.q[::7], start, goal)[0] < 1e-5
     check_joints(trajectory, PANDA.profile)
+
+
+@pytest.mark.parametrize("over", [1e-4, 1e-6, 1e-8])
+def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(over: float) -> None:
+    """Past the robot from side to side the elbow bends most in the middle."""
+    arm, narrow = Arm(PANDA), Arm(PANDA)
+    start, goal = (shifted(arm.pose(arm.home), np.array([0.0, y, 0.0])) for y in (-0.2, 0.17))
+    q, way = IK.solve(arm, start, arm.home).q, Line(start, goal)
+
+    @dataclass(frozen=True)
+    class Careless:
+        tolerance: Tolerance = Tolerance()
+
+        def solve(self, _: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+            return IK.solve(arm, T_world_target, q_seed)
+
+    lin = Lin(retreat=0.0)
+    elbow = lin.follow(arm, IK, q, way)[1](np.linspace(0.0, 1.0, 100_001))[:, 3]
+    assert 0.3 < elbow.argmin() / 1e5 < 0.7
+    narrow.q_min[3] = elbow.min() - 1e-9
+    lin.follow(narrow, Careless(), q, way)
+    narrow.q_min[3] = elbow.min() + over
+    with pytest.raises(LinError, match=f"{PANDA.joints[3]} leaves its limits") as caught:
+        lin.follow(narrow, Careless(), q, way)
+    assert abs(caught.value.fraction - elbow.argmin() / 1e5) < 0.02

@@ -49,9 +49,14 @@ def test_the_board_is_wiped_and_the_sponge_put_back_within_all_limits() -> None:
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
 
-def test_the_force_is_held_while_it_slides() -> None:
-    """Judged from the recording alone, by a hand of its own."""
-    run = wiped(seed=3)
+@pytest.mark.parametrize("seed", [3, 79, 343])
+def test_the_force_is_held_while_it_slides(seed: int) -> None:
+    """Judged from the recording alone, by a hand of its own.
+
+    At the touch of seed 79 the force swings to and fro, at that of 343 it creeps to what is asked.
+    """
+    run = wiped(seed=seed)
+    assert run.failure is None
     sponge = run.rows["objects/sponge"]
     names = np.array([phase.name for phase in run.phases])[run.rows["phase"][:, 0].astype(int)]
     wiping = np.char.startswith(names, "stroke") | np.char.startswith(names, "turn")

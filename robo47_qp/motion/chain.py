@@ -14,8 +14,8 @@ from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.branch import Branch, groups, ruled_out, traced
 from robo47_qp.motion.collisions import Collisions
 from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.route import refused, segment
-from robo47_qp.motion.tracking import LinError
 from robo47_qp.waypoint import Motion, Place, Waypoint
 
 _ROOM = 0.02

@@ -11,12 +11,14 @@ from scipy.interpolate import CubicSpline
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import IkSolver
+from robo47_qp.motion.joint_limits import check_limits
 from robo47_qp.motion.joint_path import JointPath, Stretch
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.route import STILL, Curve, misshapen, refused, tool_curve
 from robo47_qp.motion.timing import Timing, limits
 from robo47_qp.motion.tool_curve import BlendError
-from robo47_qp.motion.tracking import Effort, LinError, Tracking, check_limits
+from robo47_qp.motion.tracking import Effort, Tracking
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 from robo47_qp.waypoint import Motion, Waypoint

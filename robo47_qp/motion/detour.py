@@ -14,9 +14,9 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError
 from robo47_qp.motion.collisions import Collisions
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.timing import Timing, limits
-from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 

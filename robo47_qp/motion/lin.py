@@ -11,10 +11,12 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import Obstacle
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.motion.arc import Arc
+from robo47_qp.motion.joint_limits import check_limits
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.tracking import LinError, Tracking, check_limits
+from robo47_qp.motion.tracking import Tracking
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.robot import MotionProfile
 

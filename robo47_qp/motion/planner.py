@@ -15,11 +15,12 @@ from robo47_qp.motion.continuous import Continuous, Pace, Passage
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.leg import Leg, duration
 from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.lower_bound import paced_bound
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
 from robo47_qp.motion.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.tracking import Effort, LinError
+from robo47_qp.motion.tracking import Effort
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.robot import MotionProfile
 from robo47_qp.waypoint import Motion, Waypoint
@@ -100,8 +101,7 @@ class Planner:
             raise misshapen(waypoints[-1], "it is the last and not to be stopped at")
         v_max = self.profile.v_max
         chosen = self.chain.choose(arm, self.ik, self.lin, waypoints, q, v_max)
-        legs: list[Leg] = []
-        first = 0
+        legs, first = list[Leg](), 0
         for i, waypoint in enumerate(waypoints):
             if not waypoint.rests:
                 continue

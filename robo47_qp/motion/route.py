@@ -7,11 +7,11 @@ from mink import SE3
 
 from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Rejection
 from robo47_qp.motion.arc import Arc, arc_about, arc_through
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.line import Line
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.through import Through
 from robo47_qp.motion.tool_curve import BlendError, ToolCurve
-from robo47_qp.motion.tracking import LinError
 from robo47_qp.waypoint import Motion, Place, Waypoint
 
 Curve = ToolCurve | Through

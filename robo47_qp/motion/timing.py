@@ -11,9 +11,9 @@ from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import Obstacle
 from robo47_qp.motion.joint_path import JointCurve
+from robo47_qp.motion.lin_error import LinError
 from robo47_qp.motion.path_profile import PathProfile
 from robo47_qp.motion.tool_rates import tool_rates
-from robo47_qp.motion.tracking import LinError
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.travel import Travel
 from robo47_qp.robot import MotionProfile

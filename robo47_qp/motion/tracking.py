@@ -10,10 +10,12 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle, Robo47Error
+from robo47_qp.errors import Obstacle
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.motion.blocked import AT_LIMIT, blocked, rough
 from robo47_qp.motion.creeping import creep, one_start
+from robo47_qp.motion.joint_limits import check_all_along
+from robo47_qp.motion.lin_error import LinError
 
 _TASK = 6
 """Coordinates of a pose: an arm with more joints has motions of its own."""
@@ -37,35 +39,6 @@ class ToolPath(Protocol):
     def at(self, s: float) -> SE3:
         """T_world_tcp at s in [0, 1]."""
         ...
-
-
-class LinError(Robo47Error):
-    """A tool path that the arm cannot follow.
-
-    Attributes:
-        fraction: Where on the path, 0 at its start and 1 at its end.
-        obstacle: What stands in the way.
-        joint: The joint concerned, where there is one.
-        q: The last configuration before, where there is one.
-        T_world_next: The pose that is not reached from there, where there is one.
-    """
-
-    def __init__(
-        self,
-        fraction: float,
-        reason: str,
-        obstacle: Obstacle,
-        joint: str | None = None,
-        q: Vector | None = None,
-        T_world_next: SE3 | None = None,
-    ) -> None:
-        """Tell where on the path and why."""
-        super().__init__(f"the path fails {100 * fraction:.0f} % of the way: {reason}")
-        self.fraction = fraction
-        self.obstacle = obstacle
-        self.joint = joint
-        self.q = None if q is None else q.copy()
-        self.T_world_next = T_world_next
 
 
 class Effort(NamedTuple):
@@ -131,7 +104,7 @@ class Tracking:
             spline = make_interp_spline(np.linspace(0.0, 1.0, knots + 1), q, k=5)
             off, fraction = _worst_deviation(arm, path, spline, knots)
             if off <= self.deviation:
-                check_limits(arm, spline(np.linspace(0.0, 1.0, 4 * len(spline.c))))
+                check_all_along(arm, spline)
                 return spline, Effort(iterations, seconds)
             if doublings == self.doublings:
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
@@ -187,20 +160,6 @@ class Tracking:
         at = low + crept.at * (high - low)
         told = f"{reason} ({obstacle.value}, {joint})"
         raise LinError(at, told, obstacle, joint, crept.q, crept.stuck)
-
-
-def check_limits(arm: Arm, q: Matrix) -> None:
-    """Refuse configurations (N, n), spread evenly over a path, outside the joint limits.
-
-    Raises:
-        LinError: One is outside.
-    """
-    outside = (q < arm.q_min) | (q > arm.q_max)
-    if outside.any():
-        row, joint = np.argwhere(outside)[0]
-        name = arm.robot.joints[joint]
-        at = row / len(outside)
-        raise LinError(at, f"{name} leaves its limits", Obstacle.JOINT_LIMIT, name, q[row])
 
 
 def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:
