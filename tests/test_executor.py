@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import platform
 import subprocess
 import sys
 import time
@@ -111,6 +112,12 @@ def test_the_environment_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     assert heard.metrics["threads"] == 1
     assert os.environ["OMP_NUM_THREADS"] == "5"
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="tunes the allocator of glibc")
+def test_large_blocks_are_given_back() -> None:
+    (result,) = LocalProcesses(workers=1, timeout=60.0).run(Toy(does={100: "litter"}), specs(1))
+    assert result.metrics["grown"] < 10e6
 
 
 def test_numbers_out_of_range_are_refused() -> None:

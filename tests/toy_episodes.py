@@ -5,6 +5,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ class Toy:
     """Draws a success from the seed, unless something else is asked for."""
 
     does: Mapping[int, str] = field(default_factory=dict)
-    """What seeds do instead: raise, hang, exit, kill, print, unpicklable."""
+    """What seeds do instead: raise, hang, exit, print, litter."""
     foreign: bool = True
     pause: float = 0.0
 
@@ -41,6 +42,10 @@ class Toy:
                 os._exit(7)
             case "print":
                 print("not JSON")
+            case "litter":
+                return EpisodeResult(
+                    index=spec.index, seed=spec.seed, success=True, metrics={"grown": _littered()}
+                )
         drawn = np.random.default_rng(spec.seed).uniform(size=3)
         more: dict[str, Any] = {
             "metrics": {"cycle_time_s": float(drawn[1]), "threads": threads()},
@@ -51,6 +56,23 @@ class Toy:
             return EpisodeResult(index=spec.index, seed=spec.seed, success=True, **more)
         cause = Cause.GRASP if drawn[0] < 0.9 else Cause.DROP
         return failed(spec, Failure(cause=cause, evidence="drawn", time=1.0), **more)
+
+
+def _littered() -> float:
+    """How much memory stays when large blocks are gone and small ones after them are not [B]."""
+    # By its own rule, glibc takes blocks up to the largest that was freed for small ones.
+    np.ones(20 << 20, dtype=np.uint8)
+    kept, before = [], _resident()
+    for i in range(20):
+        large = np.ones((14 << 20) + (i << 16), dtype=np.uint8)
+        kept.append(np.ones(1 << 16, dtype=np.uint8))
+        del large
+    return float(_resident() - before)
+
+
+def _resident() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def threads() -> int:

@@ -12,7 +12,7 @@ from typing import Any
 
 from robo47_qp.errors import InvalidValueError, MissingExtraError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
-from robo47_qp.evaluation.worker import ONE_THREAD, WorkerError, run_guarded
+from robo47_qp.evaluation.worker import ENVIRONMENT, WorkerError, run_guarded
 
 _START_TIMEOUT = 300.0
 """How long an actor may take to get ready [s]."""
@@ -71,7 +71,9 @@ class RayCluster:
         ray.init(
             num_cpus=None if joined else self.workers,
             # Nodes of a real cluster have the package installed in places of their own.
-            runtime_env={"env_vars": ONE_THREAD if joined else {**ONE_THREAD, "PYTHONPATH": path}},
+            runtime_env={
+                "env_vars": ENVIRONMENT if joined else {**ENVIRONMENT, "PYTHONPATH": path}
+            },
             include_dashboard=None if joined else False,
             log_to_driver=False,
             logging_level="ERROR",
