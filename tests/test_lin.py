@@ -475,10 +475,19 @@ def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None
 
 
 @pytest.mark.parametrize("over", [1e-4, 1e-6, 1e-8])
-def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(over: float) -> None:
-    """Past the robot from side to side the elbow bends most in the middle."""
+@pytest.mark.parametrize(
+    ("joint", "side", "ends"),
+    [
+        (3, -1.0, ([0.0, -0.2, 0.0], [0.0, 0.17, 0.0])),
+        (4, 1.0, ([0.1, 0.05, 0.0], [0.1, 0.3, 0.0])),
+    ],
+)
+def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(
+    joint: int, side: float, ends: tuple[list[float], list[float]], over: float
+) -> None:
+    """Past the robot from side to side, or on one side, a joint turns most on the way."""
     arm, narrow = Arm(PANDA), Arm(PANDA)
-    start, goal = (shifted(arm.pose(arm.home), np.array([0.0, y, 0.0])) for y in (-0.2, 0.17))
+    start, goal = (shifted(arm.pose(arm.home), np.array(end)) for end in ends)
     q, way = IK.solve(arm, start, arm.home).q, Line(start, goal)
 
     @dataclass(frozen=True)
@@ -489,11 +498,12 @@ def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(over: float) 
             return IK.solve(arm, T_world_target, q_seed)
 
     lin = Lin(retreat=0.0)
-    elbow = lin.follow(arm, IK, q, way)[1](np.linspace(0.0, 1.0, 100_001))[:, 3]
-    assert 0.3 < elbow.argmin() / 1e5 < 0.7
-    narrow.q_min[3] = elbow.min() - 1e-9
+    bend = side * lin.follow(arm, IK, q, way)[1](np.linspace(0.0, 1.0, 100_001))[:, joint]
+    assert 0.3 < bend.argmax() / 1e5 < 0.7
+    limit = narrow.q_max if side > 0.0 else narrow.q_min
+    limit[joint] = side * (bend.max() + 1e-9)
     lin.follow(narrow, Careless(), q, way)
-    narrow.q_min[3] = elbow.min() + over
-    with pytest.raises(LinError, match=f"{PANDA.joints[3]} leaves its limits") as caught:
+    limit[joint] = side * (bend.max() - over)
+    with pytest.raises(LinError, match=f"{PANDA.joints[joint]} leaves its limits") as caught:
         lin.follow(narrow, Careless(), q, way)
-    assert abs(caught.value.fraction - elbow.argmin() / 1e5) < 0.02
+    assert bend[round(1e5 * caught.value.fraction)] > bend.max() - over - 1e-9
