@@ -26,8 +26,9 @@ _HEIGHT = (0.15, 0.60)
 """Range of heights above the table [m]."""
 _TILT = np.deg2rad(60.0)
 """How far the tool's axis is from straight down at most [rad]."""
-_ROOM = 0.015
-"""What does not touch stays this far apart at random poses: room for a clearance [m]."""
+_ROOM = (0.015, 0.010)
+"""What is not closer than one of these at home stays that far apart at random poses: room for a
+clearance, also between links that are built close to each other [m]."""
 _DRAWS = 100_000
 """Configurations to draw per pose, at most; about one in a hundred lies in the workspace."""
 _STILL = 2e-3
@@ -168,10 +169,11 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
         InvalidValueError: None was found: the robot does not reach into the workspace.
     """
     model, robot = copy(simulation.model), simulation.robot
-    model.geom_margin[:] = 0.5 * _ROOM  # of both geoms of a pair, added up
+    # MuJoCo passes over parent and child, but neighbours can meet: an elbow folds up.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
     data = mujoco.MjData(model)
     data.qpos[:] = simulation.data.qpos
-    as_built = _close(model, data)
+    as_built = [_close(model, data, gap) for gap in _ROOM]
     joints = [model.joint(name) for name in robot.joints]
     addresses = [int(joint.qposadr[0]) for joint in joints]
     low, high = np.array([joint.range for joint in joints]).T
@@ -181,7 +183,9 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
         mujoco.mj_kinematics(model, data)
         if not _in_workspace(data.site_xpos[tcp], -float(data.site_xmat[tcp][8])):
             continue
-        if _close(model, data) <= as_built:
+        if all(
+            _close(model, data, gap) <= close for gap, close in zip(_ROOM, as_built, strict=True)
+        ):
             rotation = SO3.from_matrix(data.site_xmat[tcp].reshape(3, 3))
             return SE3.from_rotation_and_translation(rotation, data.site_xpos[tcp].copy())
     raise InvalidValueError(
@@ -189,8 +193,9 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
     )
 
 
-def _close(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
-    """Pairs of geoms that are closer than their margins."""
+def _close(model: mujoco.MjModel, data: mujoco.MjData, gap: float) -> set[tuple[int, int]]:
+    """Pairs of geoms that are closer than a gap [m]."""
+    model.geom_margin[:] = 0.5 * gap  # of both geoms of a pair, added up
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_collision(model, data)

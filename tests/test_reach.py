@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +18,14 @@ from robo47_qp.failure import Cause
 from robo47_qp.motion.chain import Chain
 from robo47_qp.options import RunOptions
 from robo47_qp.robot import Robot
+from robo47_qp.robot_loading import robot_from_mjcf
 from robo47_qp.robots.panda import PANDA
 from robo47_qp.simulation import Simulation
 from robo47_qp.steps import Move, Step, Wait
 from robo47_qp.waypoint import Waypoint
 from tasks.memory import put_away
 from tasks.reach import Reach
+from tests.robots import MODELS
 from tests.runs import Meddler, carry_out, make_runner
 
 
@@ -119,6 +122,36 @@ def test_every_robot_reaches_its_random_poses(robot: Robot) -> None:
     except ModelError as error:
         pytest.skip(str(error))
     assert all(result.converged for result in results)
+
+
+def _with_knobs(path: Path) -> Robot:
+    """An arm whose elbow folds up until its links meet, which MuJoCo passes over."""
+    xml = (MODELS / "hinge6.xml").read_text()
+    upper, fore = (
+        '<geom fromto="0 0 0 0 0.38 0"/>',
+        '<geom fromto="0 0 0 0.02 0.28 0" size="0.035"/>',
+    )
+    knobs = [(0.07 * side * np.sin(2.2), 0.4 + 0.07 * np.cos(2.2)) for side in (-1, 1)]
+    balls = "".join(f'<geom type="sphere" size="0.03" pos="{x} {y} 0"/>' for x, y in knobs)
+    path.write_text(
+        xml.replace(upper, upper + balls).replace(
+            fore, fore + '<geom type="sphere" size="0.03" pos="0 0.07 0"/>'
+        )
+    )
+    return robot_from_mjcf(path, tcp="pointer", home=[0.0, -0.4, -0.8, 0.0, -1.2, 0.0])
+
+
+def test_poses_for_which_links_meet_are_not_taken(tmp_path: Path) -> None:
+    """A pose tells the angle of this elbow but for its sign, and there is a knob on both sides."""
+    robot, task = _with_knobs(tmp_path / "knobs.xml"), Reach()
+    simulation = Simulation(robot, task.build_scene)
+    arm = Arm(robot, obstacles=task.obstacles)
+    ik = RunOptions(ik="lm").scenario(robot, task).planner.ik
+    for seed in range(8):
+        task.reset(simulation, np.random.default_rng(seed))
+        for i in range(task.count):
+            result = ik.solve(arm, simulation.marker_pose(f"pose {i + 1}"), np.array(robot.home))
+            assert result.converged, result.explanation
 
 
 def test_a_workspace_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
