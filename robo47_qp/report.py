@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
+from mink import SE3
 
 from robo47_qp import __version__
 from robo47_qp.finding import Finding
@@ -85,8 +86,10 @@ def plain(value: object) -> Any:
     JSON has no infinity and no NaN: they become text. Of any other object, the class is told.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"class": type(value).__name__, **fields}
+        names = [f.name for f in dataclasses.fields(value)]
+        if isinstance(value, SE3):
+            names = ["wxyz_xyz"]  # the others are sizes that every SE3 has
+        return {"class": type(value).__name__, **{n: plain(getattr(value, n)) for n in names}}
     match value:
         case float() if not isfinite(value):
             return str(value)

@@ -192,7 +192,25 @@ def test_the_comparison_is_what_the_reports_say(tmp_path: Path) -> None:
     assert [c["p_holm"] for c in found["comparisons"]] == pytest.approx([holm[p] for p in p_values])
     for name, report in reports.items():
         assert f"{name}: {report['successes']} of 30 succeeded" in screen.getvalue()
+        assert f"%); failed: ik {30 - report['successes']}\n" in screen.getvalue()
     assert f"{THREE[1]} against {THREE[0]} on 30 episodes" in screen.getvalue()
+
+
+@pytest.mark.usefixtures("toys")
+def test_the_recordings_that_there_are_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def record(_: Any, __: Any, failures: Sequence[EpisodeResult], path: Path) -> dict[int, bool]:
+        if failures and "single" not in path.name:
+            path.write_text("")
+        return {}
+
+    monkeypatch.setattr(job, "record_failures", record)
+    screen = StringIO()
+    assert evaluate(Reach(), PANDA, options(tmp_path), Console(file=screen, width=200)) == 0
+    told = [line.split() for line in screen.getvalue().splitlines()]
+    named = [line[1] for line in told if line[:1] == ["recording"]]
+    assert named == [str(tmp_path / f"eval.classical-{ik}.rrd") for ik in ("qp", "dls")]
 
 
 @pytest.mark.usefixtures("toys")

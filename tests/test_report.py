@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mink import SE3
 
 import robo47_qp
 from robo47_qp.audit import audit
@@ -146,4 +147,6 @@ def test_settings_become_plain_json() -> None:
     assert plain([np.array([1.0, np.nan]), None, True, Cause.DROP]) == [
         *([1.0, "nan"], None, True, Cause.DROP.value)
     ]
+    pose = SE3.from_translation(np.array([0.1, 0.2, 0.3]))
+    assert plain([pose]) == [{"class": "SE3", "wxyz_xyz": [1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3]}]
     assert plain(object()) == {"class": "object"}

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robo47_qp.evaluation.paired import CYCLE
-from robo47_qp.evaluation.words import comparison_line, table
+from robo47_qp.evaluation.words import comparison_line, settings_rows, table
 
 _POLICIES = ("policy", "succeeded", "95 %", "causes of failure", "audits broken", "cycle time s")
 _DIFFERENCES = (
@@ -41,7 +41,7 @@ def paired_markdown(figures: Mapping[str, Any]) -> str:
         if comparison["differing"]:
             lines += ["Episodes that only one solved:", ""]
             lines += table(_SEEDS, _seeds(comparison))
-    lines += ["## Settings", "", *table(("setting", "value"), figures["settings"].items())]
+    lines += ["## Settings", "", *table(("setting", "value"), settings_rows(figures["settings"]))]
     lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
     return "\n".join(lines)
 

@@ -14,7 +14,7 @@ from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.paired import paired
 from robo47_qp.evaluation.paired_words import paired_markdown
-from robo47_qp.evaluation.words import comparison_line, rate_line
+from robo47_qp.evaluation.words import causes_tail, comparison_line, rate_line
 from robo47_qp.files import claim, write_text
 
 COMPARISON = ("report", "text")
@@ -34,7 +34,8 @@ def evaluate_several(jobs: Sequence[Job], options: EvaluateOptions, console: Con
             name = job.options.contender.name
             reports.append(job.run(console, resume=True, title=name))
             job.keep(reports[-1])
-            console.print(escape(f"{name}: {rate_line(reports[-1])}"), highlight=False)
+            line = f"{name}: {rate_line(reports[-1])}{causes_tail(reports[-1])}"
+            console.print(escape(line), highlight=False)
     except KeyboardInterrupt:
         console.print(
             "interrupted; all finished episodes of all policies are kept: go on with --resume"
@@ -47,7 +48,7 @@ def evaluate_several(jobs: Sequence[Job], options: EvaluateOptions, console: Con
     figures = paired(dict(zip(names, reports, strict=True)))
     write_json(figures, options.files["report"])
     write_text(options.files["text"], paired_markdown(figures))
-    _print_end(figures, reports, options, console)
+    _print_end(figures, reports, jobs, options, console)
     return OK if all(map(sound, reports)) else FAILED
 
 
@@ -75,6 +76,7 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
 def _print_end(
     figures: dict[str, Any],
     reports: Sequence[dict[str, Any]],
+    jobs: Sequence[Job],
     options: EvaluateOptions,
     console: Console,
 ) -> None:
@@ -85,5 +87,7 @@ def _print_end(
         return
     lines = [comparison_line(comparison) for comparison in figures["comparisons"]]
     lines += [f"  {name:<10} {options.files[name]}" for name in COMPARISON]
-    lines += [f"  {'report':<10} {options.log.with_name(p['report'])}" for p in figures["policies"]]
+    for name in ("report", "recording"):
+        files = [job.options.files[name] for job in jobs]
+        lines += [f"  {name:<10} {path}" for path in files if path.exists()]
     console.print(escape("\n".join(lines)), highlight=False, soft_wrap=True)

@@ -16,6 +16,12 @@ def rate_line(figures: Mapping[str, Any]) -> str:
     )
 
 
+def causes_tail(figures: Mapping[str, Any]) -> str:
+    """Causes of failure, to follow the rate; nothing where there is none."""
+    counts = [f"{cause} {count}" for cause, count in figures["causes"].items()]
+    return f"; failed: {', '.join(counts)}" if counts else ""
+
+
 def comparison_line(comparison: Mapping[str, Any]) -> str:
     """A paired comparison in a sentence."""
     low, high = (100 * bound for bound in comparison["interval"])
@@ -47,7 +53,7 @@ def markdown(figures: Mapping[str, Any], pictures: Sequence[str]) -> str:
         lines += table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
     if figures.get("timing"):
         lines += ["## Throughput", "", throughput_line(figures["timing"]) + ".", ""]
-    lines += ["## Settings", "", *table(("setting", "value"), _settings(figures["settings"]))]
+    lines += ["## Settings", "", *table(("setting", "value"), settings_rows(figures["settings"]))]
     lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
     return "\n".join(lines)
 
@@ -82,7 +88,7 @@ def _rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
-def _settings(settings: Mapping[str, Any]) -> list[tuple[str, object]]:
+def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, object]]:
     """One row for each; the versions have a table of their own."""
     rows: list[tuple[str, object]] = []
     for name, value in settings.items():
