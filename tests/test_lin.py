@@ -222,7 +222,7 @@ def test_the_slower_of_moving_and_turning_sets_the_time(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("v", "a", "j"), [(0.15, FAST, FAST**2), (FAST, 0.2, FAST**2), (FAST, FAST, 1.0)]
+    ("v", "a", "j"), [(0.3, FAST, FAST**2), (FAST, 0.2, FAST**2), (FAST, FAST, 1.0)]
 )
 def test_where_a_joint_binds_time_is_stretched_as_much_as_needed(
     arm: Arm, plain: PlainArm, v: float, a: float, j: float
