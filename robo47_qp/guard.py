@@ -7,12 +7,12 @@ from types import TracebackType
 class Guard:
     """Keeps what is raised inside a `with` block, whatever it is.
 
-    Only where code that is not ours is called, which must not take everything else with it.
-    Interrupts and exits go through.
+    Only where code that is not ours is called, which must not take everything else with it,
+    by `sys.exit` neither. Interrupts go through.
     """
 
     def __init__(self) -> None:
-        self.error: Exception | None = None
+        self.error: Exception | SystemExit | None = None
         """What was raised; None where nothing was."""
 
     def __enter__(self) -> "Guard":
@@ -26,7 +26,7 @@ class Guard:
         trace: TracebackType | None,
     ) -> bool:
         """Keep an exception."""
-        if isinstance(error, Exception):
+        if isinstance(error, Exception | SystemExit):
             self.error = error
         return self.error is not None
 

@@ -78,7 +78,7 @@ def _within(name: str, value: object, low: Vector, high: Vector) -> Vector:
     slack = _SINGLE * (high - low)
     if (vector < low - slack).any() or (vector > high + slack).any():
         i = int(np.argmax(np.maximum(low - vector, vector - high)))
-        which = f"{name}[{i}]" if len(low) > 1 else name
+        which = name.replace(" of", f"[{i}] of", 1) if len(low) > 1 else name
         raise InvalidValueError(which, f"{vector[i]:.6g}", f"from {low[i]:.6g} to {high[i]:.6g}")
     inside: Vector = np.clip(vector, low, high)
     return inside

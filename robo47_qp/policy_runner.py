@@ -125,7 +125,7 @@ class PolicyRunner(Runner):
             return self._amiss(str(error))
         return self._raised("act", error)
 
-    def _raised(self, where: str, error: Exception | None) -> Failure:
+    def _raised(self, where: str, error: Exception | SystemExit | None) -> Failure:
         return self._amiss(f"it raised {type(error).__name__} in {where}: {error}")
 
     def _amiss(self, what: str) -> Failure:

@@ -168,7 +168,7 @@ def test_an_error_of_ours_is_seen(tmp_path: Path) -> None:
     assert evaluate(Odd(buggy=True), PANDA, chosen, Console(file=screen, width=200)) == 1
     report = read(tmp_path)
     assert (report["errors"], report["successes"], report["causes"]) == (1, 0, {})
-    assert "1 episodes ended with an error of our own" in screen.getvalue()
+    assert "1 episode ended with an error of our own" in screen.getvalue()
     assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
     assert "an error of our own" in (tmp_path / "eval.md").read_text()
 

@@ -321,7 +321,7 @@ def test_an_error_of_ours_is_told_and_counts_as_no_success(
     screen = StringIO()
     chosen = options(tmp_path, episodes=4)
     assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 1
-    assert "1 episodes ended with an error of our own" in screen.getvalue()
+    assert "1 episode ended with an error of our own" in screen.getvalue()
     assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
     found = read(tmp_path)
     assert [p["errors"] for p in found["policies"]] == [0, 1, 0]
@@ -393,7 +393,7 @@ def test_where_nothing_is_solved_by_both_no_times_are_compared() -> None:
         (
             {"policy": THREE, "rate": 10.0},
             InvalidValueError,
-            "--rate or --time-limit must be left out with --policy classical",
+            "--rate and --time-limit must be left out with --policy classical",
         ),
     ],
 )

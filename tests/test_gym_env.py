@@ -170,7 +170,7 @@ def test_what_counts_is_where_it_comes_to_rest() -> None:
     ("index", "value", "evidence"),
     [
         (2, np.nan, "q of the action must be a vector of 7 finite numbers"),
-        (3, 1.1, "q of the action[3] must be from -3.0718 to -0.0698"),
+        (3, 1.1, "q[3] of the action must be from -3.0718 to -0.0698"),
         (7, 1.1, "width of the action must be from 0 to 0.08"),
     ],
 )

@@ -84,3 +84,23 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
 def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         Perturbation(**setting)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"mass": 1.5}, r"^--mass must be below 1; found 1.5\.$"),
+        ({"latency": -2.0}, r"^--latency must be finite and not negative; found -2.0\.$"),
+        ({"pose_noise": np.nan}, r"^--pose-noise must be finite and not negative; found nan\.$"),
+        ({"pushes": 4}, r"^--pushes must be 3 at most; found 4\.$"),
+    ],
+)
+def test_an_option_is_refused_by_its_own_name(chosen: dict[str, float], message: str) -> None:
+    options = EvaluateOptions(**chosen)  # type: ignore[arg-type]
+    with pytest.raises(InvalidValueError, match=message):
+        _ = options.perturbation
+
+
+def test_a_rate_is_refused_by_its_own_name() -> None:
+    with pytest.raises(InvalidValueError, match=r"^--rate must be above 0 and at most 1000; found"):
+        EvaluateOptions(policy=("mine.py:Mine",), rate=0.0)

@@ -89,16 +89,16 @@ def with_one(vector: Vector, i: int, value: float) -> Vector:
         (JointTarget(q="far"), "q of the action must be .* found 'far'"),  # type: ignore[arg-type]
         (
             JointTarget(q=with_one(HOME, 3, 0.2)),
-            "q of the action[3] must be from -3.0718 to -0.0698; found 0.2",
+            "q[3] of the action must be from -3.0718 to -0.0698; found 0.2",
         ),
         (
             JointTarget(q=with_one(HOME, 0, -2.9)),
-            "q of the action[0] must be from -2.8973 to 2.8973; found -2.9",
+            "q[0] of the action must be from -2.8973 to 2.8973; found -2.9",
         ),
         (Torques(tau=np.full(7, np.inf)), "tau of the action must be a vector of 7 finite"),
         (
             Torques(tau=with_one(np.zeros(7), 4, 12.1)),
-            "tau of the action[4] must be from -12 to 12; found 12.1",
+            "tau[4] of the action must be from -12 to 12; found 12.1",
         ),
         (ToolTarget(pose=DOWN[:3]), "pose of the action must be .* found shape (3,)"),
         (

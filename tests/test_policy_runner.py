@@ -1,5 +1,6 @@
 """Policies in the cell: what they see, what becomes of what they answer, how an episode ends."""
 
+import sys
 from functools import cache
 
 import numpy as np
@@ -359,6 +360,10 @@ class Odd:
         (Raises("reset"), "the policy at 0.000 s: it raised KeyError in reset: 'weights'"),
         (Raises("act"), "the policy at 0.133 s: it raised ZeroDivisionError in act: no such luck"),
         (
+            Scripted(lambda _: sys.exit(2)),
+            "the policy at 0.000 s: it raised SystemExit in act: 2",
+        ),
+        (
             Scripted(lambda seen: JointTarget(q=HOME * (np.nan if seen.time > 0.05 else 1.0))),
             "the policy at 0.067 s: q of the action must be a vector of 7 finite numbers; found",
         ),
@@ -373,7 +378,7 @@ class Odd:
         ),
         (
             Scripted(lambda _: Torques(tau=np.full(7, 90.0))),
-            "tau of the action[4] must be from -12 to 12; found 90",
+            "tau[4] of the action must be from -12 to 12; found 90",
         ),
     ],
 )

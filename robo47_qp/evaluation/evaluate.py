@@ -16,7 +16,13 @@ from robo47_qp.evaluation.policy import Cell
 from robo47_qp.evaluation.replay import replay
 from robo47_qp.evaluation.several import evaluate_several
 from robo47_qp.evaluation.summary import compared
-from robo47_qp.evaluation.words import comparison_line, rate_line, throughput_line
+from robo47_qp.evaluation.words import (
+    broken_line,
+    cause_lines,
+    comparison_line,
+    rate_line,
+    throughput_line,
+)
 from robo47_qp.json_file import read_json
 from robo47_qp.robot import Robot
 from robo47_qp.task import Task
@@ -88,7 +94,9 @@ def _print_end(figures: dict[str, Any], options: EvaluateOptions, console: Conso
         sys.stdout.write(json.dumps(figures, indent=2, allow_nan=False) + "\n")
         return
     lines = [rate_line(figures)]
-    lines += [f"  {cause:<10} {count}" for cause, count in figures["causes"].items()]
+    lines += cause_lines(figures)
+    if broken := broken_line(figures):
+        lines.append(broken)
     if "comparison" in figures:
         lines.append(comparison_line(figures["comparison"]))
     if figures["timing"]:

@@ -24,7 +24,7 @@ from robo47_qp.evaluation.progress import EvaluationBar
 from robo47_qp.evaluation.ray_cluster import RayCluster
 from robo47_qp.evaluation.summary import summary, throughput
 from robo47_qp.evaluation.task_episode import TaskEpisode
-from robo47_qp.evaluation.words import markdown
+from robo47_qp.evaluation.words import counted, markdown
 from robo47_qp.files import claim, write_text
 from robo47_qp.report import plain, versions
 from robo47_qp.robot import Robot
@@ -153,7 +153,8 @@ def print_unsound(figures: Mapping[str, Any], console: Console) -> None:
     if figures["errors"]:
         errors = [e["error"] for e in figures["entries"] if e["error"] is not None]
         console.print(
-            f"[bold red]{len(errors)} episodes ended with an error of our own[/], the first:"
+            f"[bold red]{counted(len(errors), 'episode')} ended with an error of our own[/], "
+            "the first:"
         )
         console.print(escape(errors[0]), highlight=False)
     other = [seed for seed, same in figures["replayed"].items() if same is False]

@@ -48,11 +48,19 @@ class PerturbOptions:
         """
         names = [f.name for f in fields(PerturbOptions)]
         chosen = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if "mass" in chosen:
-            chosen["object_mass"] = chosen.pop("mass")
-        if "latency" in chosen:
-            chosen["latency"] *= _MILLI
-        return replace(preset, **chosen)
+        inside = {"mass": "object_mass"}
+        try:
+            return replace(
+                preset,
+                **{
+                    inside.get(name, name): value * (_MILLI if name == "latency" else 1)
+                    for name, value in chosen.items()
+                },
+            )
+        except InvalidValueError as error:
+            asked = next(name for name in names if inside.get(name, name) == error.name)
+            option = f"--{asked.replace('_', '-')}"
+            raise InvalidValueError(option, chosen[asked], error.expected) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +125,10 @@ class EvaluateOptions(PerturbOptions):
             if not 0.0 < found < float("inf"):
                 option = f"--{name.replace('_', '-')}"
                 raise InvalidValueError(option, found, "above 0 and finite")
+        try:
+            Pace(rate=self.rate)
+        except InvalidValueError as error:
+            raise InvalidValueError("--rate", self.rate, error.expected) from error
         self._check_policies()
         if self.replay is not None and self.replay < 0:
             raise InvalidValueError("--replay", self.replay, "0 or more")
@@ -127,9 +139,9 @@ class EvaluateOptions(PerturbOptions):
         contenders = self.contenders
         check_different(contenders)
         if all(contender.ik is not None for contender in contenders) and self.pace != Pace():
-            raise InvalidValueError(
-                "--rate or --time-limit", "another one", f"left out with --policy {CLASSICAL}"
-            )
+            found = f"{self.rate:g} and {self.time_limit:g}"
+            expected = f"left out with --policy {CLASSICAL}, which has no use for them"
+            raise InvalidValueError("--rate and --time-limit", found, expected)
         if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
             raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
         for name in ("against", "replay"):

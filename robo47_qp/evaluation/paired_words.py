@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robo47_qp.evaluation.paired import CYCLE
-from robo47_qp.evaluation.words import comparison_line, settings_rows, table
+from robo47_qp.evaluation.words import VARIED, comparison_line, settings_rows, table
 
 _POLICIES = ("policy", "succeeded", "95 %", "causes of failure", "audits broken", "cycle time s")
 _DIFFERENCES = (
@@ -30,8 +30,8 @@ def paired_markdown(figures: Mapping[str, Any]) -> str:
     lines += table(_DIFFERENCES, map(_difference, comparisons))
     lines += [
         "Points are percentage points of success, with Bonett and Price's interval; p is that of "
-        "McNemar's exact test, corrected for several comparisons by Holm. Cycle times differ by "
-        "the median over the episodes that both solved.",
+        "McNemar's exact test, and beside it what Holm's correction for several comparisons makes "
+        "of it. Cycle times differ by the median over the episodes that both solved.",
         "",
     ]
     for comparison in comparisons:
@@ -41,7 +41,8 @@ def paired_markdown(figures: Mapping[str, Any]) -> str:
         if comparison["differing"]:
             lines += ["Episodes that only one solved:", ""]
             lines += table(_SEEDS, _seeds(comparison))
-    lines += ["## Settings", "", *table(("setting", "value"), settings_rows(figures["settings"]))]
+    lines += ["## Settings", "", VARIED, ""]
+    lines += table(("setting", "value"), settings_rows(figures["settings"]))
     lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
     return "\n".join(lines)
 

@@ -14,7 +14,7 @@ from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.paired import paired
 from robo47_qp.evaluation.paired_words import paired_markdown
-from robo47_qp.evaluation.words import causes_tail, comparison_line, rate_line
+from robo47_qp.evaluation.words import broken_line, causes_tail, comparison_line, rate_line
 from robo47_qp.files import claim, write_text
 
 COMPARISON = ("report", "text")
@@ -35,7 +35,9 @@ def evaluate_several(jobs: Sequence[Job], options: EvaluateOptions, console: Con
             reports.append(job.run(console, resume=True, title=name))
             job.keep(reports[-1])
             line = f"{name}: {rate_line(reports[-1])}{causes_tail(reports[-1])}"
-            console.print(escape(line), highlight=False)
+            broken = broken_line(reports[-1])
+            told = [line, f"  {broken}"] if broken else [line]
+            console.print(escape("\n".join(told)), highlight=False)
     except KeyboardInterrupt:
         console.print(
             "interrupted; all finished episodes of all policies are kept: go on with --resume"
