@@ -37,7 +37,7 @@ def evaluate_several(jobs: Sequence[Job], options: EvaluateOptions, console: Con
             line = f"{name}: {rate_line(reports[-1])}{causes_tail(reports[-1])}"
             broken = broken_line(reports[-1])
             told = [line, f"  {broken}"] if broken else [line]
-            console.print(escape("\n".join(told)), highlight=False)
+            console.print(escape("\n".join(told)), highlight=False, soft_wrap=True)
     except KeyboardInterrupt:
         console.print(
             "interrupted; all finished episodes of all policies are kept: go on with --resume"
