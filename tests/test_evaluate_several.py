@@ -89,6 +89,8 @@ class Skilled:
             metrics={"cycle_time_s": 5.0 + float((slow - luck) ** 2) * len(self.ik)},
             disturbance={"world": float(world)},
             sha256="same" if spec.seed == 0 else f"{self.ik} {spec.seed}",
+            broken_promises=("jerk",) if (self.ik, spec.seed) == ("dls", 3) else (),
+            audit_ok=(self.ik, spec.seed) != ("dls", 3),
             **({} if success else told),
         )
 
@@ -194,6 +196,18 @@ def test_the_comparison_is_what_the_reports_say(tmp_path: Path) -> None:
         assert f"{name}: {report['successes']} of 30 succeeded" in screen.getvalue()
         assert f"%); failed: ik {30 - report['successes']}\n" in screen.getvalue()
     assert f"{THREE[1]} against {THREE[0]} on 30 episodes" in screen.getvalue()
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize("policies", [THREE, THREE[1:2]])
+def test_promises_that_broke_and_causes_are_told_on_the_screen(
+    tmp_path: Path, policies: tuple[str, ...]
+) -> None:
+    screen = StringIO()
+    chosen = options(tmp_path, policy=policies, failures=0)
+    assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 0
+    assert screen.getvalue().count("1 episode broke the audit: jerk 1\n") == 1
+    assert ("dls is stuck" in screen.getvalue()) == (len(policies) == 1)
 
 
 @pytest.mark.usefixtures("toys")

@@ -1,8 +1,11 @@
-"""What an evaluation says of itself: audits, causes, corrected p, one episode or several."""
+"""What an evaluation says and draws: audits, causes, corrected p, forces that are all zero."""
 
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.plots import _spread
 from robo47_qp.evaluation.summary import summary
 from robo47_qp.evaluation.words import (
     broken_line,
@@ -81,3 +84,12 @@ def test_one_is_not_told_as_several() -> None:
     assert "2 episodes in 2.0 s on 2 workers" in throughput_line(
         {**timing, "episodes": 2, "workers": 2}
     )
+
+
+def test_where_nothing_is_touched_no_negative_force_is_drawn() -> None:
+    axes = Figure().subplots()
+    entries = [{"success": True, "metrics": {"peak_contact_force_N": 0.0}}] * 3
+    _spread(axes, {"entries": entries}, "peak_contact_force_N", "force [N]")
+    low, high = axes.get_xlim()
+    assert low == 0.0
+    assert high > 0.0
