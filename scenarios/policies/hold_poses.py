@@ -1,4 +1,4 @@
-"""A policy written by hand that solves reach from what it observes, by targets of the tool."""
+"""A policy written by hand for reach: goes straight to each pose that it observes, and holds it."""
 
 import numpy as np
 
