@@ -4,6 +4,7 @@ from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
+from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.errors import InvalidValueError
@@ -35,3 +36,14 @@ def frozen_vector(name: str, value: ArrayLike, size: int) -> Vector:
     vector = checked_vector(name, value, size)
     vector.setflags(write=False)
     return vector
+
+
+def check_pose(name: str, pose: SE3) -> None:
+    """Check that a pose is finite and has a unit quaternion.
+
+    Raises:
+        InvalidValueError: It has NaN, or its quaternion is not of length 1.
+    """
+    numbers = checked_vector(name, pose.wxyz_xyz, 7)
+    if abs(np.linalg.norm(numbers[:4]) - 1.0) > 1e-6:
+        raise InvalidValueError(name, numbers[:4].tolist(), "a pose with a unit quaternion")

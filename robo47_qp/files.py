@@ -1,8 +1,10 @@
-"""Files that a scenario writes: claimed before it runs, written when it is done."""
+"""JSON files: figures that one program leaves for another."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 from robo47_qp.errors import RecordingError
 
@@ -53,3 +55,42 @@ def room(path: Path) -> float:
     except OSError:
         return float("inf")
     return left
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write an object, its folder included; numbers keep all of their digits.
+
+    Raises:
+        RecordingError: The file cannot be written, or holds NaN or infinity.
+    """
+    try:
+        text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
+    except ValueError as error:
+        raise RecordingError(f"{path} must hold finite numbers: {error}.") from error
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def read_json(path: Path, remedy: str) -> dict[str, Any]:
+    """Read an object.
+
+    Args:
+        path: The file.
+        remedy: What makes it, for the message.
+
+    Raises:
+        RecordingError: The file is missing or holds something else.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}. {remedy}") from error
+    except ValueError as error:
+        raise RecordingError(f"{path} does not hold JSON: {error}. {remedy}") from error
+    if not isinstance(content, dict):
+        found = type(content).__name__
+        raise RecordingError(f"{path} must hold an object; found a {found}. {remedy}")
+    return content

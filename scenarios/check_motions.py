@@ -12,23 +12,23 @@ from mink import SE3, SO3
 from rich.console import Console
 from rich.table import Table
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.command import main
+from robo47_qp.cli import main
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
+from robo47_qp.evaluation.benchmarks.motion.motion_check import broken, misplaced
+from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
+from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.stall import Stall
-from robo47_qp.motion.motion_check import broken, misplaced
+from robo47_qp.ik.settings import Stall
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.iiwa14 import iiwa14
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.xarm7 import xarm7
 from robo47_qp.motion.planner import Planner
-from robo47_qp.motion.refusal_check import RefusalCheck
-from robo47_qp.motion.second_look import SecondLook
-from robo47_qp.robot import Robot
-from robo47_qp.robots.iiwa14 import iiwa14
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.robots.xarm7 import xarm7
-from robo47_qp.scene import TIMESTEP
-from robo47_qp.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Motion, Waypoint
 
 KINDS = ("PTP", "LIN", "CIRC", "blended", "via")
 ROBOTS = {"panda": lambda: PANDA, "iiwa14": iiwa14, "xarm7": xarm7}

@@ -11,20 +11,19 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from robo47_qp.arm import Arm
-from robo47_qp.command import main
+from robo47_qp.cli import main
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.files import claim
-from robo47_qp.ik.clearance import Clearance
+from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
+from robo47_qp.files import claim, write_json
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, IkSolver
-from robo47_qp.ik.stall import Stall
-from robo47_qp.ik_benchmark.contact_judge import SEEN, ContactJudge
-from robo47_qp.json_file import write_json
-from robo47_qp.obstacle import Obstacle, Shape
-from robo47_qp.robots.panda import PANDA
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.robots.panda import PANDA
 
 _LARGEST = 0.05
 """Clearance beyond which hardly any configuration of the arm in its cell is left [m]."""

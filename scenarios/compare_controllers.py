@@ -15,22 +15,27 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from robo47_qp.command import OK, main
-from robo47_qp.control_benchmark.plots import plot_trials
-from robo47_qp.control_benchmark.trial import PUSH, PUSHED_AFTER, Bench, Condition, Trial
-from robo47_qp.control_benchmark.trial_log import write_trials
-from robo47_qp.controllers.cartesian_impedance import CartesianImpedance
-from robo47_qp.controllers.controller import Controller
-from robo47_qp.controllers.joint_impedance import FeedForward, JointImpedance
-from robo47_qp.controllers.operational_space import OperationalSpace
-from robo47_qp.disturbance import Disturbance, Push
+from robo47_qp.cli import OK, main
+from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.controller import Controller
+from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
+from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.files import claim
-from robo47_qp.json_file import write_json
-from robo47_qp.options import LOGS
-from robo47_qp.report import versions
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.waypoint import Payload
+from robo47_qp.evaluation.benchmarks.control.plots import plot_trials
+from robo47_qp.evaluation.benchmarks.control.trial import (
+    PUSH,
+    PUSHED_AFTER,
+    Bench,
+    Condition,
+    Trial,
+)
+from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
+from robo47_qp.files import claim, write_json
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.run_report import versions
+from robo47_qp.sim.disturbance import Disturbance, Push
+from robo47_qp.stack import LOGS
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
 """From home to the goal [rad]."""

@@ -6,27 +6,32 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from robo47_qp.arm import Arm
-from robo47_qp.command import main
+from robo47_qp.cli import main
 from robo47_qp.errors import MissingExtraError
+from robo47_qp.evaluation.benchmarks.ik.compare import compare
+from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
+from robo47_qp.evaluation.benchmarks.ik.judge import Judge
+from robo47_qp.evaluation.benchmarks.ik.options import CompareOptions, chosen
+from robo47_qp.evaluation.benchmarks.ik.peers.drake import DrakeIk
+from robo47_qp.evaluation.benchmarks.ik.peers.optik import OptikIk
+from robo47_qp.evaluation.benchmarks.ik.peers.pink import PinkIk
+from robo47_qp.evaluation.benchmarks.ik.peers.toolbox import ToolboxIk
+from robo47_qp.evaluation.benchmarks.ik.targets import (
+    near_limits,
+    near_singular,
+    tabletop,
+    uniform,
+)
+from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.peers.drake import DrakeIk
-from robo47_qp.ik.peers.optik import OptikIk
-from robo47_qp.ik.peers.pink import PinkIk
-from robo47_qp.ik.peers.toolbox import ToolboxIk
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver, Tolerance
-from robo47_qp.ik.stall import Stall
-from robo47_qp.ik_benchmark.compare import compare
-from robo47_qp.ik_benchmark.comparison import Comparison, Field
-from robo47_qp.ik_benchmark.judge import Judge
-from robo47_qp.ik_benchmark.options import CompareOptions, chosen
-from robo47_qp.ik_benchmark.targets import near_limits, near_singular, tabletop, uniform
-from robo47_qp.ik_benchmark.unreachable import hostile, unreachable
-from robo47_qp.robots.panda import PANDA
-from tasks.table import add_table
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.tasks.table import add_table
 
 ROBOT = PANDA
 TOLERANCE = Tolerance()

@@ -10,19 +10,25 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix
-from robo47_qp.command import main
-from robo47_qp.controllers.joint_impedance import JointImpedance
+from robo47_qp.cli import main
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.ptp import plan_ptp
-from robo47_qp.motion.time_law import Cubic, Quintic, SCurve, TimeLaw, Trapezoid
+from robo47_qp.motion.timing.time_law import (
+    Cubic,
+    Quintic,
+    SCurve,
+    TimeLaw,
+    Trapezoid,
+)
 from robo47_qp.motion.trajectory import Trajectory, hold
-from robo47_qp.options import LOGS
-from robo47_qp.plots import plot_curves
-from robo47_qp.robot import MotionProfile, Robot
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.scene import TIMESTEP
-from robo47_qp.simulation import Simulation
+from robo47_qp.report.run_plot import plot_curves
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import LOGS
 
 LAWS: Mapping[str, TimeLaw] = {
     "trapezoid": Trapezoid(),

@@ -5,10 +5,10 @@ import sys
 import numpy as np
 from rich.console import Console
 
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
-from tasks.conveyor_pick import ConveyorPick
+from robo47_qp.cli import main, run_task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 
 _VARIANT = 2
 """Draws of the scene come from another stream than those of the start."""

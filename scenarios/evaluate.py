@@ -8,19 +8,19 @@ from typing import cast
 
 from rich.console import Console
 
-import tasks
+from robo47_qp import tasks
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.policy_runner import PolicyRunner, check_judged
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.simulation import Simulation
-from robo47_qp.task import Task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.policy.runner import PolicyRunner, check_judged
+from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
 
 
 def known_tasks() -> dict[str, type[Task]]:
     """Every task in the folder of tasks, by name."""
     found: dict[str, type[Task]] = {}
-    for module in pkgutil.iter_modules(tasks.__path__, f"{tasks.__name__}."):
+    for module in pkgutil.walk_packages(tasks.__path__, f"{tasks.__name__}."):
         for member in vars(pkgutil.resolve_name(module.name)).values():
             if isinstance(member, type) and member.__module__ == module.name:
                 name = getattr(member, "name", None)
@@ -44,6 +44,6 @@ def run(options: EvaluateOptions, console: Console) -> int:
 
 
 if __name__ == "__main__":
-    from robo47_qp.command import main
+    from robo47_qp.cli import main
 
     sys.exit(main(EvaluateOptions, run, __doc__, repeated=True))

@@ -1,6 +1,6 @@
 """Makes every task in the folder of tasks known to Gymnasium."""
 
-from robo47_qp import gym_env
+from robo47_qp.evaluation.gym import env as gym_env
 from scenarios.evaluate import known_tasks
 
 

@@ -4,10 +4,10 @@ import sys
 
 from rich.console import Console
 
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
-from tasks.peg_insert import PegInsert
+from robo47_qp.cli import main, run_task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 
 
 def run(options: RunOptions, console: Console) -> int:

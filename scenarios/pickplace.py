@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
-from tasks.pick_place import PickPlace
+from robo47_qp.cli import main, run_task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.pick_place import PickPlace
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,17 +12,22 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from robo47_qp.arrays import Matrix
-from robo47_qp.command import FAILED, OK, main
-from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
-from robo47_qp.observer import Observer
-from robo47_qp.options import LOGS, RunOptions
-from robo47_qp.robot import Robot
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.run import Run
-from robo47_qp.runner import Runner
-from robo47_qp.scene import TIMESTEP
-from robo47_qp.simulation import Simulation
-from robo47_qp.video import Camera
+from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import (
+    InvalidValueError,
+    MissingExtraError,
+    RecordingError,
+    UnknownNameError,
+)
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.video import Camera
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import LOGS, RunOptions
 from scenarios.evaluate import known_tasks
 
 _RATE = 30

@@ -15,12 +15,12 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.command import FAILED, OK, main
-from robo47_qp.comparison import compare
-from robo47_qp.comparison_page import comparison_page, outcome, row
+from robo47_qp.cli import FAILED, OK, main
 from robo47_qp.errors import RecordingError
-from robo47_qp.json_file import read_json, write_json
-from robo47_qp.options import LOGS
+from robo47_qp.evaluation.benchmarks.reproduce.comparison import compare
+from robo47_qp.evaluation.benchmarks.reproduce.page import comparison_page, outcome, row
+from robo47_qp.files import read_json, write_json
+from robo47_qp.stack import LOGS
 
 ROOT = LOGS.parent
 REPORTS = {

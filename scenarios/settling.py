@@ -15,18 +15,18 @@ import mujoco
 import numpy as np
 from rich.console import Console
 
-from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Vector
-from robo47_qp.command import FAILED, OK, main
-from robo47_qp.controllers.joint_impedance import JointImpedance
+from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
+from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
 from robo47_qp.files import claim
-from robo47_qp.options import LOGS
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.scene import TIMESTEP
-from robo47_qp.settling import settling_time
-from robo47_qp.settling_study import StudyOptions, conclude
-from robo47_qp.simulation import Simulation
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import LOGS
 
 
 @dataclass(frozen=True, kw_only=True)

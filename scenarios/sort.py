@@ -5,10 +5,10 @@ import sys
 import numpy as np
 from rich.console import Console
 
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
-from tasks.sort import Sort
+from robo47_qp.cli import main, run_task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.sort.sort import Sort
 
 _SHAPES = 1
 """Tells the draw of the shapes from that of the poses, which has the seed alone."""

@@ -12,24 +12,24 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from robo47_qp import signals
-from robo47_qp.arm import Arm, JointReference, JointState
-from robo47_qp.command import main
-from robo47_qp.controllers.active import ActiveController
-from robo47_qp.controllers.cartesian_impedance import CartesianImpedance
-from robo47_qp.controllers.controller import Controller
-from robo47_qp.controllers.operational_space import OperationalSpace
+from robo47_qp.cli import main
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.control.active import ActiveController
+from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.controller import Controller
+from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.options import RunOptions
-from robo47_qp.recording import Rows
-from robo47_qp.rerun_log import RerunLog
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.run import Run
-from robo47_qp.runner import Runner
-from robo47_qp.scene import TIMESTEP
-from robo47_qp.simulation import Simulation
-from robo47_qp.waypoint import Grip
-from tasks.pick_place import PickPlace
+from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.gripper import Grip
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.run import signals
+from robo47_qp.run.recording import Rows
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.pick_place import PickPlace
 
 
 @dataclass(frozen=True, kw_only=True)

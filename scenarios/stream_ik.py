@@ -15,14 +15,14 @@ from mink import SE3, SO3
 from rich.console import Console
 from rich.table import Table
 
-from robo47_qp.arm import Arm
-from robo47_qp.command import FAILED, OK, main
+from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.collision.clearance import clearance_of
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.clearance import clearance_of
-from robo47_qp.ik.streaming import IkStream, StreamIk
-from robo47_qp.ik_benchmark.stream_audit import audit, clearance_audit
-from robo47_qp.obstacle import Obstacle, Shape
-from robo47_qp.robots.panda import PANDA
+from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
+from robo47_qp.ik.stream.stream import IkStream, StreamIk
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.robots.panda import PANDA
 
 OBSTACLES = (
     Obstacle(

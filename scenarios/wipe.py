@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
-from tasks.board import Wish
-from tasks.wipe import Wipe
+from robo47_qp.cli import main, run_task
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.wipe.board import Wish
+from robo47_qp.tasks.wipe.wipe import Wipe
 
 
 @dataclass(frozen=True, kw_only=True)

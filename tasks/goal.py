@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.failure import Cause, Failure
-from robo47_qp.simulation import Simulation
-from tasks.headings import upright
-from tasks.item import Item
-from tasks.table import TABLE_TOP
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.table import TABLE_TOP
 
 GREEN, YELLOW = (0.15, 0.55, 0.30, 1.0), (0.95, 0.75, 0.20, 1.0)
 _NAME = "goal"

@@ -7,8 +7,9 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.waypoint import Payload, tool_down
-from tasks.headings import heading, quarter
+from robo47_qp.model.payload import Payload
+from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.tasks.headings import heading, quarter
 
 RED, GREEN, BLUE = (0.85, 0.22, 0.18, 1.0), (0.15, 0.55, 0.30, 1.0), (0.16, 0.36, 0.75, 1.0)
 _FINGERTIP = 0.012

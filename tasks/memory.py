@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.simulation import Simulation
+from robo47_qp.sim.simulation import Simulation
 
 _GONE = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
 """Where markers are that are done with: below the floor."""

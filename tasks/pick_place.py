@@ -7,16 +7,21 @@ import mujoco
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.failure import Failure, StepFailed
-from robo47_qp.obstacle import Obstacle
-from robo47_qp.simulation import Simulation
-from robo47_qp.steps import Step
-from robo47_qp.task import Program
-from tasks.goal import Goal, add_goal, place_goal
-from tasks.handling import HOME, LOST, Handling, unfinished
-from tasks.headings import upright
-from tasks.item import BLUE, RED, Item
-from tasks.table import TABLE_TOP, add_table
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Failure, StepFailed
+from robo47_qp.run.steps import Step
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.goal import Goal, add_goal, place_goal
+from robo47_qp.tasks.handling.handling import (
+    HOME,
+    LOST,
+    Handling,
+    unfinished,
+)
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.item import BLUE, RED, Item
+from robo47_qp.tasks.table import TABLE_TOP, add_table
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
 """Where random starts and goals lie: ranges of x and y [m]."""

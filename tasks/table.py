@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.obstacle import Obstacle, Shape
+from robo47_qp.model.obstacle import Obstacle, Shape
 
 TABLE_TOP = 0.0
 """Height of the table's surface, at the robot's base [m]."""

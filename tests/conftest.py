@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from robo47_qp.arm import Arm
-from robo47_qp.robot import Robot
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
 from tests.plain_arm import PlainArm
 from tests.robots import MAKERS, is_meant_for, robot_or_skip
 

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm, JointReference, JointState
 from robo47_qp.arrays import Vector
-from robo47_qp.controllers.controller import Controller
-from robo47_qp.waypoint import Payload
+from robo47_qp.control.controller import Controller
+from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.payload import Payload
 from tests.plain_arm import PlainArm
 
 DT = 1e-3

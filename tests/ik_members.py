@@ -10,8 +10,8 @@ from robo47_qp.ik.box_qp import backends
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
-from robo47_qp.ik.stall import Stall
 
 Variants = dict[str, IkSolver]
 

@@ -9,8 +9,8 @@ from mink import SE3
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.robot import Robot
-from robo47_qp.waypoint import Payload
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robot import Robot
 
 _H = 1e-5
 """Half the width of central differences of poses [rad]."""

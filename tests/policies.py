@@ -3,16 +3,16 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from robo47_qp.observer import Observer
-from robo47_qp.options import RunOptions
-from robo47_qp.policy import Action, Observation, Policy
-from robo47_qp.policy_runner import Pace, PolicyRunner
-from robo47_qp.recording import Sink
-from robo47_qp.robot import Robot
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.run import Run
-from robo47_qp.simulation import Simulation
-from robo47_qp.task import Task
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.policy.policy import Action, Observation, Policy
+from robo47_qp.run.policy.runner import Pace, PolicyRunner
+from robo47_qp.run.recording import Sink
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
 from tests.runs import Reach
 
 

@@ -8,16 +8,17 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Vector
-from robo47_qp.controllers.active import ActiveController
-from robo47_qp.controllers.pressing import Presser, Pressing
-from robo47_qp.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.control.active import ActiveController
+from robo47_qp.control.pressing import Presser, Pressing
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.waypoint import Payload, tool_down
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from tests.controlled import DT, at_rest
 
 PAD_END, RADIUS, PAD_MASS = 0.03, 0.01, 0.01

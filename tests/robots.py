@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
-from robo47_qp import robots
-from robo47_qp.menagerie import ROOT_VARIABLE
-from robo47_qp.robot import Gripper, Robot, ToolFrame
-from robo47_qp.robot_loading import robot_from_mjcf
-from robo47_qp.robots.panda import PANDA
+from robo47_qp.model import robots
+from robo47_qp.model.gripper import Gripper
+from robo47_qp.model.loading import robot_from_mjcf
+from robo47_qp.model.menagerie import ROOT_VARIABLE
+from robo47_qp.model.robot import Robot, ToolFrame
+from robo47_qp.model.robots.panda import PANDA
 
 MODELS = Path(__file__).parent / "models"
 SLIDER_TOOL = SE3.from_rotation_and_translation(

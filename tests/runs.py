@@ -8,23 +8,24 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Matrix
-from robo47_qp.controllers.joint_impedance import JointImpedance
-from robo47_qp.failure import Failure
+from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.planner import Leg
-from robo47_qp.observer import Observer
-from robo47_qp.obstacle import Obstacle
-from robo47_qp.options import RunOptions
-from robo47_qp.recording import Sink
-from robo47_qp.robots.panda import PANDA
-from robo47_qp.run import Run
-from robo47_qp.runner import Runner
-from robo47_qp.simulation import Simulation
-from robo47_qp.task import Program, Task
-from robo47_qp.waypoint import Motion, Payload, Place, Waypoint
-from tasks.pick_place import PickPlace
-from tasks.table import add_table
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.recording import Sink
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.table import add_table
 
 
 def no_objects(spec: mujoco.MjSpec) -> None:

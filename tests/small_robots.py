@@ -6,9 +6,9 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.obstacle import Obstacle, Shape
-from robo47_qp.robot import Robot
-from robo47_qp.robots.panda import PANDA
+from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
 
 _GANTRY = """
 <mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="base">

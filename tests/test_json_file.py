@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.errors import RecordingError
-from robo47_qp.json_file import read_json, write_json
+from robo47_qp.files import read_json, write_json
 
 
 def test_every_bit_comes_back(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
-from robo47_qp.failure import Cause, Failure
+from robo47_qp.run.failure import Cause, Failure
 
 SETTINGS: dict[str, Any] = {
     "task": {"name": "toy"},

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.evaluation.policy import PolicyFailed
-from robo47_qp.runner import Runner
+from robo47_qp.evaluation.policies import PolicyFailed
+from robo47_qp.run.runner import Runner
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from robo47_qp.failure import Cause, Failure
+from robo47_qp.run.failure import Cause, Failure
 
 
 @dataclass(frozen=True, kw_only=True)

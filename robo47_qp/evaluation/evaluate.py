@@ -7,25 +7,25 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.command import FAILED, INTERRUPTED, OK
+from robo47_qp.cli import FAILED, INTERRUPTED, OK
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import Evaluation
 from robo47_qp.evaluation.job import Job, print_unsound, sound
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policy import Cell
+from robo47_qp.evaluation.policies import Cell
 from robo47_qp.evaluation.replay import replay
-from robo47_qp.evaluation.several import evaluate_several
-from robo47_qp.evaluation.summary import compared
-from robo47_qp.evaluation.words import (
+from robo47_qp.evaluation.report.summary import compared
+from robo47_qp.evaluation.report.words import (
     broken_line,
     cause_lines,
     comparison_line,
     rate_line,
     throughput_line,
 )
-from robo47_qp.json_file import read_json
-from robo47_qp.robot import Robot
-from robo47_qp.task import Task
+from robo47_qp.evaluation.several import evaluate_several
+from robo47_qp.files import read_json
+from robo47_qp.model.robot import Robot
+from robo47_qp.run.task import Task
 
 
 def evaluate(

@@ -10,8 +10,8 @@ from typing import Any
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.executor import Executor
 from robo47_qp.evaluation.journal import Journal
+from robo47_qp.evaluation.workers.executor import Executor
 
 Show = Callable[[Sequence[EpisodeResult]], None]
 

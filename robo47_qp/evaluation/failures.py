@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.executor import Executor
+from robo47_qp.evaluation.workers.executor import Executor
 
 
 def picked(results: Sequence[EpisodeResult], most: int) -> list[EpisodeResult]:

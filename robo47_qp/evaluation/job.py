@@ -12,23 +12,22 @@ from rich.console import Console
 from rich.markup import escape
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.drive import Drive, classical
 from robo47_qp.evaluation.episode import EpisodeResult
 from robo47_qp.evaluation.evaluation import Evaluation, code_digest
-from robo47_qp.evaluation.executor import Executor, LocalProcesses
 from robo47_qp.evaluation.failures import picked, record_failures
 from robo47_qp.evaluation.options import EvaluateOptions, policy_settings
-from robo47_qp.evaluation.plots import plot_evaluation
-from robo47_qp.evaluation.policy import CLASSICAL, Cell, PolicyDrive
-from robo47_qp.evaluation.progress import EvaluationBar
-from robo47_qp.evaluation.ray_cluster import RayCluster
-from robo47_qp.evaluation.summary import summary, throughput
-from robo47_qp.evaluation.task_episode import TaskEpisode
-from robo47_qp.evaluation.words import counted, markdown
+from robo47_qp.evaluation.policies import CLASSICAL, Cell, PolicyDrive
+from robo47_qp.evaluation.report.plots import plot_evaluation
+from robo47_qp.evaluation.report.progress import EvaluationBar
+from robo47_qp.evaluation.report.summary import summary, throughput
+from robo47_qp.evaluation.report.words import counted, markdown
+from robo47_qp.evaluation.task_episode import Drive, TaskEpisode, classical
+from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses
+from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.files import claim, write_text
-from robo47_qp.report import plain, versions
-from robo47_qp.robot import Robot
-from robo47_qp.task import Task
+from robo47_qp.model.robot import Robot
+from robo47_qp.report.run_report import plain, versions
+from robo47_qp.run.task import Task
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

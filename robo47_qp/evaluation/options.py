@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.contender import Contender, check_different, labels
-from robo47_qp.evaluation.executor import cores
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
-from robo47_qp.evaluation.policy import CLASSICAL
-from robo47_qp.options import LOGS, IkName, RunOptions
-from robo47_qp.policy_runner import Pace
+from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
+from robo47_qp.evaluation.workers.executor import cores
+from robo47_qp.run.policy.runner import Pace
+from robo47_qp.stack import LOGS, IkName, RunOptions
 
 _MILLI = 1e-3
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robo47_qp.disturbance import Disturbance, Push
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.scene import TIMESTEP
+from robo47_qp.sim.disturbance import Disturbance, Push
 
 PUSHES = 3
 """Pushes that are drawn for every episode, whether or not it uses them."""

@@ -6,12 +6,12 @@ import sys
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.command import FAILED, OK
+from robo47_qp.cli import FAILED, OK
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.executor import LocalProcesses
 from robo47_qp.evaluation.failures import is_same
 from robo47_qp.evaluation.job import Job, write_json
 from robo47_qp.evaluation.journal import Journal, JournalError
+from robo47_qp.evaluation.workers.executor import LocalProcesses
 from robo47_qp.files import claim
 
 

@@ -8,13 +8,23 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.command import FAILED, INTERRUPTED, OK
-from robo47_qp.evaluation.job import Job, print_unsound, sound, write_json
+from robo47_qp.cli import FAILED, INTERRUPTED, OK
+from robo47_qp.evaluation.job import (
+    Job,
+    print_unsound,
+    sound,
+    write_json,
+)
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.paired import paired
-from robo47_qp.evaluation.paired_words import paired_markdown
-from robo47_qp.evaluation.words import broken_line, causes_tail, comparison_line, rate_line
+from robo47_qp.evaluation.report.paired import paired
+from robo47_qp.evaluation.report.paired_words import paired_markdown
+from robo47_qp.evaluation.report.words import (
+    broken_line,
+    causes_tail,
+    comparison_line,
+    rate_line,
+)
 from robo47_qp.files import claim, write_text
 
 COMPARISON = ("report", "text")

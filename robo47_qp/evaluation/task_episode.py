@@ -1,27 +1,87 @@
 """TaskEpisode: an episode of a task in its own world, driven by the stack or by a policy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from robo47_qp.audit import audit
-from robo47_qp.disturbance import DisturbedSimulation
-from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Robo47Error
-from robo47_qp.evaluation.drive import Drive, classical
+from robo47_qp.errors import (
+    InvalidValueError,
+    Obstacle,
+    PlanError,
+    Robo47Error,
+)
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.evaluation.perturbation import Perturbation
-from robo47_qp.evaluation.policy import PolicyFailed
-from robo47_qp.failure import Cause, Failure
-from robo47_qp.metrics import metrics
-from robo47_qp.options import RunOptions
-from robo47_qp.report import plain
-from robo47_qp.robot import Robot
-from robo47_qp.run import Run, Scenario
-from robo47_qp.simulation import Simulation
-from robo47_qp.task import Task
+from robo47_qp.evaluation.policies import PolicyFailed
+from robo47_qp.model.robot import Robot
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.metrics import metrics
+from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.run_report import plain, report, summary_markdown
+from robo47_qp.run import signals
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.recording import Sink
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run, Scenario
+from robo47_qp.run.task import Task
+from robo47_qp.sim.disturbance import DisturbedSimulation
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+
+
+class Drive(Protocol):
+    """Brings a scenario from its start to its end; goes to worker processes by pickle."""
+
+    def __call__(
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        *,
+        sinks: Sequence[Sink],
+        observers: Sequence[Observer],
+    ) -> Run:
+        """Reset simulation and task from the scenario's seed, and run.
+
+        Raises:
+            PolicyFailed: The policy raised something.
+            InvalidValueError: A command is none that can be carried out.
+        """
+        ...
+
+
+def classical(
+    scenario: Scenario,
+    simulation: Simulation,
+    *,
+    sinks: Sequence[Sink],
+    observers: Sequence[Observer],
+) -> Run:
+    """The classical stack; see `Drive`."""
+    return Runner(scenario, simulation).run(sinks=sinks, observers=observers)
+
+
+def recorded(drive: Drive, scenario: Scenario, simulation: Simulation, path: Path) -> Run:
+    """Drive an episode and record it.
+
+    Raises:
+        RecordingError: The recording cannot be written.
+        Robo47Error: See `Drive`; what was recorded up to there is kept.
+    """
+    columns = signals.all_signals(scenario.robot, simulation.objects)
+    log = RerunLog(path, simulation.model, scenario.robot, columns)
+    try:
+        run = drive(scenario, simulation, sinks=[log], observers=[log])
+        log.finish(summary_markdown(report(run, metrics(run), audit(run))))
+    finally:
+        log.close()
+    return run
+
 
 WALL = ("step_us", "real_time_factor")
 """Metrics of wall time."""
@@ -81,7 +141,6 @@ class TaskEpisode:
         if spec.recording is None:
             return self.drive(scenario, simulation, sinks=(), observers=())
         # Drawing is for the few episodes that someone looks at.
-        from robo47_qp.evaluation.recorded import recorded
 
         return recorded(self.drive, scenario, simulation, spec.recording)
 

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.clearance import Clearance
+from robo47_qp.model.arm import Arm
 
 _TOUCH = 1e-7
 """Points closer than this give no direction [m]."""

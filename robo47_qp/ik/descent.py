@@ -6,13 +6,13 @@ from typing import Protocol
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.avoidance import Avoidance, Rows
 from robo47_qp.ik.box_qp import BoxQp
+from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import Tolerance
-from robo47_qp.ik.stall import Stall
 from robo47_qp.ik.tool_error import ToolError
+from robo47_qp.model.arm import Arm
 
 _ROUNDING = 100.0
 """Beyond so many times the tolerance, squared, an end is no answer whatever rounding does: QP

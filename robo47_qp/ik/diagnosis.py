@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
     Bound,
     IkResult,
@@ -18,7 +18,7 @@ from robo47_qp.ik.solver import (
     outside_limits,
     residual,
 )
-from robo47_qp.ik.stall import Stall
+from robo47_qp.model.arm import Arm
 
 _STEPS = 50
 """QPs per start of a diagnosis."""

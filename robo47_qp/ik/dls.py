@@ -6,11 +6,17 @@ from time import process_time
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.ik.geom_pairs import check_clearance
+from robo47_qp.collision.pairs import check_clearance
 from robo47_qp.ik.settings import check_steps, check_weight
-from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
+from robo47_qp.ik.solver import (
+    IkResult,
+    Tolerance,
+    is_pose,
+    judged,
+    rejected,
+)
+from robo47_qp.model.arm import Arm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,17 +6,21 @@ from functools import lru_cache, partial
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.ik.attempt import Attempt
+from robo47_qp.collision.pairs import check_clearance
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
-from robo47_qp.ik.geom_pairs import check_clearance
 from robo47_qp.ik.search import Limits, attempted, searched
-from robo47_qp.ik.settings import check_steps, check_weight
-from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, rejected
-from robo47_qp.ik.stall import PATIENT, PATIENT_STEPS, Stall
+from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall, check_steps, check_weight
+from robo47_qp.ik.solver import (
+    Attempt,
+    IkResult,
+    Tolerance,
+    is_pose,
+    rejected,
+)
 from robo47_qp.ik.tool_error import ToolError
+from robo47_qp.model.arm import Arm
 
 _FLOOR = 1e-9
 """Least damping, for the directions in which a redundant arm moves without its tool."""

@@ -7,14 +7,19 @@ from typing import NamedTuple
 
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.ik.attempt import Miss
+from robo47_qp.collision.clearance import clearance_of
 from robo47_qp.ik.avoidance import Avoidance
-from robo47_qp.ik.clearance import clearance_of
 from robo47_qp.ik.descent import Descent
-from robo47_qp.ik.solver import IkResult, Reason, Tolerance, judged
-from robo47_qp.ik.stall import Stall
+from robo47_qp.ik.settings import Stall
+from robo47_qp.ik.solver import (
+    IkResult,
+    Miss,
+    Reason,
+    Tolerance,
+    judged,
+)
+from robo47_qp.model.arm import Arm
 
 _SPARE = 1e-5
 """What the rows keep beyond the clearance that is asked for, for what they do not see: the

@@ -1,18 +1,20 @@
 """What every IK solver is: the protocol, its result, and the one judge of both."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from math import degrees
 from time import process_time
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
-from robo47_qp.ik.proximity import Proximity, proximity, too_close
+from robo47_qp.collision.clearance import Proximity, proximity, too_close
+from robo47_qp.model.arm import Arm
 
 _FAR = 1e9
 """Beyond this distance squares lose their meaning, and a target is none [m]."""
@@ -247,3 +249,29 @@ def outside_limits(arm: Arm, q: Vector) -> str:
         f"[{arm.q_min[i]:.3f}, {arm.q_max[i]:.3f}]"
         for i in np.flatnonzero(beyond > 0.0)
     )
+
+
+class Miss(NamedTuple):
+    """Where a search ended that came nowhere near a target within reach; not judged."""
+
+    q: Vector
+    """Configuration (n,) [rad]."""
+    iterations: int
+    """Steps taken."""
+    error: float
+    """Distance and angle to the target together [m + rad]."""
+
+
+Attempt: TypeAlias = Callable[[Vector], IkResult | Miss]
+"""A search for one pose from a start (n,)."""
+MakeAttempts: TypeAlias = Callable[[Arm, SE3], Attempt]
+"""A solver's method `attempts`, where it has one: for an arm and a target that is a pose, what
+its `solve` does from each start, but a failure need not be judged."""
+
+
+def attempts_of(solver: IkSolver, arm: Arm, T_world_target: SE3) -> Attempt:
+    """What a solver does from each start: its `attempts`, or `solve` where it has none."""
+    attempts: MakeAttempts | None = getattr(solver, "attempts", None)
+    if attempts is None:
+        return partial(solver.solve, arm, T_world_target)
+    return attempts(arm, T_world_target)

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.arm import Arm
 
 
 class ToolError:

@@ -8,21 +8,21 @@ from typing import TypeVar
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
-from robo47_qp.motion.arc import Arc
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.continuous import Pace
-from robo47_qp.motion.lower_bound import least_time
-from robo47_qp.motion.path_profile import PathProfile
+from robo47_qp.motion.paths.arc import Arc
+from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.paths.speed_limits import PathProfile
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import STILL, misshapen, segment
 from robo47_qp.motion.shortcut import Corner, cut_corners
-from robo47_qp.motion.time_law import TimeLaw
-from robo47_qp.motion.tool_curve import BlendError
+from robo47_qp.motion.timing.lower_bound import least_time
+from robo47_qp.motion.timing.time_law import TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
-from robo47_qp.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Motion, Waypoint
 
 Plan = TypeVar("Plan")
 

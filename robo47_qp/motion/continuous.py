@@ -8,20 +8,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import IkSolver
-from robo47_qp.motion.joint_limits import check_limits
-from robo47_qp.motion.joint_path import JointPath, Stretch
-from robo47_qp.motion.lin_error import LinError
-from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.motion.route import STILL, Curve, misshapen, refused, tool_curve
-from robo47_qp.motion.timing import Timing, limits
-from robo47_qp.motion.tool_curve import BlendError
-from robo47_qp.motion.tracking import Effort, Tracking
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.following.joint_path import JointPath, Stretch
+from robo47_qp.motion.following.limits import LinError, check_limits
+from robo47_qp.motion.following.tracking import Effort, Tracking
+from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.route import (
+    STILL,
+    Curve,
+    misshapen,
+    refused,
+    tool_curve,
+)
+from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
-from robo47_qp.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Motion, Waypoint
 
 _LOOKS = 65
 """Points per section at which the joint limits are looked at before the timing."""

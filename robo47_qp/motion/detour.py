@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError
-from robo47_qp.motion.collisions import Collisions
-from robo47_qp.motion.lin_error import LinError
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.collision_check import Collisions
+from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.ptp import plan_ptp
-from robo47_qp.motion.timing import Timing, limits
+from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
 
 _ROUNDING = 1e-9
 """How far a spline may be from the ends that it goes through [rad or m]."""

@@ -6,20 +6,19 @@ import numpy as np
 from mink import SE3
 from scipy.interpolate import BSpline
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import Obstacle
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
-from robo47_qp.motion.arc import Arc
-from robo47_qp.motion.joint_limits import check_limits
-from robo47_qp.motion.lin_error import LinError
-from robo47_qp.motion.line import Line
-from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.motion.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.timing import Timing, limits
-from robo47_qp.motion.tracking import Tracking
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.following.limits import LinError, check_limits
+from robo47_qp.motion.following.tracking import Tracking
+from robo47_qp.motion.paths.arc import Arc
+from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.timing.retiming import Timing, limits
+from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory, hold
-from robo47_qp.robot import MotionProfile
 
 _MAX_STRETCH = 1000.0
 """A path that must be slowed more than this is no path for the arm."""

@@ -3,27 +3,64 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from robo47_qp.arm import Arm
+from mink import SE3
+
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
-from robo47_qp.motion.arc import Arc
-from robo47_qp.motion.blending import blends_joints, cut_ptp, least_with_stops, parted, quickest
-from robo47_qp.motion.chain import Chain, tool_target
-from robo47_qp.motion.collisions import Collisions
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.blending import (
+    blends_joints,
+    cut_ptp,
+    least_with_stops,
+    parted,
+    quickest,
+)
+from robo47_qp.motion.branch_choice import Chain, tool_target
+from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.continuous import Continuous, Pace, Passage
 from robo47_qp.motion.detour import Detour
-from robo47_qp.motion.leg import Leg, duration
+from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.following.tracking import Effort
 from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.lin_error import LinError
-from robo47_qp.motion.lower_bound import paced_bound
+from robo47_qp.motion.paths.arc import Arc
+from robo47_qp.motion.paths.line import Line
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
-from robo47_qp.motion.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.tracking import Effort
+from robo47_qp.motion.timing.lower_bound import paced_bound
+from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
-from robo47_qp.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Motion, Waypoint
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leg:
+    """A planned way to a waypoint."""
+
+    waypoint: Waypoint
+    ik: IkResult
+    trajectory: Trajectory
+    T_world_start: SE3
+    """Tool pose at the start."""
+    T_world_goal: SE3
+    """Tool pose asked for."""
+    way: Line | Arc | None = None
+    """What the tool is to stay on; None for PTP motions and where corners are blended."""
+    lower_bound: float = 0.0
+    """Time that no motion along the same path can beat [s]; 0 where parts of one motion follow
+    each other without a stop."""
+
+    @property
+    def stops(self) -> bool:
+        """True where it ends at rest; with a blend asked for, because a stop is faster."""
+        return not self.trajectory.v[-1].any()
+
+
+def duration(legs: Sequence[Leg]) -> float:
+    """Of motions one after the other [s]."""
+    return sum(leg.trajectory.duration for leg in legs)
+
 
 __all__ = ["Leg", "Planner"]
 

@@ -1,10 +1,10 @@
 """PTP: all joints from one configuration to another, as fast as their limits allow."""
 
 from robo47_qp.arrays import Vector
-from robo47_qp.motion.jerk_limited import rest_to_rest
-from robo47_qp.motion.time_law import S_CURVE, TimeLaw
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.timing.rest_to_rest import rest_to_rest
+from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
 
 
 def plan_ptp(

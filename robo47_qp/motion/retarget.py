@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from robo47_qp.arm import Arm, JointReference
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import Obstacle, PlanError, Rejection
-from robo47_qp.motion.leap import to_state
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.timing.state_to_state import to_state
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
 
 _ROUNDING = 1e-9
 

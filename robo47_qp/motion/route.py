@@ -5,14 +5,19 @@ from itertools import pairwise
 
 from mink import SE3
 
-from robo47_qp.errors import InvalidValueError, Obstacle, PlanError, Rejection
-from robo47_qp.motion.arc import Arc, arc_about, arc_through
-from robo47_qp.motion.lin_error import LinError
-from robo47_qp.motion.line import Line
-from robo47_qp.motion.path_profile import PathProfile
-from robo47_qp.motion.through import Through
-from robo47_qp.motion.tool_curve import BlendError, ToolCurve
-from robo47_qp.waypoint import Motion, Place, Waypoint
+from robo47_qp.errors import (
+    InvalidValueError,
+    Obstacle,
+    PlanError,
+    Rejection,
+)
+from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.paths.arc import Arc, arc_about, arc_through
+from robo47_qp.motion.paths.blended import BlendError, ToolCurve
+from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.spline import Through
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 
 Curve = ToolCurve | Through
 STILL = 1e-6

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robo47_qp.arm import Arm
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.motion.leap import to_state
-from robo47_qp.motion.tool_curve import BlendError
-from robo47_qp.motion.tool_rates import tool_places
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.timing.state_to_state import to_state
+from robo47_qp.motion.tool_motion import tool_places
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.robot import MotionProfile
 
 _SHARES = np.linspace(1.0, 0.1, 10)
 """Parts of the way inside the radius that are tried as the way of a cut, the longest first."""

@@ -6,8 +6,8 @@ import numpy as np
 from mink import SE3
 from numpy.lib.stride_tricks import sliding_window_view
 
-from robo47_qp.arm import JointReference
-from robo47_qp.ik.streaming import IkStream
+from robo47_qp.ik.stream.stream import IkStream
+from robo47_qp.model.arm import JointReference
 from robo47_qp.motion.trajectory import Trajectory
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robo47_qp.arm import JointReference
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.arm import JointReference
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

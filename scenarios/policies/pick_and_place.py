@@ -6,8 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mink import SE3
 
-from robo47_qp.policy import Action, JointTarget, Observation, ToolTarget, pose_of, vector_of
-from robo47_qp.waypoint import tool_down
+from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.run.policy.policy import (
+    Action,
+    JointTarget,
+    Observation,
+    ToolTarget,
+    pose_of,
+    vector_of,
+)
 
 _ABOVE, _DEPTH, _FINGERTIP = 0.14, 0.03, 0.012
 """Heights [m]: to come and go at; of the fingers' grip, below the object's top at most and above

@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 
-from robo47_qp.policy import JointTarget, Observation
+from robo47_qp.run.policy.policy import JointTarget, Observation
 
 _REACH = 0.3
 """How far from home [rad]."""

@@ -1,0 +1,1 @@
+"""Distances between geoms: one engine for inverse kinematics, planner and audit."""

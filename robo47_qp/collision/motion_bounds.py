@@ -1,0 +1,112 @@
+"""How far a joint can move a pair of geoms towards each other, at most."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.arrays import Matrix, Vector
+
+
+def levers(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
+    """Bounds L (pairs, n) with |d(q') - d(q)| <= L |q' - q| for the distance d of each pair.
+
+    A joint that moves one geom of a pair alone changes their distance no faster than its lever,
+    the distance from the joint to the far side of a geom. Seen from the nearest points, which
+    lie on one line along the normal, either geom may be taken, so the shorter lever counts.
+    Distances along the links bound it in every configuration. Sliding joints have the lever 1.
+    """
+    moves = moved_by(m)
+    links, far = _links(m), _far_sides(m)
+    joint_body = m.jnt_bodyid
+    start = np.linalg.norm(m.jnt_pos, axis=1)
+    slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    out = np.zeros((len(pairs), m.njnt))
+    for row, (a, b) in zip(out, pairs, strict=True):
+        bodies = m.geom_bodyid[[a, b]]
+        reach = start + np.minimum(
+            links[joint_body, bodies[0]] + far[a], links[joint_body, bodies[1]] + far[b]
+        )
+        alone = moves[bodies[0]] != moves[bodies[1]]
+        row[alone] = np.where(slides, 1.0, reach)[alone]
+    return out
+
+
+def moved_by(m: mujoco.MjModel) -> Matrix:
+    """1 where a joint moves a body, else 0 (bodies, n)."""
+    moves = np.zeros((m.nbody, m.njnt))
+    for body in range(1, m.nbody):
+        moves[body] = moves[m.body_parentid[body]]
+        first = m.body_jntadr[body]
+        moves[body, first : first + m.body_jntnum[body]] = 1.0
+    return moves
+
+
+def _far_sides(m: mujoco.MjModel) -> Vector:
+    """From the frame of its body to the far side of each geom; infinite for planes [m]."""
+    far: Vector = np.linalg.norm(m.geom_pos, axis=1) + m.geom_rbound
+    far[m.geom_type == mujoco.mjtGeom.mjGEOM_PLANE] = np.inf
+    return far
+
+
+def _links(m: mujoco.MjModel) -> Matrix:
+    """Distances of the frames of all bodies from one another along the links, at most [m]."""
+    links = np.zeros((m.nbody, m.nbody))
+    for body in range(1, m.nbody):
+        length = float(np.linalg.norm(m.body_pos[body]))
+        first = m.body_jntadr[body]
+        for joint in range(first, first + m.body_jntnum[body]):
+            slides = m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+            aside = 2.0 * float(np.linalg.norm(m.jnt_pos[joint]))
+            length += float(np.abs(m.jnt_range[joint]).max()) if slides else aside
+        links[body, :body] = links[m.body_parentid[body], :body] + length
+        links[:body, body] = links[body, :body]
+    return links
+
+
+class Closing:
+    """Rates of the pairs of one model, from the joint axes of its state."""
+
+    def __init__(
+        self, m: mujoco.MjModel, data: mujoco.MjData, pairs: tuple[tuple[int, int], ...]
+    ) -> None:
+        """Look at pairs of geoms; `data` is brought up to date by `mj_comPos` before `rates`."""
+        bodies = m.geom_bodyid[np.array(pairs)]
+        moves = moved_by(m)
+        self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
+        self._centre: Vector = data.subtree_com[m.body_rootid[m.jnt_bodyid[0]]]
+        self._twists: Matrix = data.cdof
+        self._skew = _skew()
+        self._p = np.ones((len(pairs), 4))
+        self._products = np.zeros((len(pairs), 3, 4))
+
+    def rates(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
+        """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
+
+        MuJoCo's `cdof` holds the twist (w, v) of each joint about the centre of mass c: it moves
+        a point p along n by n . (v + w x (p - c)) = Σ_ik n_i S_ik (p - c, 1)_k with
+        S = ([w]×, v). The two nearest points lie on one line along n, so either will do for both
+        Jacobians.
+
+        Args:
+            pair: Which of the pairs (k,).
+            distance: Their signed distances, none of them zero (k,) [m].
+            segment: Nearest points on the first and the second geom of each (k, 6) [m].
+        """
+        k = len(pair)
+        p, products = self._p[:k], self._products[:k]
+        n = segment[:, 3:] - segment[:, :3]
+        n /= distance[:, None]
+        np.subtract(segment[:, :3], self._centre, out=p[:, :3])
+        np.multiply(n[:, :, None], p[:, None, :], out=products)
+        out: Matrix = products.reshape(k, 12) @ (self._skew @ self._twists.T)
+        out *= self._sign.take(pair, axis=0)
+        return out
+
+
+def _skew() -> Matrix:
+    """Maps (w, v) to ([w]×, v), row by row (12, 6)."""
+    out = np.zeros((3, 4, 6))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i, k, j], out[i, j, k], out[i, 3, 3 + i] = 1.0, -1.0, 1.0
+    return out.reshape(12, 6)

@@ -1,0 +1,134 @@
+"""ActiveController: a controller at work, with what has to be remembered between periods."""
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.control.controller import Controller
+from robo47_qp.control.joint_stops import JointStops
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference, JointState
+
+
+class ActiveController:
+    """Runs a controller within the arm's limits, and changes it without a bump.
+
+    asked = controller + push away from the joint limits + (1 - s) bump
+    torque = the torque closest to `asked` within tau_max, and within tau_rate_max of the last
+
+    A new controller, new gains or a new belief about the payload change the torque at once. The
+    bump is the difference at that instant between what would have been asked for and what is
+    asked for now; s rises from 0 to 1 over a chosen time, as 3x² - 2x³, so that torque and its
+    rate are continuous (bumpless transfer: Åström and Hägglund, Advanced PID Control, 2006,
+    sec. 3.5).
+    """
+
+    def __init__(
+        self, controller: Controller, arm: Arm, *, dt: float, stops: JointStops | None = None
+    ) -> None:
+        """Start at rest at home: the torque before the first is what holds the arm there.
+
+        Args:
+            controller: The control law.
+            arm: The belief.
+            dt: Control period [s].
+            stops: What keeps the joints off their limits; by default `JointStops()`.
+        """
+        self.controller, self.arm = controller, arm
+        self._dt, self._n = dt, arm.n
+        self._stops = JointStops() if stops is None else stops
+        still = np.zeros(arm.n)
+        robot = arm.robot
+        low, high = self._stops.inside(arm)
+        columns = (robot.tau_rate_max * dt, robot.tau_max, low, high)
+        self._bounds = [column.tolist() for column in columns]
+        self.asked: Vector = arm.inverse_dynamics(arm.home, still, still)
+        """Torque of the last period before the limits (n,) [N·m]."""
+        self._last: list[float] = np.clip(self.asked, -robot.tau_max, robot.tau_max).tolist()
+        self._before: tuple[Controller, Arm, Vector] | None = None
+        self._bump, self._left, self._fade = still, 0, 0
+
+    def switch(self, controller: Controller, *, seconds: float = 0.1) -> None:
+        """Change the control law or its gains.
+
+        Args:
+            controller: The new one.
+            seconds: How long the bump fades; 0 lets the torque jump as far as the motors can.
+
+        Raises:
+            InvalidValueError: The time is negative or not finite.
+        """
+        self._change(controller, self.arm, seconds)
+
+    def believe(self, arm: Arm, *, seconds: float = 0.1) -> None:
+        """Change the belief, for example about what the tool holds.
+
+        Args:
+            arm: The same robot, with another payload.
+            seconds: See `switch`.
+
+        Raises:
+            InvalidValueError: The arm is of another robot; the time is negative or not finite.
+        """
+        if arm.robot is not self.arm.robot:
+            raise InvalidValueError(
+                "arm", f"one of {arm.robot.name!r}", f"an arm of {self.arm.robot.name!r}"
+            )
+        self._change(self.controller, arm, seconds)
+
+    def torque(self, reference: JointReference, state: JointState) -> Vector:
+        """Torque for the period that starts now (n,) [N·m], within the limits of the motors.
+
+        Args:
+            reference: What the joints should do at the instant of `state`.
+            state: What the joints do now.
+        """
+        asked = self.controller.torque(self.arm, reference, state)
+        if self._fade:
+            self._smooth(asked, reference, state)
+        # Scalars, because numpy takes three times the time for so few numbers.
+        new = asked.tolist()
+        joints = zip(new, self._last, state.q.tolist(), *self._bounds, strict=True)
+        for ask, last, q, step, most, low, high in joints:
+            if not (-step <= ask - last <= step and -most <= ask <= most and low <= q <= high):
+                return self._limited(asked, reference, state)
+        self.asked, self._last = asked, new
+        return asked
+
+    def _limited(self, asked: Vector, reference: JointReference, state: JointState) -> Vector:
+        """Add the push of the stops, and keep the limits."""
+        self._stops.push(asked, self.arm, reference.q, state.q)
+        self.asked = asked
+        robot, last = self.arm.robot, np.array(self._last)
+        step = robot.tau_rate_max * self._dt
+        tau: Vector = np.minimum(np.maximum(asked, last - step), last + step)
+        tau = np.minimum(np.maximum(tau, -robot.tau_max), robot.tau_max)
+        self._last = tau.tolist()
+        return tau
+
+    def _change(self, controller: Controller, arm: Arm, seconds: float) -> None:
+        if not (np.isfinite(seconds) and seconds >= 0.0):
+            raise InvalidValueError("seconds", seconds, "finite and not negative [s]")
+        steps = round(seconds / self._dt)
+        if not steps:
+            self._before = None
+        elif self._before is None:
+            self._before = self.controller, self.arm, self._remaining()
+        self._fade = self._left = steps
+        self.controller, self.arm = controller, arm
+
+    def _smooth(self, asked: Vector, reference: JointReference, state: JointState) -> None:
+        """Add what is left of the bump."""
+        if self._before is not None:
+            controller, arm, remaining = self._before
+            self._bump = controller.torque(arm, reference, state) + remaining - asked
+            self._before = None
+        asked += self._remaining()
+        self._left -= 1
+        if not self._left:
+            self._fade = 0
+
+    def _remaining(self) -> Vector:
+        if not self._fade:
+            return np.zeros(self._n)
+        x = self._left / self._fade
+        return x * x * (3.0 - 2.0 * x) * self._bump

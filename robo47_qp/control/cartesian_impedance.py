@@ -1,0 +1,146 @@
+"""Cartesian impedance control: the tool on a spring, the elbow free to give way."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import sqrt
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.control.controller import add_dry_friction, check_not_negative, freeze_not_negative
+from robo47_qp.control.tool_space import ToolSpace, tool_space
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference, JointState
+
+Wrench: TypeAlias = Callable[[ToolSpace, list[float], list[float]], list[float]]
+"""The six forces on the tool from its errors; see `CartesianImpedance.wrench`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CartesianImpedance:
+    """A spring and a damper between the tool and its reference, on top of the arm's dynamics.
+
+    tau = M(q) a_ref + c(q, v_ref) + g(q) - tau_passive(v_ref)
+          + Jᵀ (f(e) + D J (v_ref - v)) + N M (ω² (q_ref - q) + d (v_ref - v))
+
+    The tool's reference is that of the joints. A force F on the tool displaces it by F/K along
+    each axis and the inertia that it meets is the arm's own: no inertia is shaped, so no force
+    sensor is needed and nothing is inverted on the way from spring to torque (Albu-Schäffer,
+    Ott, Frese and Hirzinger, ICRA 2003; Ott, Cartesian Impedance Control of Redundant and
+    Flexible-Joint Robots, 2008, ch. 3). Coriolis and friction terms are those of the reference:
+    what the arm does beyond it meets its own. So at a reference at rest the stored energy
+    ½ vᵀMv + U(e) only falls, by D, d and the friction of the joints, while ω = 0 (Takegaki and
+    Arimoto, J. Dynamic Systems, Measurement and Control 103(2), 1981). U(e) = ½ eᵀKe, for
+    rotations 2 εᵀKε with ε the vector part of
+    the error's quaternion (Caccavale, Siciliano and Villani, IEEE/ASME Trans. Mechatronics
+    4(3), 1999): its torque falls to zero at half a turn instead of jumping there.
+
+    D_ii = 2 ζ √(K_ii Λ_ii(q)). N = I - Jᵀ Λ J M⁻¹ lets the posture act without the tool feeling
+    it (Khatib 1987; Dietrich, Ott and Albu-Schäffer, IJRR 34(11), 2015). Close to a singularity
+    (see `ToolSpace`) the joints that do not move the tool any more follow the posture; spring
+    and damper stay bounded there, since Jᵀ needs no inverse.
+    """
+
+    stiffness: Vector = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
+    """K (6,), linear part first, along the axes of `frame` [N/m, N·m/rad]."""
+    damping_ratio: float = 1.0
+    """ζ: 1 is critically damped for the inertia along each axis [-]."""
+    frame: Literal["world", "tool"] = "world"
+    """Whose axes the stiffness has: the world's, or those of the tool at its reference."""
+    error_max: Vector = field(default_factory=lambda: np.array([0.1] * 3 + [0.5] * 3))
+    """Largest error that a spring answers, per axis (6,); beyond, its force stays
+    [m, twice the sine of half the angle]."""
+    posture_frequency: float = 8.0
+    """ω: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
+    posture_damping: float = 16.0
+    """d: rate at which a motion in the null space decays [1/s]."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze the gains.
+
+        Raises:
+            InvalidValueError: A gain is negative, not finite or of the wrong shape; the frame
+                is unknown.
+        """
+        freeze_not_negative(self, "stiffness", "error_max", size=6)
+        check_not_negative(self, "damping_ratio", "posture_frequency", "posture_damping")
+        if self.frame not in ("world", "tool"):
+            raise InvalidValueError("frame", repr(self.frame), "'world' or 'tool'")
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        """See `Controller.torque`."""
+        return self.torque_with(self.wrench, arm, reference, state)
+
+    def torque_with(
+        self, wrench: Wrench, arm: Arm, reference: JointReference, state: JointState
+    ) -> Vector:
+        """The torque, with something else in place of the springs and dampers of the tool.
+
+        Args:
+            wrench: Computes f(e) + D J (v_ref - v), or what takes its place.
+            arm: See `Controller.torque`.
+            reference: See `Controller.torque`.
+            state: See `Controller.torque`.
+        """
+        space, in_tool = tool_space(arm), self.frame == "tool"
+        np.subtract(reference.q, state.q, space.error_q)
+        np.subtract(reference.v, state.v, space.error_v)
+        # Two rows: the posture's acceleration, and the error of the velocity again.
+        self._posture.dot(space.errors, space.motions)
+        space.ask(reference.q)
+        arm.place(state.q)
+        space.update(in_tool=in_tool)
+        posture, unfelt = space.unfelt()
+        free = space.inverse_dynamics((reference.v, unfelt), (reference.a, posture))
+        twist = space.felt[1].tolist()
+        force = np.array(wrench(space, space.way(in_tool=in_tool), twist))
+        # What J̇ adds to the tool's acceleration is taken back.
+        force += space.inertia_times(space.jacobian_rate_times(unfelt, in_tool=in_tool))
+        tau: Vector = space.J_T.dot(force)
+        tau += free
+        if arm.slips:
+            add_dry_friction(tau, arm, reference.v)
+        return tau
+
+    def wrench(self, space: ToolSpace, way: list[float], twist: list[float]) -> list[float]:
+        """f(e) + D J (v_ref - v), 6 numbers along the axes of the frame.
+
+        Scalars, because numpy takes twice the time for so few numbers.
+
+        Args:
+            space: Where the arm and its reference are.
+            way: From the tool to its reference, 3 numbers [m].
+            twist: J (v_ref - v), 6 numbers.
+        """
+        x, y, z = way
+        w, ex, ey, ez = space.turn(in_tool=self.frame == "tool")
+        (kx, mx, dx), (ky, my, dy), (kz, mz, dz), *turning = self._gains
+        (ka, ma, da), (kb, mb, db), (kc, mc, dc) = turning
+        a, b, c = 2.0 * ex, 2.0 * ey, 2.0 * ez
+        a = ka * (ma if a > ma else -ma if a < -ma else a)
+        b = kb * (mb if b > mb else -mb if b < -mb else b)
+        c = kc * (mc if c > mc else -mc if c < -mc else c)
+        ix, iy, iz, ia, ib, ic = space.inertias
+        vx, vy, vz, va, vb, vc = twist
+        return [
+            kx * (mx if x > mx else -mx if x < -mx else x) + dx * sqrt(ix) * vx,
+            ky * (my if y > my else -my if y < -my else y) + dy * sqrt(iy) * vy,
+            kz * (mz if z > mz else -mz if z < -mz else z) + dz * sqrt(iz) * vz,
+            # The gradient of the potential 2 εᵀKε: 2 (η Kε - ε × Kε).
+            w * a + ez * b - ey * c + da * sqrt(ia) * va,
+            w * b + ex * c - ez * a + db * sqrt(ib) * vb,
+            w * c + ey * a - ex * b + dc * sqrt(ic) * vc,
+        ]
+
+    @cached_property
+    def _posture(self) -> Matrix:
+        """Takes errors of position and velocity to the posture's acceleration, and the latter."""
+        return np.array([[self.posture_frequency**2, self.posture_damping], [0.0, 1.0]])
+
+    @cached_property
+    def _gains(self) -> list[tuple[float, float, float]]:
+        """Stiffness, largest error, and damping over the root of the inertia, per axis."""
+        rates = [2.0 * self.damping_ratio * sqrt(k) for k in self.stiffness.tolist()]
+        return list(zip(self.stiffness.tolist(), self.error_max.tolist(), rates, strict=True))

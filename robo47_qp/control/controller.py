@@ -1,0 +1,86 @@
+"""Gains: what every setting of a controller must be."""
+
+from typing import Protocol
+
+import numpy as np
+
+from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference, JointState
+
+
+class Controller(Protocol):
+    """Computes torques. The controller is its settings; what it believes is the arm."""
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        """Torque to apply over the control period that starts now.
+
+        Args:
+            arm: The belief, with what the tool holds.
+            reference: What the joints should do at the instant of `state`: not one period
+                later, which would show as an error of one period times the velocity.
+            state: What the joints do now.
+
+        Returns:
+            tau (n,) [N·m]; the motors' limits are theirs to apply.
+        """
+        ...
+
+
+_NOT_NEGATIVE = "finite and not negative"
+
+
+def check_not_negative(settings: object, *names: str) -> None:
+    """Check gains that are numbers, or a few of them.
+
+    Args:
+        settings: Whose fields they are.
+        names: The fields.
+
+    Raises:
+        InvalidValueError: One is negative or not finite.
+    """
+    for name in names:
+        value = getattr(settings, name)
+        numbers = np.asarray(value, dtype=np.float64)
+        if not (np.isfinite(numbers) & (numbers >= 0.0)).all():
+            raise InvalidValueError(name, value, _NOT_NEGATIVE)
+
+
+def freeze_not_negative(settings: object, *names: str, size: int) -> None:
+    """Check gains that are vectors, and put copies that cannot be written to in their place.
+
+    Args:
+        settings: A frozen dataclass in its making.
+        names: The fields.
+        size: How many numbers each has.
+
+    Raises:
+        InvalidValueError: One has another shape, or a number that is negative or not finite.
+    """
+    for name in names:
+        values = frozen_vector(name, getattr(settings, name), size)
+        if (values < 0.0).any():
+            raise InvalidValueError(name, values.tolist(), f"{size} numbers, none negative")
+        object.__setattr__(settings, name, values)
+
+
+_SPEED = 0.05
+"""Speed at which three quarters of the final value are reached [rad/s or m/s]."""
+_SHARE = 0.8
+"""Part of the friction that is fed forward: more than there is would drive limit cycles [-]."""
+
+
+def add_dry_friction(tau: Vector, arm: Arm, v_ref: Vector) -> None:
+    """Add the torque that dry friction takes at a reference velocity: 0.8 f tanh(v_ref / v_0).
+
+    The reference's velocity, not the measured one: that would push the arm on wherever its
+    noise points, and take the joints' own resistance from a controller at rest (Olsson, Åström,
+    Canudas de Wit, Gäfvert and Lischinsky, European J. Control 4(3), 1998).
+
+    Args:
+        tau: (n,) [N·m], changed in place.
+        arm: Whose joints.
+        v_ref: (n,) [rad/s].
+    """
+    tau += _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)

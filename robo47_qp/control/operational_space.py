@@ -1,0 +1,78 @@
+"""Operational space control: the tool as a unit mass on each axis."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.control.controller import add_dry_friction, check_not_negative
+from robo47_qp.control.tool_space import tool_space
+from robo47_qp.model.arm import Arm, JointReference, JointState
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperationalSpace:
+    """Inertia shaping: each axis of the tool behaves as a mass, a spring and a damper alone.
+
+    tau = M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
+          + Jᵀ Λ (ω² e + 2 ζ ω J (v_ref - v) + J̇ (v_ref - v)) + N M (ω_n² (q_ref - q) + ...)
+
+    so that without a force from outside ë + 2 ζ ω ė + ω² e = 0 on every axis, whatever the
+    configuration (Khatib 1987, see `ToolSpace`; written with the joints' reference
+    accelerations, which are the tool's through J). The errors decay alike on all axes; the
+    stiffness ω² Λ(q) that a force from outside meets does not: it grows with the inertia. To
+    choose that one, use `CartesianImpedance`. Close to a singularity Λ is bounded (see
+    `ToolSpace`): the tool does not follow in the direction that is lost, and the joints keep to
+    the posture.
+    """
+
+    frequency: float = 25.0
+    """ω: natural frequency of the tool's translation and rotation [rad/s]."""
+    damping_ratio: float = 1.0
+    """ζ: 1 is critically damped [-]."""
+    error_max: tuple[float, float] = (0.1, 0.5)
+    """Largest error that is answered, per axis [m, twice the sine of half the angle]."""
+    posture_frequency: float = 8.0
+    """ω_n: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
+    posture_damping: float = 16.0
+    """Rate at which a motion in the null space decays [1/s]."""
+
+    def __post_init__(self) -> None:
+        """Check the gains.
+
+        Raises:
+            InvalidValueError: A gain is negative or not finite.
+        """
+        check_not_negative(self, "frequency", "damping_ratio", "error_max")
+        check_not_negative(self, "posture_frequency", "posture_damping")
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        """See `Controller.torque`."""
+        space = tool_space(arm)
+        e_v = reference.v - state.v
+        posture = reference.q - state.q
+        posture *= self.posture_frequency**2
+        posture += self.posture_damping * e_v
+        space.ask(reference.q)
+        arm.place(state.q)
+        space.update(in_tool=False)
+        tau = arm.inverse_dynamics_here(state.v, reference.a + posture)
+        a = np.empty(6)
+        np.subtract(space.position_ref, space.position, out=a[:3])
+        _, x, y, z = space.turn(in_tool=False)
+        a[3:] = (2.0 * x, 2.0 * y, 2.0 * z)
+        np.minimum(a, self._bounds, out=a)
+        np.maximum(a, -self._bounds, out=a)
+        a *= self.frequency**2
+        a += 2.0 * self.damping_ratio * self.frequency * space.J.dot(e_v)
+        a += space.jacobian_rate_times(e_v)
+        a -= space.J.dot(posture)
+        tau += space.J_T.dot(space.inertia.dot(a))
+        if arm.slips:
+            add_dry_friction(tau, arm, reference.v)
+        return tau
+
+    @cached_property
+    def _bounds(self) -> Vector:
+        return np.repeat(self.error_max, 3)

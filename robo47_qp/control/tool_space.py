@@ -1,0 +1,204 @@
+"""Tool space: the dynamics of an arm as its tool feels them."""
+
+from functools import lru_cache
+from math import inf
+from operator import mul
+
+import mujoco
+import numpy as np
+from scipy.linalg import lapack
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.arm import Arm
+
+_POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
+
+MASS_MAX = 200.0
+"""Inertia of the tool above which a direction counts as close to singular [kg]."""
+_UNIT = np.eye(6).tobytes()
+_solve = lapack.dposv
+_LENGTH = 0.3
+"""Lever that makes an inertia comparable with a mass [m]."""
+
+
+class ToolSpace:
+    """Jacobian, inertia and null space of an arm where it was placed last.
+
+    Λ = (J M⁻¹ Jᵀ + ε I)⁻¹ is the inertia that a force at the tool meets (Khatib, A unified
+    approach for motion and force control of robot manipulators: the operational space
+    formulation, IEEE J. Robotics and Automation 3(1), 1987). It is exact, ε = 0, as long as no
+    axis feels heavier than `MASS_MAX`. Towards a singularity one axis grows heavier without
+    bound; from there ε grows smoothly (after Nakamura and Hanafusa, J. Dynamic Systems,
+    Measurement and Control 108(3), 1986), so that Λ stays below 1.4 `MASS_MAX` and the joints
+    that move the tool in no direction any more pass over to the null space.
+
+    Everything is expressed in a frame that the caller chooses, linear part first. One instance
+    serves an arm: arrays are overwritten by the next call.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        """Allocate."""
+        n = arm.n
+        self._model, self._data, self._tcp = arm.model, arm.scratch, arm.tool_site
+        self._asked = mujoco.MjData(arm.model)
+        # A reference at rest asks for the same every time.
+        self._asked_bits = b""
+        d, asked, tcp = self._data, self._asked, self._tcp
+        # The arrays of MjData keep their place: each view is taken once.
+        self._v, self._a, self._tau = d.qvel, d.qacc, d.qfrc_inverse
+        # As bytes, because numpy takes twice the time to fill so few numbers.
+        self._q_ref = asked.qpos.data.cast("B")
+        self.position, self.quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
+        self.position_ref, self.quaternion_ref = asked.site_xpos[tcp], asked.site_xquat[tcp]
+        self.rotation_ref: Matrix = asked.site_xmat[tcp].reshape(3, 3)
+        self._body = int(arm.model.site_bodyid[tcp])
+        self._world, self._turned, self._J_dot = _Rows(n), _Rows(n), _Rows(n)
+        self.J, self.J_T = self._world.whole, self._world.whole.T
+        """Twist of the tool per joint velocity (6, n), and its transpose."""
+        # What J is multiplied with in one go: M⁻¹Jᵀ, and two motions of the joints.
+        self._motions, self._felt = np.zeros((8, n)), np.zeros((8, 6))
+        self._J_over_M, self._inverse = self._motions[:6], self._felt[:6]
+        self.motions: Matrix = self._motions[6:]
+        """Room for two velocities or accelerations of the joints (2, n), before `update`."""
+        self._twists, self._forces = self._felt[6:], np.zeros((2, 6))
+        self.felt: tuple[Vector, ...] = tuple(self._twists)
+        """J times each of them, after it: two of (6,)."""
+        self._unfelt = np.zeros((2, n))
+        self._unfelt_rows: tuple[Vector, ...] = tuple(self._unfelt)
+        self._pivots = self._inverse.reshape(-1)[::7]
+        self.inertia: Matrix = np.zeros((6, 6), order="F")
+        """Λ (6, 6) [kg, kg·m, kg·m²]."""
+        self._diagonal: Vector = self.inertia.reshape(-1, order="A")[::7]
+        self.inertias: list[float] = []
+        """Its diagonal, 6 numbers."""
+        self.errors: Matrix = np.zeros((2, n))
+        """Room for the joints' errors of position and velocity (2, n)."""
+        self.error_q, self.error_v = self.errors
+        self._force, self._rate = np.zeros(6), np.zeros(6)
+        self._columns = self._inverse.T
+        self._room = self.inertia.reshape(-1, order="A").data.cast("B")
+        self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
+        self._use: list[float] = self._lightest.tolist()
+
+    def ask(self, q_ref: Vector) -> None:
+        """Find the tool's pose at the reference: fills `position_ref` and so on."""
+        bits = q_ref.tobytes()
+        if bits != self._asked_bits:
+            self._asked_bits = bits
+            self._q_ref[:] = bits
+            mujoco.mj_kinematics(self._model, self._asked)
+
+    def update(self, *, in_tool: bool) -> None:
+        """Find J and Λ at the configuration to which `Arm.place` went last.
+
+        Args:
+            in_tool: Axes of the tool at the reference (see `ask`); else those of the world.
+        """
+        m, d, rows = self._model, self._data, self._world
+        mujoco.mj_jacSite(m, d, rows.linear, rows.angular, self._tcp)
+        if in_tool:
+            np.matmul(self.rotation_ref.T, rows.blocks, out=self._turned.blocks)
+            rows = self._turned
+        self.J, self.J_T = rows.whole, rows.transposed
+        mujoco.mj_solveM(m, d, self._J_over_M, self.J)
+        regular = self._invert(0.0)
+        if regular and max(self.inertias) < MASS_MAX * _LENGTH**2:
+            return
+        heaviest = max(map(mul, self.inertias, self._use)) if regular else inf
+        if heaviest > 1.0:
+            self._invert((1.0 - 1.0 / heaviest) ** 2)
+
+    def way(self, *, in_tool: bool) -> list[float]:
+        """From the tool to its reference, 3 numbers [m]."""
+        if in_tool:
+            way: list[float] = (self.position_ref - self.position).dot(self.rotation_ref).tolist()
+            return way
+        (a, b, c), (x, y, z) = self.position_ref.tolist(), self.position.tolist()
+        return [a - x, b - y, c - z]
+
+    def turn(self, *, in_tool: bool) -> tuple[float, float, float, float]:
+        """Unit quaternion wxyz, w >= 0, that turns the tool into its reference."""
+        # Scalars, because numpy and MuJoCo take twice the time for so few numbers.
+        w, x, y, z = self.quaternion.tolist()
+        a, b, c, d = self.quaternion_ref.tolist()
+        # The product of the reference and the conjugate; in the tool's axes the order, and so
+        # the cross product, is the other way round.
+        s = -1.0 if in_tool else 1.0
+        eta = a * w + b * x + c * y + d * z
+        e1 = b * w - a * x - s * (c * z - d * y)
+        e2 = c * w - a * y - s * (d * x - b * z)
+        e3 = d * w - a * z - s * (b * y - c * x)
+        return (eta, e1, e2, e3) if eta >= 0.0 else (-eta, -e1, -e2, -e3)
+
+    def unfelt(self) -> tuple[Vector, ...]:
+        """The parts of both `motions` that do not move the tool: v - M⁻¹ Jᵀ Λ J v.
+
+        Returns:
+            Two of (n,), overwritten by the next call.
+        """
+        self._twists.dot(self.inertia, self._forces).dot(self._J_over_M, self._unfelt)
+        np.subtract(self.motions, self._unfelt, self._unfelt)
+        return self._unfelt_rows
+
+    def inverse_dynamics(self, v: tuple[Vector, Vector], a: tuple[Vector, Vector]) -> Vector:
+        """As `Arm.inverse_dynamics_here`, of a difference and a sum, without copies.
+
+        Args:
+            v: The velocity is the first less the second, (n,) each [rad/s].
+            a: The acceleration is the first and the second, (n,) each [rad/s²].
+
+        Returns:
+            (n,) [N·m], overwritten by the next call.
+        """
+        np.subtract(v[0], v[1], self._v)
+        np.add(a[0], a[1], self._a)
+        mujoco.mj_inverseSkip(self._model, self._data, _POSITIONS_DONE, 1)
+        return self._tau
+
+    def inertia_times(self, a: Vector) -> Vector:
+        """Λ a (6,), overwritten by the next call."""
+        force: Vector = self.inertia.dot(a, self._force)
+        return force
+
+    def jacobian_rate_times(self, v: Vector, *, in_tool: bool = False) -> Vector:
+        """J̇ v, with J̇ at the velocity of the last inverse dynamics and fixed axes.
+
+        Returns:
+            (6,), overwritten by the next call.
+        """
+        rows = self._J_dot
+        mujoco.mj_jacDot(
+            self._model, self._data, rows.linear, rows.angular, self.position, self._body
+        )
+        product: Vector = rows.whole.dot(v, self._rate)
+        if in_tool:
+            product = product.reshape(2, 3).dot(self.rotation_ref).reshape(6)
+        return product
+
+    def _invert(self, damping: float) -> bool:
+        """Λ = (J M⁻¹ Jᵀ + ε I)⁻¹; False where it does not exist."""
+        self._motions.dot(self.J_T, self._felt)
+        if damping:
+            self._pivots += damping * self._lightest
+        self._room[:] = _UNIT
+        # In place: the views of both matrices stay valid. Arguments without names, for keywords
+        # take time: upper triangle, overwrite the matrix, overwrite the right side.
+        failed = _solve(self._columns, self.inertia, 0, 1, 1)[2]
+        self.inertias = self._diagonal.tolist()
+        return not failed
+
+
+class _Rows:
+    """A (6, n) matrix and the views of it that are needed every period."""
+
+    def __init__(self, n: int) -> None:
+        self.whole: Matrix = np.zeros((6, n))
+        self.transposed = self.whole.T
+        self.linear, self.angular = self.whole[:3], self.whole[3:]
+        self.blocks = self.whole.reshape(2, 3, n)
+
+
+@lru_cache(maxsize=16)
+def tool_space(arm: Arm) -> ToolSpace:
+    """The tool space of an arm."""
+    return ToolSpace(arm)

@@ -1,0 +1,160 @@
+"""The recording of a comparison: targets coloured by outcome, each failure with the arm."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import rerun as rr
+
+from robo47_qp.arrays import Vector
+from robo47_qp.evaluation.benchmarks.ik.answers import Answers
+from robo47_qp.evaluation.benchmarks.ik.failure_pages import FAILURE, FIGURES, pages
+from robo47_qp.evaluation.benchmarks.ik.failure_words import legend, why
+from robo47_qp.evaluation.benchmarks.ik.outcome import (
+    COLOURS,
+    GOOD,
+    Outcome,
+    outcomes,
+)
+from robo47_qp.model.mjcf import compiled, robot_spec
+from robo47_qp.model.robot import Robot
+from robo47_qp.report.rerun.columns import xyzw
+from robo47_qp.report.rerun.scene import body_name, body_shapes
+from robo47_qp.report.rerun.stream import RerunStream
+
+MOST = 200
+"""Failures of one solver that are drawn; of more, evenly chosen ones."""
+_AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
+_GAP = (255, 70, 150)
+_LENGTH = 0.1
+"""Of the axes of a target [m]."""
+
+
+class Failure(NamedTuple):
+    """A target that a solver did not reach as it should."""
+
+    answers: Answers
+    k: int
+    outcome: Outcome
+
+    @property
+    def q(self) -> Vector | None:
+        """What came back (n,) [rad]; None where that is no configuration."""
+        q = self.answers.items[self.k].q
+        return q if np.isfinite(q).all() else None
+
+    @property
+    def target(self) -> Vector:
+        """The wanted pose, wxyz and position (7,)."""
+        return np.asarray(self.answers.targets.targets[self.k].wxyz_xyz)
+
+
+class FailureLog:
+    """Writes the recording of a comparison; hostile targets, which are no poses, are left out."""
+
+    def __init__(self, path: Path, robot: Robot, solvers: Sequence[str]) -> None:
+        """Open the file.
+
+        Raises:
+            RecordingError: The file cannot be written.
+        """
+        self._stream = RerunStream(path, f"robo47_qp ik {robot.name}", pages(solvers), None)
+        self._model = compiled(robot_spec(robot), robot.mjcf)
+        self._data = mujoco.MjData(self._model)
+        self._q = [int(self._model.joint(name).qposadr[0]) for name in robot.joints]
+        self._tcp = self._model.site(robot.tcp).id
+        self._home = np.asarray(robot.home)
+
+    def write(self, fields: Sequence[Sequence[Answers]], figures: str) -> None:
+        """Write all there is, and the figures as Markdown.
+
+        Raises:
+            RecordingError: The file cannot be written.
+        """
+        text = f"{figures}\n\n{legend()}"
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self._stream.log(FIGURES, document)
+        drawn = [field for field in fields if field[0].targets.name != "hostile"]
+        for own in zip(*drawn, strict=True):
+            self._stream.require_room(0.0)
+            self._solver(rr.escape_entity_path_part(own[0].solver), own)
+        self._stream.finish(0.0)
+
+    def close(self) -> None:
+        """Close the file, complete or not; a second time does nothing."""
+        self._stream.close()
+
+    def _solver(self, root: str, own: Sequence[Answers]) -> None:
+        failures: list[Failure] = []
+        for answers in own:
+            found = outcomes(answers)
+            places = answers.targets.positions(answers.n)
+            colours = [COLOURS[outcome] for outcome in found]
+            points = rr.Points3D(places, colors=colours, radii=rr.Radius.ui_points(2.5))
+            self._stream.log(f"{root}/targets/{answers.targets.name}", points)
+            failures += [Failure(answers, k, o) for k, o in enumerate(found) if o not in GOOD]
+        count = len(failures)
+        picked = np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
+        self._arm(root, [failures[i] for i in picked])
+        words = [
+            why(failures[i].answers, failures[i].k, failures[i].outcome, f"{i + 1} of {count}")
+            for i in picked
+        ]
+        self._words(root, words or [f"# {own[0].solver}\n\nNo failures."])
+        if failures:
+            self._goals(root, [failures[i] for i in picked])
+
+    def _arm(self, root: str, failures: Sequence[Failure]) -> None:
+        """The shapes of all bodies, and where they are at each failure; at home if none."""
+        m = self._model
+        positions, quaternions = [], []
+        for q in [failure.q for failure in failures] or [None]:
+            d = self._at(q)
+            positions.append(d.xpos.copy())
+            quaternions.append(xyzw(d.xquat))
+        index = _index(len(positions))
+        for body in range(1, m.nbody):
+            shapes = list(body_shapes(m, body))
+            path = f"{root}/arm/{rr.escape_entity_path_part(body_name(m, body))}"
+            for kind, shape in shapes:
+                self._stream.log(f"{path}/{kind}", shape)
+            if shapes:
+                columns = rr.Transform3D.columns(
+                    translation=[p[body] for p in positions],
+                    quaternion=[x[body] for x in quaternions],
+                )
+                self._stream.send_at(path, index, columns)
+
+    def _goals(self, root: str, failures: Sequence[Failure]) -> None:
+        """The wanted frame, and the way that is left from the tool to it."""
+        axes = rr.Arrows3D(vectors=_LENGTH * np.eye(3), colors=_AXIS_COLOURS, radii=0.004)
+        self._stream.log(f"{root}/goal/axes", axes)
+        self._stream.log(f"{root}/gap", rr.LineStrips3D.from_fields(colors=_GAP, radii=0.003))
+        targets = np.array([failure.target for failure in failures])
+        gaps = []
+        for failure, target in zip(failures, targets, strict=True):
+            tool = self._at(failure.q).site_xpos[self._tcp]
+            gaps.append(np.array([tool, target[4:]], dtype=np.float32))
+        index = _index(len(failures))
+        pose = rr.Transform3D.columns(translation=targets[:, 4:], quaternion=xyzw(targets[:, :4]))
+        self._stream.send_at(f"{root}/goal", index, pose)
+        self._stream.send_at(f"{root}/gap", index, rr.LineStrips3D.columns(strips=gaps))
+
+    def _at(self, q: Vector | None) -> mujoco.MjData:
+        """The robot at a configuration; at home where there is none."""
+        d = self._data
+        d.qpos[:] = self._model.qpos0
+        d.qpos[self._q] = self._home if q is None else q
+        mujoco.mj_kinematics(self._model, d)
+        return d
+
+    def _words(self, root: str, words: Sequence[str]) -> None:
+        kinds = [rr.MediaType.MARKDOWN] * len(words)
+        columns = rr.TextDocument.columns(text=list(words), media_type=kinds)
+        self._stream.send_at(f"{root}/why", _index(len(words)), columns)
+
+
+def _index(count: int) -> rr.TimeColumn:
+    return rr.TimeColumn(FAILURE, sequence=range(1, count + 1))

@@ -1,0 +1,76 @@
+"""OptIK: nonlinear optimisation with restarts, compiled from Rust."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+from typing import Any
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.evaluation.benchmarks.ik.peers.chain import BASE, TIP, chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
+from robo47_qp.ik.solver import (
+    IkResult,
+    Tolerance,
+    is_pose,
+    judged,
+    rejected,
+)
+from robo47_qp.model.arm import Arm
+
+_UNLIMITED = 1e3
+"""Time that is never reached: the budget is counted in starts [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptikIk:
+    """`optik.Robot.ik` on one thread; its restarts are its own."""
+
+    max_restarts: int = 140
+    """Starts after the first."""
+    tolerance: Tolerance = Tolerance()
+
+    def __post_init__(self) -> None:
+        """Look for the package.
+
+        Raises:
+            MissingExtraError: OptIK is not installed.
+        """
+        require("OptikIk", "optik", "optik-py")
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        """See `IkSolver.solve`; OptIK does not tell its iterations."""
+        started = process_time()
+        q = arm.checked_q("q_seed", q_seed)
+        if not is_pose(T_world_target):
+            return rejected(arm, q)
+        error = min(self.tolerance.position, self.tolerance.orientation)
+        robot, config = _optik(arm, self.max_restarts, 0.5 * error**2)
+        inside = np.clip(q, arm.q_min, arm.q_max).tolist()
+        answer = robot.ik(config, T_world_target.as_matrix(), inside)
+        found = inside if answer is None else answer[0]
+        return judged(arm, T_world_target, found, self.tolerance, 0, started)
+
+
+@lru_cache(maxsize=4)
+def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:
+    optik: Any = import_module("optik")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.urdf"
+        path.write_text(chain_of(arm).urdf(), encoding="utf-8")
+        robot = optik.Robot.from_urdf_file(str(path), BASE, TIP)
+    robot.set_parallelism(1)
+    config = optik.SolverConfig(
+        solution_mode="speed", max_time=_UNLIMITED, max_restarts=max_restarts, tol_f=objective
+    )
+    return robot, config
+
+
+def tool_pose(arm: Arm, q: Vector) -> Matrix:
+    """T_world_tcp (4, 4) by OptIK, to see that it is the same arm."""
+    return np.array(_optik(arm, 1, 1.0)[0].fk(q.tolist()), dtype=np.float64)

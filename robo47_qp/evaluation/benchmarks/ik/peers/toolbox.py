@@ -1,0 +1,88 @@
+"""Robotics Toolbox: its Levenberg-Marquardt in C++, with restarts."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from time import process_time
+from typing import Any
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.evaluation.benchmarks.ik.peers.chain import chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
+from robo47_qp.ik.solver import (
+    IkResult,
+    Tolerance,
+    is_pose,
+    judged,
+    rejected,
+)
+from robo47_qp.model.arm import Arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolboxIk:
+    """`ETS.ik_LM` with its default method; its restarts are random, and its own."""
+
+    max_iterations: int = 30
+    """Steps of each start."""
+    starts: int = 141
+    """Starts, the seed included."""
+    tolerance: Tolerance = Tolerance()
+
+    def __post_init__(self) -> None:
+        """Look for the package.
+
+        Raises:
+            MissingExtraError: Robotics Toolbox is not installed.
+        """
+        require("ToolboxIk", "roboticstoolbox", "roboticstoolbox-python")
+
+    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        """See `IkSolver.solve`."""
+        started = process_time()
+        q = arm.checked_q("q_seed", q_seed)
+        if not is_pose(T_world_target):
+            return rejected(arm, q)
+        error = min(self.tolerance.position, self.tolerance.orientation)
+        answer = _ets(arm).ik_LM(
+            T_world_target.as_matrix(),
+            q0=q,
+            ilimit=self.max_iterations,
+            slimit=self.starts,
+            tol=0.5 * error**2,
+            joint_limits=True,
+        )
+        steps = int(answer.iterations)
+        return judged(arm, T_world_target, answer.q, self.tolerance, steps, started)
+
+
+@lru_cache(maxsize=4)
+def _ets(arm: Arm) -> Any:
+    """Constant transforms and joints about their own z axes, in turn."""
+    toolbox: Any = import_module("roboticstoolbox")
+    chain, elements, T_before = chain_of(arm), [], np.eye(4)
+    for i, (anchor, axis) in enumerate(zip(chain.anchors, chain.axes, strict=True)):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = _with_z(axis), anchor
+        elements.append(toolbox.ET.SE3(np.linalg.inv(T_before) @ T))
+        joint = toolbox.ET.tz if chain.slides[i] else toolbox.ET.Rz
+        elements.append(joint(qlim=[chain.q_min[i], chain.q_max[i]]))
+        T_before = T
+    elements.append(toolbox.ET.SE3(np.linalg.inv(T_before) @ chain.T_world_tcp.as_matrix()))
+    return toolbox.ETS(elements)
+
+
+def _with_z(axis: Vector) -> Matrix:
+    """A rotation matrix with a given third column."""
+    other = np.eye(3)[np.abs(axis).argmin()]
+    x = np.cross(other, axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def tool_pose(arm: Arm, q: Vector) -> Matrix:
+    """T_world_tcp (4, 4) by Robotics Toolbox, to see that it is the same arm."""
+    return np.array(_ets(arm).eval(q), dtype=np.float64)

@@ -1,0 +1,106 @@
+"""Target sets: poses to be reached."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.arrays import Matrix
+from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
+from robo47_qp.model.arm import Arm
+from robo47_qp.motion.waypoint import tool_down
+
+_NEAR = 0.01
+"""Near a limit: within this part of the joint's range."""
+_DRAWS = 25
+"""Configurations of which the one closest to a singularity is kept."""
+_TILT = np.radians(20.0)
+"""Largest angle between the tool and the vertical on the table [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TargetSet:
+    """Targets that every solver gets, in the same order."""
+
+    name: str
+    targets: Sequence[SE3]
+    """Wanted T_world_tcp, n of them."""
+    reachable: bool | None
+    """True where every target was made by FK inside the limits, False where none can be
+    reached, None where it is not known."""
+    kinds: Sequence[str] = field(default=())
+    """Why each target cannot be reached, a key of `unreachable.EXPECTED`; empty where not told."""
+
+    def positions(self, n: int) -> Matrix:
+        """Where the first n targets are (n, 3), NaN for what is no pose [m]."""
+        found = np.full((n, 3), np.nan)
+        for place, target in zip(found, self.targets, strict=False):
+            numbers = np.asarray(getattr(target, "wxyz_xyz", ()))
+            if numbers.shape == (7,):
+                place[:] = numbers[4:]
+        return found
+
+    def __len__(self) -> int:
+        """Number of targets."""
+        return len(self.targets)
+
+
+MakeTargets = Callable[[Arm, int, np.random.Generator], TargetSet]
+
+
+def uniform(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
+    """Poses of configurations spread evenly over the joint ranges."""
+    return _made_by_fk("uniform", arm, _configurations(arm, n, rng))
+
+
+def near_limits(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
+    """Poses of configurations in which half of the joints are within 1 % of a limit."""
+    q = _configurations(arm, n, rng)
+    span = arm.q_max - arm.q_min
+    away = rng.uniform(0.0, _NEAR, q.shape) * span
+    ends = np.where(rng.integers(0, 2, q.shape) == 1, arm.q_max - away, arm.q_min + away)
+    close = rng.permuted(np.tile(np.arange(arm.n) < (arm.n + 1) // 2, (n, 1)), axis=1)
+    q = np.clip(np.where(close, ends, q), arm.q_min, arm.q_max)
+    return _made_by_fk("near_limits", arm, q)
+
+
+def near_singular(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
+    """Poses of the most singular of 25 configurations each: least singular value of J."""
+    q = np.empty((n, arm.n))
+    for k in range(n):
+        drawn = _configurations(arm, _DRAWS, rng)
+        J = np.stack([arm.jacobian(one) for one in drawn])
+        q[k] = drawn[np.linalg.svd(J, compute_uv=False)[:, -1].argmin()]
+    return _made_by_fk("near_singular", arm, q)
+
+
+def tabletop(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
+    """Poses of a tool that works on a table in front of the arm.
+
+    Positions are even over a box measured in the arm's own reach R: 0.35 R to 0.75 R ahead,
+    0.45 R to either side, from 20 mm above the base's foot to 0.4 R; the tool points down,
+    tilted by up to 20 degrees in any direction and turned by any angle. No configuration
+    stands behind them: some may be out of reach.
+    """
+    R = find_reach(arm).across
+    foot = arm.model.body(int(arm.model.body_rootid[arm.model.jnt_bodyid[0]])).pos
+    low = np.array([0.35 * R, -0.45 * R, 0.02])
+    high = np.array([0.75 * R, 0.45 * R, 0.4 * R])
+    positions = foot + rng.uniform(low, high, (n, 3))
+    yaw, ahead, tilt = rng.uniform([-np.pi, -np.pi, 0.0], [np.pi, np.pi, _TILT], (n, 3)).T
+    targets = []
+    for p, turn, towards, angle in zip(positions, yaw, ahead, tilt, strict=True):
+        axis = np.array([np.cos(towards), np.sin(towards), 0.0])
+        lean = SO3.exp(angle * axis)
+        down = tool_down(p, yaw=turn)
+        targets.append(SE3.from_rotation_and_translation(down.rotation() @ lean, p))
+    return TargetSet(name="tabletop", targets=targets, reachable=None)
+
+
+def _configurations(arm: Arm, n: int, rng: np.random.Generator) -> Matrix:
+    return rng.uniform(arm.q_min, arm.q_max, (n, arm.n))
+
+
+def _made_by_fk(name: str, arm: Arm, q: Matrix) -> TargetSet:
+    return TargetSet(name=name, targets=[arm.pose(one) for one in q], reachable=True)

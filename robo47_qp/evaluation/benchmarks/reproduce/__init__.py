@@ -1,0 +1,1 @@
+"""Comparison of reproduced figures with those kept before."""

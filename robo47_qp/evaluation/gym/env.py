@@ -1,0 +1,173 @@
+"""Tasks as environments of Gymnasium."""
+
+import pkgutil
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.evaluation.gym.spaces import (
+    ActionScale,
+    Mode,
+    Single,
+    numbers_of,
+    observation_space,
+)
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.video import Camera
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.policy.runner import Pace, Stepwise, check_judged
+from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise MissingExtraError("The Gymnasium environment", "gymnasium", "gym") from error
+
+_Base: TypeAlias = gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]
+_CONFIRMED = 0.3
+"""How long the world must be as the task wants it before an episode ends with success [s]."""
+_WIDTH, _HEIGHT = 640, 480
+
+
+class TaskEnv(_Base):
+    """A task. The reward is 1 at the end of an episode that succeeded, and 0 otherwise.
+
+    An episode is terminated once the task's verdict has been success for a while, or by a failure:
+    the watch, or an action that cannot be carried out. It is truncated when its time is over. Then
+    the arm comes to rest and the verdict judges, as it judges every other policy. `info` has
+    `success`, and at the end `cause` and `evidence` of a failure and the task's `measures`.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  # declared so in Gymnasium
+        "render_modes": ["rgb_array"],
+        "render_fps": 30,
+    }
+
+    def __init__(
+        self,
+        task: Task | str,
+        *,
+        mode: Mode = "joints",
+        pace: Pace | None = None,
+        vary: bool = False,
+        robot: Robot = PANDA,
+        render_mode: str | None = None,
+    ) -> None:
+        """Build the scene.
+
+        Args:
+            task: What is to be done, or where its class is: "tasks.pick_place:PickPlace".
+            mode: What actions are: joint positions, tool poses or torques, each with the width;
+                see `ActionScale`.
+            pace: Actions per second and length of an episode.
+            vary: Whether every episode has a scene of its own (`Task.variant`), as in evaluations.
+            robot: Who does it.
+            render_mode: "rgb_array" for pictures, which need OpenGL.
+
+        Raises:
+            InvalidValueError: There is no such mode, or the task is done before it is begun.
+            RenderingError: Pictures are wanted, and the machine cannot draw.
+        """
+        self._task: Task = pkgutil.resolve_name(task)() if isinstance(task, str) else task
+        self._pace, self._vary, self._robot = pace or Pace(), vary, robot
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
+        self.render_mode = render_mode
+        self._arm = Arm(robot)
+        self._camera: Camera | None = None
+        self._episode: Stepwise | None = None
+        self._build(self._task)
+        check_judged(self._task, self._simulation)
+        self.scale = ActionScale(self._arm, mode)
+        """Between actions in SI units and vectors of the action space."""
+        self.action_space = self.scale.space
+        sizes = len(self._simulation.objects), len(self._simulation.markers)
+        self._space = observation_space(self._arm, *sizes, self._pace.seconds)
+        space: Any = self._space
+        self.observation_space = space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Single], dict[str, Any]]:
+        """Start an episode: with a seed, the world that an evaluation has for this seed."""
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31)) if seed is None else seed
+        task = self._task
+        if self._vary:
+            task = task.variant(np.random.default_rng([drawn, 2]))
+            self._build(task)
+        scenario = RunOptions(seed=drawn).scenario(self._robot, task)
+        self._episode = Stepwise(scenario, self._simulation, self._pace)
+        self._good = 0
+        return self._observed(self._episode), {"seed": drawn, "success": False}
+
+    def step(self, action: Single) -> tuple[dict[str, Single], float, bool, bool, dict[str, Any]]:
+        """Carry out an action until the next one is due."""
+        episode = self._episode
+        if episode is None:
+            raise gymnasium.error.ResetNeeded("The episode is over: call reset() first.")
+        failure = episode.step(self.scale.action(action))
+        self._good = self._good + 1 if failure is None and episode.done else 0
+        confirmed = self._good > _CONFIRMED * self._pace.rate
+        terminated = failure is not None or confirmed
+        truncated = episode.over and not terminated
+        info: dict[str, Any] = {"success": False}
+        if terminated or truncated:
+            failure = failure or episode.end()
+            info = _outcome(failure, episode.measures())
+            self._episode = None
+        reward = 1.0 if info["success"] else 0.0
+        return self._observed(episode), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture of the scene (480, 640, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            self._camera = Camera(self._simulation.model, "overview", _WIDTH, _HEIGHT)
+        return self._camera.picture(self._simulation.data)
+
+    def close(self) -> None:
+        """Free what draws."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _build(self, task: Task) -> None:
+        self.close()
+        self._simulation = Simulation(self._robot, task.build_scene)
+
+    def _observed(self, episode: Stepwise) -> dict[str, Single]:
+        return numbers_of(episode.observe(), self._space)
+
+
+def register(tasks: Iterable[type[Task]]) -> list[str]:
+    """Make tasks known to `gymnasium.make`, as robo47/<name>-v0; returns these names.
+
+    Args:
+        tasks: Classes that need no arguments.
+    """
+    names = []
+    for task in tasks:
+        name = f"robo47/{task().name}-v0"
+        if name not in gymnasium.registry:
+            place = {"task": f"{task.__module__}:{task.__qualname__}"}
+            gymnasium.register(name, entry_point=f"{__name__}:{TaskEnv.__name__}", kwargs=place)
+        names.append(name)
+    return names
+
+
+def _outcome(failure: Failure | None, measures: dict[str, float]) -> dict[str, Any]:
+    return {
+        "success": failure is None,
+        "cause": None if failure is None else failure.cause.value,
+        "evidence": None if failure is None else failure.evidence,
+        "measures": measures,
+    }

@@ -1,0 +1,141 @@
+"""Spaces of observations and actions for Gymnasium, and the way between them and the policy's."""
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.model.arm import Arm
+from robo47_qp.run.policy.policy import (
+    Action,
+    JointTarget,
+    Observation,
+    ToolTarget,
+    Torques,
+)
+
+try:
+    from gymnasium import spaces
+except ImportError as error:
+    raise MissingExtraError("The Gymnasium environment", "gymnasium", "gym") from error
+
+Mode: TypeAlias = Literal["joints", "tool", "torques"]
+"""What the numbers of an action are."""
+Single: TypeAlias = NDArray[np.float32]
+_REACH, _FAR = 1.5, 10.0
+"""Where tool targets may lie, and where things may be seen, from the base along each axis [m]."""
+_FORCE = 500.0
+"""Where the readings of the force saturate [N]."""
+_SPEEDS = 5.0
+"""Where the readings of the velocities saturate, in rated velocities [-]."""
+
+
+class ActionScale:
+    """Actions as vectors from -1 to 1: joint positions, a tool pose or torques, then the width."""
+
+    def __init__(self, arm: Arm, mode: Mode) -> None:
+        """Set the scale.
+
+        Args:
+            arm: -1 and 1 are its limits; for a tool pose, 1.5 m from the base along each axis,
+                and the quaternion as it is, made a unit one.
+            mode: What the first numbers are. The last is the width, if there is a gripper: -1
+                for closed, 1 for fully open.
+
+        Raises:
+            InvalidValueError: There is no such mode.
+        """
+        robot = arm.robot
+        pose = np.array([_REACH] * 3 + [1.0] * 4)
+        bounds = {
+            "joints": (arm.q_min, arm.q_max),
+            "tool": (-pose, pose),
+            "torques": (-robot.tau_max, robot.tau_max),
+        }
+        if mode not in bounds:
+            raise InvalidValueError("mode", repr(mode), f"one of {', '.join(bounds)}")
+        low, high = bounds[mode]
+        self._mode, self._gripper = mode, robot.gripper is not None
+        if robot.gripper is not None:
+            low, high = np.append(low, 0.0), np.append(high, robot.gripper.width_max)
+        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
+        self.space = spaces.Box(-1.0, 1.0, shape=(len(low),), dtype=np.float32)
+
+    def numbers(self, vector: ArrayLike) -> Single:
+        """The vector of the space that stands for quantities in SI units, with the width."""
+        numbers: Single = ((np.asarray(vector) - self._middle) / self._half).astype(np.float32)
+        return numbers
+
+    def action(self, numbers: ArrayLike) -> Action:
+        """The action that a vector of the space stands for; its numbers are not checked.
+
+        Raises:
+            InvalidValueError: The shape is another one.
+        """
+        if np.shape(numbers) != self.space.shape:
+            raise InvalidValueError("shape of an action", np.shape(numbers), str(self.space.shape))
+        vector = self._middle + self._half * np.asarray(numbers, dtype=np.float64)
+        width = None
+        if self._gripper:
+            vector, width = vector[:-1], float(vector[-1])
+        if self._mode == "joints":
+            return JointTarget(q=vector, width=width)
+        if self._mode == "torques":
+            return Torques(tau=vector, width=width)
+        length = float(np.linalg.norm(vector[3:]))
+        if length > 0.0:
+            vector[3:] /= length
+        return ToolTarget(pose=vector, width=width)
+
+
+def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
+    """The fields of `Observation`; objects and markers are rows in the order of the scene."""
+    robot = arm.robot
+    room = 0.1 * (arm.q_max - arm.q_min)
+    v_max = _SPEEDS * robot.rated.v_max
+    pose = np.array([_FAR] * 3 + [1.0] * 4)
+    bounds = {
+        "time": (np.zeros(1), np.array([seconds + 10.0])),
+        "q": (arm.q_min - room, arm.q_max + room),
+        "v": (-v_max, v_max),
+        "tool": (-pose, pose),
+        "force": (np.full(3, -_FORCE), np.full(3, _FORCE)),
+        "objects": (np.tile(-pose, (objects, 1)), np.tile(pose, (objects, 1))),
+        "markers": (np.tile(-pose, (markers, 1)), np.tile(pose, (markers, 1))),
+    }
+    if robot.gripper is not None:
+        bounds["width"] = (np.array([-0.01]), np.array([robot.gripper.width_max + 0.01]))
+    return spaces.Dict(
+        {
+            name: spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+            for name, (low, high) in bounds.items()
+            if low.size
+        }
+    )
+
+
+def numbers_of(observation: Observation, space: spaces.Dict) -> dict[str, Single]:
+    """The observation as an element of the space; readings saturate at its bounds.
+
+    Raises:
+        InvalidValueError: The scene has another number of objects or markers.
+    """
+    rows: dict[str, Vector] = {
+        "time": np.array([observation.time]),
+        "q": observation.q,
+        "v": observation.v,
+        "tool": observation.tool,
+        "force": observation.force,
+        "objects": np.array(list(observation.objects.values())),
+        "markers": np.array(list(observation.markers.values())),
+    }
+    if observation.width is not None:
+        rows["width"] = np.array([observation.width])
+    found: dict[str, Single] = {}
+    for name, box in space.items():
+        if not isinstance(box, spaces.Box) or rows[name].shape != box.shape:
+            raise InvalidValueError(f"shape of {name}", rows[name].shape, f"{box.shape} always")
+        found[name] = np.clip(rows[name].astype(np.float32), box.low, box.high)
+    return found

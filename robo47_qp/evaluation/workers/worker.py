@@ -1,0 +1,167 @@
+"""Worker: a process that runs episodes, one after the other, until it is told or left alone."""
+
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import connection, get_context, parent_process
+from multiprocessing.connection import Connection
+from threading import Thread
+from time import monotonic
+from typing import Any
+
+from robo47_qp.errors import Robo47Error
+from robo47_qp.evaluation.episode import (
+    Episode,
+    EpisodeResult,
+    EpisodeSpec,
+    errored,
+)
+from robo47_qp.run.policy.guard import Guard
+
+READY = "ready"
+"""What a worker says when it is ready; anything else is why it cannot be."""
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+ENVIRONMENT = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
+"""What workers run in: numerical libraries keep to one thread, and glibc gives large blocks back at
+once. Otherwise, MuJoCo's arenas of 14 MB, of which little is used, leave holes in a heap that
+grows beyond 1 GB with the episodes."""
+_ABANDONED = 3
+"""Exit code of a worker whose parent is gone."""
+Died = str
+"""How a worker died."""
+
+
+class WorkerError(Robo47Error):
+    """A worker process that cannot be started."""
+
+
+def run_guarded(episode: Episode, spec: EpisodeSpec) -> EpisodeResult:
+    """Run an episode; what it raises becomes an error in its result."""
+    with Guard() as guard:
+        return episode(spec)
+    return errored(spec, guard.words)
+
+
+class Worker:
+    """A process with the episode it is at."""
+
+    def __init__(self, payload: bytes, start_timeout: float) -> None:
+        """Start the process.
+
+        Args:
+            payload: The pickled episode.
+            start_timeout: How long it may take to get ready [s].
+        """
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        self.connection: Connection = ours
+        self._process = context.Process(target=_work, args=(theirs, payload), daemon=True)
+        with _environment():
+            self._process.start()
+        theirs.close()
+        self.spec: EpisodeSpec | None = None
+        """What it is at; None while it starts or is idle."""
+        self.ready = False
+        self.deadline = monotonic() + start_timeout
+        """When it will have taken too long, by `time.monotonic`."""
+
+    @property
+    def signs(self) -> tuple[Connection, int]:
+        """What to wait for: a word from it, or its end."""
+        return self.connection, self._process.sentinel
+
+    def begin(self, spec: EpisodeSpec, timeout: float) -> None:
+        """Give it an episode."""
+        self.spec, self.deadline = spec, monotonic() + timeout
+        # If it is dead, this is noticed when it is listened to.
+        try:
+            self.connection.send(spec)
+        except OSError:
+            return
+
+    def heard(self) -> EpisodeResult | Died | None:
+        """What there is to hear: a result, how it died, or nothing.
+
+        Raises:
+            WorkerError: It could not get ready.
+        """
+        try:
+            if not self.connection.poll():
+                if self._process.is_alive():
+                    return None
+                # It may have spoken between the two looks, with its last breath.
+                if not self.connection.poll():
+                    return self._death()
+            said = self.connection.recv()
+        except (EOFError, OSError):
+            return self._death()
+        if isinstance(said, EpisodeResult):
+            self.spec = None
+            return said
+        if said != READY:
+            raise WorkerError(f"A worker cannot start: {said}")
+        self.ready = True
+        return None
+
+    def stop(self) -> None:
+        """End the process, whatever it is doing."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+    def _death(self) -> Died:
+        self._process.join()
+        code = self._process.exitcode or 0
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        if not self.ready:
+            raise WorkerError(f"A worker process ended with {how} before it was ready.")
+        return how
+
+
+def wait_for(workers: list[Worker]) -> None:
+    """Wait until one of them has something to say, or has taken too long."""
+    left = min(worker.deadline for worker in workers) - monotonic()
+    signs: list[Any] = [sign for worker in workers for sign in worker.signs]
+    connection.wait(signs, timeout=max(0.0, left))
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    """What is started inside inherits the environment of workers."""
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _work(link: Connection, payload: bytes) -> None:
+    """The process: an episode for every spec, until None or the parent's end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+    # Policies print; the standard output is the parent's to write JSON to.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    with Guard() as guard:
+        episode: Episode = pickle.loads(payload)
+    if guard.error is not None:
+        link.send(guard.words)
+        return
+    link.send(READY)
+    while True:
+        link.send(run_guarded(episode, link.recv()))
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed says nothing; nobody waits for results then."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(_ABANDONED)

@@ -1,0 +1,76 @@
+"""The joint velocity closest to a wanted one, among those that limits and clearances allow."""
+
+from math import isfinite
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.box_qp import box_qp
+from robo47_qp.ik.stream.clearance_bounds import SpeedRows
+from robo47_qp.ik.stream.joint_bounds import VelocityBox
+from robo47_qp.ik.stream.settings import Event
+
+_FULL_SHARE = 0.05
+"""Room from which on a pair gives way in full [m]."""
+_LEAST_SHARE = 0.1
+"""Part by which a pair without any room gives way."""
+_HARD = 1e4
+"""Weight of giving way beside the tool's velocity."""
+
+
+class SpeedQp:
+    """min over v of ½ (v - v_ref)ᵀ H (v - v_ref) in a box, subject to rows A v <= upper.
+
+    The box is hard and never empty. Where no velocity in it meets all rows, they are relaxed to
+    A v <= upper + s clip(room / 5 cm, 0.1, 1), with a small s >= 0: pairs with much room give
+    way before those with little. Where that finds no answer either, v is the one in the box that
+    is closest to rest.
+    """
+
+    def __init__(self, backend: str, n: int) -> None:
+        """Choose the QP solver, for n joints.
+
+        Raises:
+            UnknownNameError: No QP solver is called so.
+        """
+        self._strict, self._soft = box_qp(backend, n), box_qp(backend, n + 1)
+        self._n = n
+        self._H, self._f = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
+        self._H[n, n] = _HARD
+        self._low, self._high = np.zeros(n + 1), np.full(n + 1, 1e2)
+
+    def nearest(
+        self, H: Matrix, v_ref: Vector, box: VelocityBox, rows: SpeedRows | None
+    ) -> tuple[Vector, Event | None]:
+        """The velocity for the next tick, and what had to give way for it."""
+        held = np.minimum(np.maximum(v_ref, box.low), box.high)
+        inside = not np.count_nonzero(held != v_ref)
+        if rows is None or not len(rows.upper):
+            if inside:
+                return v_ref, None
+            v = self._strict.solve(H, -H.dot(v_ref), box.low, box.high)
+            told: Event | None = None
+        else:
+            if inside and not np.count_nonzero(rows.A.dot(v_ref) > rows.upper):
+                return v_ref, None
+            f = -H.dot(v_ref)
+            v, told = self._strict.solve(H, f, box.low, box.high, rows.A, rows.upper), None
+            if not _is_answer(v):
+                v, told = self._relaxed(H, f, box, rows), Event.CLEARANCE_RELAXED
+        if v is None or not _is_answer(v):
+            v, told = np.zeros(self._n), Event.NO_ANSWER
+        # QP solvers meet bounds but for rounding; commands meet them exactly.
+        return np.minimum(np.maximum(v, box.low), box.high), told
+
+    def _relaxed(self, H: Matrix, f: Vector, box: VelocityBox, rows: SpeedRows) -> Vector | None:
+        n = self._n
+        self._H[:n, :n], self._f[:n] = H, f
+        self._low[:n], self._high[:n] = box.low, box.high
+        share = np.clip(rows.room / _FULL_SHARE, _LEAST_SHARE, 1.0)
+        A = np.column_stack([rows.A, -share])
+        x = self._soft.solve(self._H, self._f, self._low, self._high, A, rows.upper)
+        return None if x is None else x[:n]
+
+
+def _is_answer(v: Vector | None) -> bool:
+    return v is not None and isfinite(v.dot(v))

@@ -1,0 +1,158 @@
+"""Differential inverse kinematics at a fixed rate: a command for every tick, whatever is asked."""
+
+from collections import Counter
+from dataclasses import dataclass
+from math import inf
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.collision.clearance import clearance_of
+from robo47_qp.ik.stream.clearance_bounds import Separation
+from robo47_qp.ik.stream.joint_bounds import JointBrakes
+from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
+from robo47_qp.ik.stream.speed_qp import SpeedQp
+from robo47_qp.ik.stream.target_velocity import Pursuit, pose_or_none
+from robo47_qp.model.arm import Arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamIk(StreamSettings):
+    """Differential IK for a target that moves. It is its settings and one method.
+
+    Each tick asks for the joint velocity v_ref = J⁺ V + φ J⁺ e + (I - J⁺ J) v_home: the
+    target's own velocity V, the way e to it at a pace φ at which every joint can stop in time
+    (`approach_rate`), and in what is left of the arm's freedom a slow return home. The next
+    velocity v' is then
+
+        min over v' of ½ ‖J (v' - v_ref)‖² + ½ μ ‖v' - v_ref‖²   subject to v' in the box
+
+    of `JointBrakes`: limits of position, velocity and acceleration, with the room to brake. Where
+    a clearance is asked for, it is also subject to rows A v' <= upper of `Separation`, the speeds
+    at which pairs of geoms may close. What gives way is, in this order:
+
+    1. the null-space motion;
+    2. the tool's way to the target;
+    3. the rows of clearances, where no velocity in the box meets them all: pairs with much room
+       first, those without any last (`SpeedQp`), told by `Event.CLEARANCE_RELAXED`;
+    4. never a limit of q, v or a. The box is not empty, so there is always an answer.
+
+    It descends along the way to the target and does not plan. An arm that meets a joint limit
+    or an obstacle on that way can stop there though another configuration would reach the
+    target: for far targets find the configuration first, by `MultiStart`.
+    """
+
+    def build(self, arm: Arm) -> "IkStream":
+        """A stream for one arm, at rest at its home.
+
+        Raises:
+            UnknownNameError: No QP solver is called `backend`.
+            InvalidValueError: The clearance, margin, share or budget is out of range, or the
+                profile is for another number of joints.
+            ModelError: A clearance is asked for and the arm has no geoms to keep apart.
+        """
+        return IkStream(self, arm)
+
+
+class IkStream:
+    """The commanded state of one arm and what moves it on. Same targets, same commands."""
+
+    def __init__(self, settings: StreamIk, arm: Arm) -> None:
+        """See `StreamIk.build`."""
+        self.settings = settings
+        self.arm = arm
+        profile = arm.robot.profile if settings.profile is None else settings.profile
+        self.profile = profile
+        """Limits of velocity and acceleration that are kept."""
+        self.brakes = JointBrakes(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
+        self._qp = SpeedQp(settings.backend, arm.n)
+        self._pursuit = Pursuit(settings, arm, profile)
+        self._separation = _separation(settings, arm, self._pursuit.data, self.brakes.a_max)
+        self._least = -inf if settings.clearance is None else settings.clearance
+        self._counts: Counter[Event] = Counter()
+        self.reset(arm.home)
+
+    @property
+    def counts(self) -> dict[Event, int]:
+        """How many ticks had to put up with what, since the last reset."""
+        return {event: self._counts[event] for event in Event}
+
+    @property
+    def q(self) -> Vector:
+        """Commanded position now (n,) [rad]."""
+        return self._q.copy()
+
+    @property
+    def v(self) -> Vector:
+        """Commanded velocity now (n,) [rad/s]."""
+        return self._v.copy()
+
+    def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
+        """Start from a state of the arm, inside its limits or not; at rest where v is None.
+
+        Raises:
+            InvalidValueError: q or v is not a finite vector of shape (n,).
+        """
+        n = self.arm.n
+        self._q = checked_vector("q", q, n)
+        self._v = np.zeros(n) if v is None else checked_vector("v", v, n)
+        self._pursuit.forget()
+        self._counts.clear()
+        if self._separation is not None:
+            self._pursuit.show(self._q)
+            self._separation.reset(self._q)
+
+    def tick(self, T_world_target: object) -> StreamTick:
+        """Move the command on by one tick, towards where the target is now.
+
+        Args:
+            T_world_target: Wanted T_world_tcp (SE3). Anything else brakes the arm.
+        """
+        events: set[Event] = set()
+        wish = self._pursuit.wish(pose_or_none(T_world_target), self._q)
+        events.update(wish.events)
+        box = self.brakes.box(self._q, self._v)
+        if box.recovering:
+            events.add(Event.RECOVERING)
+        rows, clearance = None, inf
+        if self._separation is not None:
+            rows = self._separation.rows(self._q, self._v)
+            clearance = self._separation.measured
+            if clearance < self._least:
+                events.add(Event.TOO_CLOSE)
+        v_next, told = self._qp.nearest(wish.H, wish.v_ref, box, rows)
+        if told is not None:
+            events.add(told)
+        q_next = self.brakes.moved(self._q, self._v, v_next)
+        a = (v_next - self._v) / self.settings.dt
+        self._q, self._v = q_next, v_next
+        if events:
+            self._counts.update(events)
+        return StreamTick(
+            q=q_next.copy(),
+            v=v_next.copy(),
+            a=a,
+            position_error=wish.position_error,
+            orientation_error=wish.orientation_error,
+            clearance=clearance,
+            rows=0 if rows is None else len(rows.upper),
+            events=tuple(e for e in Event if e in events) if events else (),
+        )
+
+
+def _separation(
+    settings: StreamIk, arm: Arm, data: mujoco.MjData, a_max: Vector
+) -> Separation | None:
+    if settings.clearance is None:
+        return None
+    return Separation(
+        clearance_of(arm, settings.clearance),
+        data,
+        a_max,
+        settings.dt,
+        d_min=settings.clearance + settings.buffer,
+        share=settings.share,
+        budget=settings.budget,
+    )

@@ -1,0 +1,267 @@
+"""How fast to go to a target that moves, jumps or cannot be reached."""
+
+from functools import lru_cache
+from math import isfinite, nan, sqrt
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mink import SE3
+from scipy.linalg import lapack
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.stream.settings import Event, StreamSettings
+from robo47_qp.ik.tool_error import ToolError
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+
+_FARTHEST = 1e6
+"""Where coordinates of targets end [m]: beyond it differences overflow."""
+
+
+def approach_rate(way: Vector, v_max: Vector, a_max: Vector, gain: float) -> float:
+    """Part of the way to go per second, so that every joint can stop at its end [1/s].
+
+    A joint with the way d ahead may go K d while that is gentle, and further away
+    sqrt(2 a_max (d - a_max / (2 K²))), never above v_max: both laws and their slopes meet at
+    d = a_max / K², and following them takes no more than a_max. The slowest joint sets the pace
+    of all, so the joints arrive together.
+
+    Args:
+        way: Joint displacement to the target (n,) [rad].
+        v_max: Largest joint speeds to use (n,) [rad/s].
+        a_max: Largest decelerations to use (n,) [rad/s²].
+        gain: K [1/s].
+    """
+    # For a few joints floats are faster than arrays.
+    pace = gain
+    for d, v, a in zip(np.abs(way).tolist(), v_max.tolist(), a_max.tolist(), strict=True):
+        soft = a / gain**2
+        if d > soft:
+            pace = min(pace, sqrt(a * (2.0 * d - soft)) / d)
+        if pace * d > v:
+            pace = v / d
+    return pace
+
+
+def shortened(displacement: Vector, longest: float) -> Vector:
+    """The displacement, scaled to a length of at most `longest` [m]; any finite input."""
+    largest = max(map(abs, displacement.tolist()))
+    if largest > longest:
+        displacement = displacement * (longest / largest)
+    length = sqrt(displacement.dot(displacement))
+    return displacement * (longest / length) if length > longest else displacement
+
+
+class TargetMotion:
+    """The target's own velocity, by the difference of two ticks."""
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._last: Vector | None = None
+        self._turn = np.empty(3)
+
+    def forget(self) -> None:
+        """Start anew: the next target counts as being at rest."""
+        self._last = None
+
+    def twist(self, target: Vector, fastest: Vector) -> tuple[Vector, bool]:
+        """Twist of the target in the world frame, linear part first (6,) [m/s, rad/s].
+
+        A target that moved farther in one tick than the tool could have is taken to have
+        jumped. One that jumped is at rest until the next tick.
+
+        Args:
+            target: Quaternion wxyz and position (7,).
+            fastest: Largest component-wise twist of the tool at any joint velocity allowed (6,).
+
+        Returns:
+            The twist, and whether the target jumped.
+        """
+        twist, last = np.zeros(6), self._last
+        self._last = target.copy()
+        if last is None:
+            return twist, False
+        np.subtract(target[4:], last[4:], out=twist[:3])
+        mujoco.mju_subQuat(self._turn, target[:4], last[:4])
+        mujoco.mju_rotVecQuat(twist[3:], self._turn, last[:4])
+        twist /= self._dt
+        if np.count_nonzero(np.abs(twist) > fastest):
+            return np.zeros(6), True
+        return twist, False
+
+
+def pose_or_none(T_world_target: object) -> SE3 | None:
+    """The target with its position held within 1000 km of the world's origin, if it is a pose."""
+    if not isinstance(T_world_target, SE3):
+        return None
+    numbers = np.asarray(T_world_target.wxyz_xyz)
+    if numbers.shape != (7,) or numbers.dtype.kind not in "fiu":
+        return None
+    pose = numbers.astype(np.float64)
+    w, x, y, z, *position = pose.tolist()
+    # Comparisons are false for NaN, and products of floats overflow to infinity.
+    if not abs(w * w + x * x + y * y + z * z - 1.0) <= 2e-6 or not all(map(isfinite, position)):
+        return None
+    if max(map(abs, position)) > _FARTHEST:
+        np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
+    elif numbers.dtype == np.float64:
+        return T_world_target
+    return SE3(pose)
+
+
+_TINY = 1e-100
+"""Squares of singular values below this are those of a tool that cannot move at all."""
+_LOST = 1e-12
+"""Squares of singular values below this part of the largest count as zero."""
+
+
+class DampedInverse:
+    """J⁺ = Jᵀ U diag(1 / (σ² + λ²(σ))) Uᵀ, with U and σ² of J Jᵀ by eigenvalues.
+
+    Where no direction is damped that is Jᵀ (J Jᵀ)⁻¹, which takes a Cholesky factor only.
+
+    Directions with σ above σ0 are inverted exactly. Below, λ grows from 0 to σ0 / 2:
+    λ²(σ) = (σ0² - σ²)² / (4 σ0²), which bounds the gain by 2 / σ0 or less. Only the directions
+    that are nearly lost are damped (Chiaverini, "Singularity-robust task-priority redundancy
+    resolution for real-time kinematic control of robot manipulators", 1997; Maciejewski and
+    Klein, "Numerical filtering for the operation of robotic manipulators through kinematically
+    singular configurations", 1988).
+    """
+
+    def __init__(self, J: Matrix, threshold: float) -> None:
+        """Factor a Jacobian.
+
+        Args:
+            J: Rows in comparable units, shape (rows, n); kept, not copied.
+            threshold: σ0 as a part of the largest singular value [-].
+        """
+        self._J = J
+        # The trace of J Jᵀ is no less than its largest eigenvalue: where even that much taken
+        # off leaves it positive definite, nothing is damped and no eigenvalue is needed.
+        squares = J @ J.T
+        entries = J.ravel()
+        reserve = max(threshold**2, _LOST) * float(entries.dot(entries))
+        _, lost = lapack.dpotrf(squares - reserve * _identity(len(J)))
+        if lost:
+            self._damped, self._exact = _by_eigenvalues(squares, J, threshold)
+        else:
+            _, self._damped, _ = lapack.dposv(squares, J)
+            self._exact = self._damped
+
+    def velocities(self, twist: Vector) -> Vector:
+        """Joint velocities (n,) for a twist in the units of the rows of J."""
+        out: Vector = twist.dot(self._damped)
+        return out
+
+    def null(self, v: Vector) -> Vector:
+        """The part of joint velocities that leaves the tool at rest (n,): not damped."""
+        out: Vector = v - self._J.dot(v).dot(self._exact)
+        return out
+
+
+def _by_eigenvalues(squares: Matrix, J: Matrix, threshold: float) -> tuple[Matrix, Matrix]:
+    """The transposes of J⁺, damped and not damped (rows, n)."""
+    eigenvalues, U, _ = lapack.dsyev(squares)
+    np.maximum(eigenvalues, 0.0, out=eigenvalues)
+    largest = max(float(eigenvalues[-1]), _TINY)
+    zero = threshold**2 * largest
+    damping = np.maximum(zero - eigenvalues, 0.0)
+    damping *= damping
+    damping /= 4.0 * zero
+    damping += eigenvalues
+    kept = eigenvalues > _LOST * largest
+    exact = np.where(kept, 1.0 / np.maximum(eigenvalues, _TINY), 0.0)
+    along = U.T @ J
+    return (U / damping) @ along, (U * exact) @ along
+
+
+@lru_cache(maxsize=8)
+def _identity(rows: int) -> Matrix:
+    return np.eye(rows)
+
+
+_HOMING_SPEED = 0.1
+"""Part of v_max that the return home may take."""
+
+
+class Wish(NamedTuple):
+    """What a target asks for."""
+
+    H: Matrix
+    """Weight of a deviation from v_ref (n, n)."""
+    v_ref: Vector
+    """Joint velocity to come close to (n,) [rad/s]."""
+    position_error: float
+    """Distance of the tool from the target now; NaN without a target [m]."""
+    orientation_error: float
+    """Angle between them now [rad]."""
+    events: tuple[Event, ...]
+    """What was wrong with the target."""
+
+
+class Pursuit:
+    """v_ref and H of `StreamIk`, with the memory of where the target was."""
+
+    def __init__(self, settings: StreamSettings, arm: Arm, profile: MotionProfile) -> None:
+        """Make the memory for an arm and the limits that count for it."""
+        n, self._settings = arm.n, settings
+        self._tool = ToolError(arm)
+        self._target = TargetMotion(settings.dt)
+        self._units = np.array([1.0, 1.0, 1.0, *[settings.lever] * 3])
+        self._columns = np.repeat(self._units[:, None], n, axis=1)
+        self._J = np.zeros((6, n))
+        self._regular = settings.joint_weight * np.eye(n)
+        self._v_max = profile.v_max
+        self._v_use, self._a_use = (
+            settings.reserve * profile.v_max,
+            settings.reserve * profile.a_max,
+        )
+        self._home, self._v_home = arm.home.copy(), _HOMING_SPEED * profile.v_max
+        self._v_home_back = -self._v_home
+        self._rest = Wish(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,))
+
+    def forget(self) -> None:
+        """Start anew: the next target counts as being at rest."""
+        self._target.forget()
+
+    def show(self, q: Vector) -> None:
+        """Bring `data` up to date with the arm at q; `wish` does so, too."""
+        self._tool.move(q)
+        self._tool.differentiate()
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's state with kinematics and centres of mass; not to be written to."""
+        return self._tool.data
+
+    def wish(self, T_world_target: SE3 | None, q: Vector) -> Wish:
+        """What a target asks of the arm at q; to come to rest, where there is none."""
+        tool, units, settings = self._tool, self._units, self._settings
+        if T_world_target is None:
+            self._target.forget()
+            self.show(q)
+            return self._rest
+        tool.aim(T_world_target)
+        away, turn = tool.move(q)
+        tool.differentiate()
+        np.multiply(tool.J, self._columns, out=self._J)
+        way = units * tool.e
+        way[:3] = shortened(way[:3], settings.longest_way)
+        inverse = DampedInverse(self._J, settings.singular)
+        fastest = np.abs(tool.J).dot(self._v_max)
+        twist, jumped = self._target.twist(T_world_target.wxyz_xyz, fastest)
+        joint_way = inverse.velocities(way)
+        v_ref = approach_rate(joint_way, self._v_use, self._a_use, settings.gain) * joint_way
+        twist *= units
+        v_ref += inverse.velocities(twist)
+        if settings.homing > 0.0:
+            home = self._home - q
+            home *= settings.homing
+            np.minimum(home, self._v_home, out=home)
+            np.maximum(home, self._v_home_back, out=home)
+            v_ref += inverse.null(home)
+        H = self._J.T @ self._J
+        H += self._regular
+        events = (Event.TARGET_JUMPED,) if jumped else ()
+        return Wish(H, v_ref, sqrt(away), sqrt(turn), events)

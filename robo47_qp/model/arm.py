@@ -1,0 +1,226 @@
+"""Arm: what the controller believes of the robot, as a model of exactly n joints."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import sqrt
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mink import SE3
+from numpy.typing import ArrayLike, NDArray
+
+from robo47_qp.arrays import Matrix, Vector, checked_vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.mjcf import compile_arm
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robot import Robot
+
+MARGIN = 1e-3
+"""Part of a joint's range that planned positions keep from either limit: room for the errors of
+tracking, at the Panda 3 to 6 mrad [-]."""
+_POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
+
+
+class JointState(NamedTuple):
+    """What the joints do at one instant; for those that slide read m for rad."""
+
+    q: Vector
+    """Position (n,) [rad]."""
+    v: Vector
+    """Velocity (n,) [rad/s]."""
+
+
+class JointReference(NamedTuple):
+    """What the joints should do at the same instant as the state it is compared with."""
+
+    q: Vector
+    """Position (n,) [rad]."""
+    v: Vector
+    """Velocity (n,) [rad/s]."""
+    a: Vector
+    """Acceleration (n,) [rad/s²]."""
+
+
+class Arm:
+    """The robot alone: fingers welded shut, no objects, no contacts, no joint stops.
+
+    Obstacles are geoms of its model that exert no forces; a payload has no geometry.
+
+    Arguments are trusted on the hot path: arrays of shape (n,), float64. Returned arrays
+    are new. An arm is not safe to share between threads: its methods use one scratch state.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        payload: Payload | None = None,
+        obstacles: Sequence[Obstacle] = (),
+        margin: float = 0.0,
+    ) -> None:
+        """Compile the model.
+
+        Args:
+            robot: The description.
+            payload: A body held by the tool, part of the belief.
+            obstacles: What stands around the arm, for solvers that look at collisions.
+            margin: Part of each joint's range by which either limit is drawn in [-].
+
+        Raises:
+            UnknownNameError: See `robot_spec`.
+            InvalidValueError: The name of an obstacle is taken, or the margin is not within
+                [0, 0.5).
+            ModelError: The MJCF does not compile to the n joints of the robot, or a joint
+                has no position limits.
+        """
+        self.robot = robot
+        self.payload = payload
+        self.obstacles = tuple(obstacles)
+        self.model = compile_arm(robot, payload, self.obstacles)
+        if not 0.0 <= margin < 0.5:
+            raise InvalidValueError("margin", margin, "at least 0 and below 0.5")
+        if margin:
+            limits = self.model.jnt_range
+            limits += margin * np.diff(limits, axis=1) * [1.0, -1.0]
+        self._data = mujoco.MjData(self.model)
+        self.n = len(robot.joints)
+        self.q_min: Vector = self.model.jnt_range[:, 0].copy()
+        self.q_max: Vector = self.model.jnt_range[:, 1].copy()
+        self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        self.home = checked_vector("home", robot.home, self.n)
+        self.dry_friction: Vector = self.model.dof_frictionloss.copy()
+        self.slips = bool(self.dry_friction.any())
+        self._tcp = self.model.site(robot.tcp).id
+        # The arrays of MjData keep their place: each view is taken once.
+        d = self._data
+        self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
+        self._position = d.site_xpos[self._tcp]
+        self._flat_rotation = d.site_xmat[self._tcp]
+        self._rotation = self._flat_rotation.reshape(3, 3)
+        self._quaternion = d.site_xquat[self._tcp]
+        self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
+        self._base, self._reach = self._shoulder_and_reach()
+
+    def carrying(self, payload: Payload | None) -> "Arm":
+        """The same arm among the same obstacles, with another belief about what it holds."""
+        return Arm(self.robot, payload, self.obstacles)
+
+    def pose(self, q: Vector) -> SE3:
+        """T_world_tcp at q."""
+        self._at(q)
+        pose = np.empty(7)
+        mujoco.mju_mat2Quat(pose[:4], self._flat_rotation)
+        pose[4:] = self._position
+        return SE3(pose)
+
+    def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
+        """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
+        return np.concatenate(self._way(T_world_target, q))
+
+    def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
+        """Distance [m] and angle [rad] between the tool at q and a pose."""
+        p, w = self._way(T_world_target, q)
+        return sqrt(p.dot(p)), sqrt(w.dot(w))
+
+    def _way(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
+        """The two parts of `way_to`; the second is overwritten by the next call."""
+        self._at(q)
+        target = T_world_target.wxyz_xyz
+        p = (target[4:] - self._position).dot(self._rotation)
+        # mink's logarithm is zero at half a turn; this one is not.
+        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
+        return p, self._turn
+
+    def jacobian(self, q: Vector) -> Matrix:
+        """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
+        d = self._at(q)
+        mujoco.mj_comPos(self.model, d)
+        J = self._jacobian
+        mujoco.mj_jacSite(self.model, d, J[:3], J[3:], self._tcp)
+        R_tcp_world = self._rotation.T
+        out = np.empty((6, self.n))
+        np.matmul(R_tcp_world, J[:3], out=out[:3])
+        np.matmul(R_tcp_world, J[3:], out=out[3:])
+        return out
+
+    def mass_matrix(self, q: Vector) -> Matrix:
+        """M(q) of shape (n, n), with the rotor inertias [kg·m²]."""
+        d = self._at(q)
+        mujoco.mj_comPos(self.model, d)
+        mujoco.mj_makeM(self.model, d)
+        M = np.empty((self.n, self.n))
+        mujoco.mj_fullM(self.model, d, M)
+        return M
+
+    def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
+        """Torques (n,) that give acceleration a at (q, v) [N·m].
+
+        tau = M(q) a + c(q, v) + g(q) - tau_passive(q, v), with c the Coriolis and
+        centrifugal terms, g gravity and tau_passive joint damping and springs: the
+        recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008,
+        ch. 5) as implemented by MuJoCo's `mj_inverse`.
+        """
+        self._q[:] = q
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverse(self.model, self._data)
+        return self._tau.copy()
+
+    def place(self, q: Vector) -> None:
+        """Go to q: the first half of `inverse_dynamics`, with J and M at hand in `scratch`."""
+        m, d = self.model, self._at(q)
+        mujoco.mj_comPos(m, d)
+        mujoco.mj_makeM(m, d)
+        mujoco.mj_factorM(m, d)
+
+    def inverse_dynamics_here(self, v: Vector, a: Vector) -> Vector:
+        """The second half of `inverse_dynamics`: after `place`."""
+        self._v[:] = v
+        self._a[:] = a
+        mujoco.mj_inverseSkip(self.model, self._data, _POSITIONS_DONE, 1)
+        return self._tau.copy()
+
+    @property
+    def tool_site(self) -> int:
+        """Id of the tool frame in `model`."""
+        return int(self._tcp)
+
+    @property
+    def scratch(self) -> mujoco.MjData:
+        """MuJoCo's state of the last call, which any call overwrites.
+
+        What `place` leaves there spares others the kinematics and the factor of M.
+        """
+        return self._data
+
+    def limit_margin(self, q: Vector) -> float:
+        """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
+        return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
+
+    def beyond_reach(self, position: Vector) -> float:
+        """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].
+
+        The bound is the length of the stretched chain of joints, seen from the first one.
+        """
+        from_base = position - self._base
+        return max(0.0, sqrt(from_base.dot(from_base)) - self._reach)
+
+    def checked_q(self, name: str, q: ArrayLike) -> Vector:
+        """Copy of q as a vector of shape (n,), finite, for arguments from outside."""
+        return checked_vector(name, q, self.n)
+
+    def _shoulder_and_reach(self) -> tuple[Vector, float]:
+        m, d = self.model, self._at(self.home)
+        points, reach = [*d.xanchor, d.site_xpos[self._tcp]], 0.0
+        slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        for i, (a, b) in enumerate(pairwise(points)):
+            # A link behind a slide is longest at one of its ends.
+            travel = [q[i] - self.home[i] if slides[i] else 0.0 for q in (self.q_min, self.q_max)]
+            reach += max(float(np.linalg.norm(b - a + t * d.xaxis[i])) for t in travel)
+        return points[0].copy(), reach
+
+    def _at(self, q: Vector) -> mujoco.MjData:
+        self._q[:] = q
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._data

@@ -1,0 +1,47 @@
+"""Gripper: what the fingers of a robot can do, and a command to them."""
+
+from dataclasses import dataclass
+from math import inf
+
+from robo47_qp.errors import InvalidValueError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gripper:
+    """A parallel gripper with two mirrored sliding fingers."""
+
+    joints: tuple[str, str]
+    """Finger joints; the opening width is the sum of their positions."""
+    fingers: tuple[str, str]
+    """Bodies of the two fingers, in the order of `joints`."""
+    actuator: str
+    """Position servo on the opening width [m], with a force limit."""
+    width_max: float
+    """Opening width when fully open [m]."""
+    speed_max: float
+    """Largest speed of the opening width [m/s]."""
+    force_max: float
+    """Largest force of one finger on the object [N]."""
+    force_gain: float
+    """Force limit of the actuator per newton of finger force [-]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """Bring the fingers to an opening width, pushing no harder than a force."""
+
+    width: float
+    """Opening width to move to [m]; a smaller one than the object's squeezes it."""
+    force: float
+    """Force of one finger at most [N]."""
+    speed: float = inf
+    """Rate of the opening width at most, beside that of the gripper [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on the gripper.
+
+        Raises:
+            InvalidValueError: The speed is not positive.
+        """
+        if not self.speed > 0.0:
+            raise InvalidValueError("grip speed", self.speed, "above 0 [m/s]")

@@ -1,0 +1,191 @@
+"""Robots from MJCF files that were not written for this package."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
+from robo47_qp.model import ratings as defaults
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.gripper import Gripper
+from robo47_qp.model.menagerie import menagerie_file
+from robo47_qp.model.mjcf import compiled, read_spec
+from robo47_qp.model.robot import MotionProfile, Robot, ToolFrame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ratings:
+    """What is known of a robot beside its file; None where `robot_defaults` shall tell."""
+
+    rated: MotionProfile | None = None
+    """See `Robot.rated`."""
+    profile: MotionProfile | None = None
+    """See `Robot.profile`."""
+    tau_max: ArrayLike | None = None
+    """Torque limits (n,) [N·m]; None takes those of the file's actuators, where it has them."""
+    tau_rate_max: ArrayLike | None = None
+    """Torque-rate limits (n,) [N·m/s]."""
+    stiffness: ArrayLike | None = None
+    """Joint impedance stiffness (n,) [N·m/rad]."""
+
+
+_NOTHING_KNOWN = Ratings()
+
+
+def robot_from_mjcf(
+    mjcf: Path | str,
+    *,
+    tcp: str | ToolFrame,
+    home: ArrayLike,
+    name: str | None = None,
+    joints: Sequence[str] | None = None,
+    gripper: Gripper | None = None,
+    ratings: Ratings = _NOTHING_KNOWN,
+) -> Robot:
+    """An arm from a file, with torque motors in place of whatever drives its joints.
+
+    Args:
+        mjcf: The file.
+        tcp: The tool frame: a site of the file, or a pose on one of its bodies.
+        home: Rest configuration (n,) [rad; m where a joint slides].
+        name: Name of the robot; that of the file where None.
+        joints: The arm's joints, base to tip; where None, all between the world and the tool.
+        gripper: The gripper; where None, every joint that is not the arm's is welded.
+        ratings: What the robot can do, as far as it is known.
+
+    Raises:
+        UnknownNameError: The file lacks the site, the body or a joint.
+        InvalidValueError: A vector is not of n finite numbers, or home is outside the ranges.
+        ModelError: There is no such file, MuJoCo cannot read it, or its chain is no arm.
+    """
+    path = Path(mjcf)
+    if not path.is_file():
+        raise ModelError(f"The robot's model {path} is no file. Give the path of an MJCF file.")
+    spec = read_spec(path)
+    site, tool = _tool_frame(spec, tcp)
+    chain = _chain(spec, site, tool) if joints is None else tuple(joints)
+    kinds = {joint.name: joint.type for joint in spec.joints}
+    n, still = len(chain), MotionProfile.uniform(len(chain), v=1.0, a=1.0, j=1.0)
+    draft = Robot(
+        name=path.stem if name is None else name,
+        mjcf=path.resolve(),
+        joints=chain,
+        slides=tuple(j for j in chain if kinds.get(j) == mujoco.mjtJoint.mjJNT_SLIDE),
+        motors=tuple(f"{joint}_torque" for joint in chain),
+        own_motors=False,
+        tcp=site,
+        tool=tool,
+        home=checked_vector("home", home, n),
+        rated=still,
+        profile=still,
+        tau_max=np.ones(n),
+        tau_rate_max=np.ones(n),
+        stiffness=np.ones(n),
+        gripper=gripper,
+    )
+    model, arm = compiled(spec, path), Arm(draft)
+    return _rated(draft, arm, _file_torques(model, chain), ratings)
+
+
+def robot_from_menagerie(
+    model: str,
+    *,
+    tcp: str | ToolFrame,
+    home: ArrayLike,
+    joints: Sequence[str] | None = None,
+    gripper: Gripper | None = None,
+    ratings: Ratings = _NOTHING_KNOWN,
+) -> Robot:
+    """An arm of MuJoCo Menagerie, as in "kuka_iiwa_14/iiwa14"; see `robot_from_mjcf`.
+
+    Raises:
+        MenagerieError, MissingExtraError: See `menagerie_file`.
+        UnknownNameError, InvalidValueError, ModelError: See `robot_from_mjcf`.
+    """
+    file = menagerie_file(model)
+    robot = robot_from_mjcf(
+        file, tcp=tcp, home=home, joints=joints, gripper=gripper, ratings=ratings
+    )
+    return replace(robot, menagerie=model)
+
+
+def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robot:
+    if arm.limit_margin(draft.home) < 0.0:
+        ranges = np.column_stack([arm.q_min, arm.q_max]).round(4).tolist()
+        raise InvalidValueError("home", draft.home.tolist(), f"inside the joint ranges {ranges}")
+
+    def given(field: str) -> Vector | None:
+        value = getattr(known, field)
+        return None if value is None else arm.checked_q(field, value)
+
+    tau_max, rates, stiffness = given("tau_max"), given("tau_rate_max"), given("stiffness")
+    if tau_max is None:
+        unknown = np.isnan(file_torques)
+        tau_max = np.where(unknown, defaults.torque_limits(arm), file_torques)
+    rated = known.rated or defaults.rated_profile(arm, tau_max)
+    return replace(
+        draft,
+        rated=rated,
+        profile=known.profile or defaults.gentle(rated),
+        tau_max=tau_max,
+        tau_rate_max=defaults.torque_rates(tau_max) if rates is None else rates,
+        stiffness=defaults.stiffness(arm, tau_max, TIMESTEP) if stiffness is None else stiffness,
+    )
+
+
+def _tool_frame(spec: mujoco.MjSpec, tcp: str | ToolFrame) -> tuple[str, ToolFrame | None]:
+    """Name of the site, and where to add it if the file lacks it."""
+    sites = [site.name for site in spec.sites]
+    if isinstance(tcp, str):
+        if tcp not in sites:
+            raise UnknownNameError("site", tcp, sites)
+        return tcp, None
+    if spec.body(tcp.body) is None:
+        raise UnknownNameError("body", tcp.body, [body.name for body in spec.bodies])
+    name = "tcp"
+    while name in sites:
+        name += "_"
+    return name, tcp
+
+
+def _chain(spec: mujoco.MjSpec, site: str, tool: ToolFrame | None) -> tuple[str, ...]:
+    """Joints between the world and the tool, base to tip."""
+    carrier: Any = spec.site(site)
+    body: Any = carrier.parent if tool is None else spec.body(tool.body)
+    chain: list[Any] = []
+    while body is not None and body != spec.worldbody:
+        chain = [*body.joints, *chain]
+        body = body.parent
+    moves = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    wrong = [joint.name for joint in chain if joint.type not in moves]
+    if wrong or not chain:
+        found = f"the joints {wrong} neither turn nor slide" if wrong else "there is no joint"
+        raise ModelError(
+            f"Between the world and the tool frame {site!r} {found}. An arm is fixed to the "
+            "world and has joints that turn or slide; name those of the arm as `joints`."
+        )
+    return tuple(joint.name for joint in chain)
+
+
+def _file_torques(model: mujoco.MjModel, joints: Sequence[str]) -> Vector:
+    """The largest torque that the file's actuators may give each joint; NaN where unlimited."""
+    limits = np.full(len(joints), np.nan)
+    for drive in range(model.nu):
+        name = model.joint(int(model.actuator_trnid[drive, 0])).name
+        on_joint = model.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_JOINT
+        if on_joint and name in joints and model.actuator_forcelimited[drive]:
+            force = np.abs(model.actuator_forcerange[drive]).max()
+            i = joints.index(name)
+            limits[i] = np.nanmax([limits[i], force * abs(model.actuator_gear[drive, 0])])
+    for i, name in enumerate(joints):
+        joint = model.joint(name)
+        if model.jnt_actfrclimited[joint.id]:
+            limits[i] = np.nanmin([limits[i], np.abs(model.jnt_actfrcrange[joint.id]).max()])
+    return limits

@@ -1,0 +1,214 @@
+"""The robot's MJCF as the package uses it: one place for what `Arm` and `Simulation` share."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robot import Robot
+
+_ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+
+
+def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
+    """The model of a spec that was read from a file.
+
+    Raises:
+        ModelError: MuJoCo cannot compile it.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(
+            f"MuJoCo cannot compile {mjcf}: {error}. Give it a whole model."
+        ) from error
+
+
+def read_spec(mjcf: Path) -> mujoco.MjSpec:
+    """The file as a spec in which every joint has a name.
+
+    Raises:
+        ModelError: MuJoCo cannot read the file.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(mjcf))
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot read {mjcf}: {error}. Give it an MJCF file.") from error
+    for body in spec.bodies:
+        for i, joint in enumerate(body.joints):
+            joint.name = joint.name or f"{body.name}_joint{i}"
+    return spec
+
+
+def robot_spec(robot: Robot) -> mujoco.MjSpec:
+    """The robot with its tool frame and its torque motors, and nothing that works against them.
+
+    Raises:
+        UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
+        ModelError: MuJoCo cannot read the file.
+    """
+    spec = read_spec(robot.mjcf)
+    known = [joint.name for joint in spec.joints]
+    for name in robot.joints:
+        if name not in known:
+            raise UnknownNameError("joint", name, known)
+    # A key holds as many numbers as its file has joints; a scene has more, or fewer.
+    _strike(spec, spec.keys)
+    if robot.gripper is None:
+        _weld_others(robot, spec)
+    if not robot.own_motors:
+        _replace_drives(robot, spec)
+    if robot.tool is not None:
+        _add_tool_frame(robot, spec)
+    if spec.site(robot.tcp) is None:
+        raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
+    return spec
+
+
+def without_looks(spec: mujoco.MjSpec) -> None:
+    """Strike out geoms that neither touch nor weigh anything, and meshes that none uses."""
+    for geom in list(spec.geoms):
+        drawn_only = geom.contype == 0 and geom.conaffinity == 0
+        if drawn_only and geom.parent.explicitinertial:
+            spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    _strike(spec, [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used])
+
+
+def add_payload(spec: mujoco.MjSpec, robot: Robot, payload: Payload, name: str) -> None:
+    """Fix a body to the tool of a robot that `robot_spec` made."""
+    # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
+    # however the site's orientation is written.
+    site, tcp = spec.compile().site(robot.tcp), cast(mujoco.MjsSite, spec.site(robot.tcp))
+    T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
+    tcp.parent.add_body(
+        name=name,
+        pos=T_body_com.translation(),
+        quat=T_body_com.rotation().wxyz,
+        mass=payload.mass,
+        ipos=np.zeros(3),
+        inertia=np.asarray(payload.inertia),
+        explicitinertial=True,
+    )
+
+
+def _mesh_name(mesh: Any) -> str:
+    """A mesh without a name goes by that of its file."""
+    return str(mesh.name or Path(mesh.file).stem)
+
+
+def _weld_others(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """Weld all joints but the arm's and those of free bodies, with what moves or couples them."""
+    others = [
+        joint
+        for joint in spec.joints
+        if joint.name not in robot.joints and joint.type != mujoco.mjtJoint.mjJNT_FREE
+    ]
+    if not others:
+        return
+    _strike(spec, [drive for drive in spec.actuators if drive.name not in robot.motors])
+    for elements in (spec.sensors, spec.tendons, spec.equalities, others):
+        _strike(spec, elements)
+
+
+def _replace_drives(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """Servos would hold the joints against any torque: motors take their place."""
+    for element in spec.joints:
+        if element.name in robot.joints:
+            # The motors have limits of their own, and these are those of the description.
+            element.actfrclimited = False
+    for drive in list(spec.actuators):
+        if drive.trntype in _ON_JOINTS and drive.target in robot.joints:
+            spec.delete(drive)
+    limits = robot.tau_max.tolist()
+    for joint, motor, limit in zip(robot.joints, robot.motors, limits, strict=True):
+        drive = spec.add_actuator(
+            name=motor,
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gear=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            ctrllimited=True,
+            ctrlrange=[-limit, limit],
+            forcelimited=True,
+            forcerange=[-limit, limit],
+        )
+        drive.set_to_motor()
+
+
+def _add_tool_frame(robot: Robot, spec: mujoco.MjSpec) -> None:
+    tool = robot.tool
+    if tool is None:
+        return
+    body = spec.body(tool.body)
+    if body is None:
+        raise UnknownNameError("body", tool.body, [body.name for body in spec.bodies])
+    pose = tool.T_body_tcp.wxyz_xyz
+    body.add_site(name=robot.tcp, pos=pose[4:], quat=pose[:4])
+
+
+def _strike(spec: mujoco.MjSpec, elements: Any) -> None:
+    for element in list(elements):
+        spec.delete(element)
+
+
+def compile_arm(
+    robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
+) -> mujoco.MjModel:
+    """Compile a model of exactly the robot's joints, without contacts and joint stops.
+
+    Raises:
+        UnknownNameError: See `robot_spec`.
+        InvalidValueError: The name of an obstacle is taken.
+        ModelError: The MJCF does not compile to the joints of the robot, or a joint has no
+            position limits.
+    """
+    spec = _bare(robot).copy()
+    if payload is not None:
+        add_payload(spec, robot, payload, "payload")
+    for obstacle in obstacles:
+        add_obstacle(spec, obstacle)
+    # No contacts and no joint stops: inverse dynamics of the free arm.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model = spec.compile()
+    order = tuple(model.joint(i).name for i in range(model.njnt))
+    if order != robot.joints or model.nq != model.nv:
+        raise ModelError(
+            f"Robot {robot.name!r} names the joints {robot.joints}; its model has {order} "
+            "in that order once all others are welded. List them from base to tip."
+        )
+    sliding = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)
+    slides = tuple(order[i] for i in sliding)
+    if set(slides) != set(robot.slides):
+        raise ModelError(
+            f"Robot {robot.name!r} says that of its joints {robot.slides} slide; in its model "
+            f"{slides} do. List those as `slides`."
+        )
+    if not model.jnt_limited.all():
+        free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]
+        raise ModelError(f"Robot {robot.name!r} has joints without a range: {free}.")
+    return model
+
+
+@lru_cache(maxsize=16)
+def _bare(robot: Robot) -> mujoco.MjSpec:
+    """The robot's joints and what they carry; to be copied, because striking out takes long."""
+    spec = robot_spec(robot)
+    drives: list[Any] = [
+        *spec.actuators,
+        *spec.sensors,
+        *spec.tendons,
+        *spec.equalities,
+    ]
+    for element in drives:
+        spec.delete(element)
+    for joint in list(spec.joints):
+        if joint.name not in robot.joints:
+            spec.delete(joint)
+    without_looks(spec)
+    return spec

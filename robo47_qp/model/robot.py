@@ -1,0 +1,140 @@
+"""Robot: the frozen description of an arm, its limits and its gripper."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.errors import InvalidValueError, ModelError
+from robo47_qp.model.gripper import Gripper
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionProfile:
+    """Bounds on a joint-space reference; each a vector of shape (n,)."""
+
+    v_max: Vector
+    """Largest joint speed [rad/s; m/s where the joint slides]."""
+    a_max: Vector
+    """Largest joint acceleration [rad/s² or m/s²]."""
+    j_max: Vector
+    """Largest joint jerk [rad/s³ or m/s³]."""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays.
+
+        Raises:
+            InvalidValueError: A bound is not positive and finite, or the lengths differ.
+        """
+        n = np.size(self.v_max)
+        for name in ("v_max", "a_max", "j_max"):
+            bound = frozen_vector(name, getattr(self, name), n)
+            if (bound <= 0.0).any():
+                raise InvalidValueError(name, bound.tolist(), "positive in every joint")
+            object.__setattr__(self, name, bound)
+
+    @classmethod
+    def uniform(cls, n: int, *, v: float, a: float, j: float) -> "MotionProfile":
+        """The same bounds for each of n joints [rad/s, rad/s², rad/s³]."""
+        return cls(v_max=np.full(n, v), a_max=np.full(n, a), j_max=np.full(n, j))
+
+    def slowed(self, speed: float) -> "MotionProfile":
+        """The profile of the same paths run at `speed` times the pace.
+
+        Stretching time by 1/s scales velocity by s, acceleration by s² and jerk by s³.
+
+        Args:
+            speed: Pace in (0, 1].
+
+        Raises:
+            InvalidValueError: `speed` is outside (0, 1].
+        """
+        if not 0.0 < speed <= 1.0:
+            raise InvalidValueError("speed", speed, "above 0 and at most 1")
+        return MotionProfile(
+            v_max=self.v_max * speed, a_max=self.a_max * speed**2, j_max=self.j_max * speed**3
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ToolFrame:
+    """A tool frame that the MJCF has no site for, fixed to one of its bodies."""
+
+    body: str
+    """Body that carries the tool."""
+    T_body_tcp: SE3 = field(default_factory=SE3.identity)
+    """Pose in the frame of the body; z points out of the tool."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """An arm with n joints: where its model is, what it may do. No state.
+
+    Units are those of joints that turn; for one that slides read m for rad and N for N·m.
+    """
+
+    name: str
+    mjcf: Path
+    """MJCF file, with the robot's base where it stands in the world."""
+    joints: tuple[str, ...]
+    """The n arm joints, base to tip."""
+    slides: tuple[str, ...] = ()
+    """Those of the joints that slide; all others turn."""
+    motors: tuple[str, ...]
+    """Torque motors, in the order of `joints`."""
+    own_motors: bool = True
+    """True where the file has the motors. Where it does not, whatever it drives the joints with
+    is struck out and motors of `tau_max` take its place."""
+    tcp: str
+    """Site that is the tool frame: z points out of the tool."""
+    tool: ToolFrame | None = None
+    """Where the site `tcp` is added; None where the file has it."""
+    home: Vector
+    """Rest configuration (n,) [rad]."""
+    rated: MotionProfile
+    """What the manufacturer allows."""
+    profile: MotionProfile
+    """What is used unless something else is asked for."""
+    tau_max: Vector
+    """Torque limits (n,) [N·m]."""
+    tau_rate_max: Vector
+    """Torque-rate limits (n,) [N·m/s]."""
+    stiffness: Vector
+    """Joint impedance stiffness used by default (n,) [N·m/rad]."""
+    gripper: Gripper | None = None
+    """None where there is none, or none to be moved: all joints beside the arm's are welded."""
+    menagerie: str | None = None
+    """Directory and file of the same robot in MuJoCo Menagerie, for its meshes."""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays.
+
+        Raises:
+            InvalidValueError: A field has the wrong length or is not finite.
+            ModelError: The MJCF file does not exist.
+        """
+        n = len(self.joints)
+        for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
+            object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
+        for name in ("rated", "profile"):
+            profile: MotionProfile = getattr(self, name)
+            frozen_vector(f"{name}.v_max", profile.v_max, n)
+        if len(self.motors) != n:
+            raise InvalidValueError("motors", self.motors, f"{n} names, one per joint")
+        if not set(self.slides) <= set(self.joints):
+            raise InvalidValueError("slides", self.slides, f"some of the joints {self.joints}")
+        if not self.mjcf.is_file():
+            raise ModelError(f"Robot {self.name!r} needs the model {self.mjcf}: no such file.")
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position."""
+        return tuple("m" if joint in self.slides else "rad" for joint in self.joints)
+
+    def unit(self, turning: str, sliding: str) -> str:
+        """Unit of a quantity of all joints: both, where some turn and some slide."""
+        if not self.slides:
+            return turning
+        return sliding if len(self.slides) == len(self.joints) else f"{turning} or {sliding}"

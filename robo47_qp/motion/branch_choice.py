@@ -1,0 +1,264 @@
+"""A chain of waypoints: configurations chosen together, so that straight lines can be followed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import PlanError
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import IkResult, IkSolver, judged
+from robo47_qp.model.arm import Arm
+from robo47_qp.motion.collision_check import Collisions
+from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.route import refused, segment
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+
+_TOLD = 3
+"""Branches whose failure is told when all fail."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Branch:
+    """One way through a PTP waypoint and the straight lines that follow it."""
+
+    results: tuple[IkResult, ...]
+    """How each waypoint is reached, in their order."""
+    room: float
+    """Least distance to a joint limit at the waypoints, as a share of half the joint's range."""
+
+
+def groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
+    """Each PTP waypoint with the LIN and CIRC waypoints after it."""
+    cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
+    return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
+
+
+def traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list[IkResult]:
+    """The results of one branch of each layer, from which before was best, back from the last."""
+    results: list[IkResult] = []
+    for layer, before in zip(reversed(layers), reversed(back), strict=True):
+        results[:0] = layer[last].results
+        last = before[last]
+    return results
+
+
+def ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
+    """The waypoint that none got past: the furthest that any branch failed at."""
+    order = [waypoint.name for waypoint in group]
+    furthest = max(failed, key=lambda error: order.index(error.waypoint))
+    if len(failed) == 1:
+        return furthest
+    reasons = list(dict.fromkeys(f"{error.waypoint}: {error.reason}" for error in failed))
+    more = f"; and {len(reasons) - _TOLD} more" if len(reasons) > _TOLD else ""
+    return PlanError(
+        furthest.waypoint,
+        f"none of {len(failed)} configurations of {order[0]!r} leads there: "
+        + "; ".join(reasons[:_TOLD])
+        + more,
+        furthest.rejection,
+    )
+
+
+_ROOM = 0.02
+"""Room at joint limits, as in `Branch`, with which a branch goes before those with less: where a
+line is run in the end may lie beyond a limit that is near."""
+_SAME = 1e-6
+"""Difference of two configurations that are one [rad or m]."""
+_LOOKS = 33
+"""Points of a line between which the joints are taken to run straight, to look for collisions."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chain:
+    """Chooses configurations for waypoints. Its fields are settings.
+
+    Only a PTP waypoint leaves a choice: a straight line is followed in the branch in which it
+    starts. So each PTP waypoint is solved for several configurations that differ, each is
+    led along the lines after it, and those that leave the joint limits, do not converge or
+    change branch are dropped. Among what is left, the sequence of least cost is taken: the
+    sum over PTP motions of max_i |Δq_i| / v_max_i [s] and over branches of
+    `crowding` (1 - room) [s], by dynamic programming (Bellman, 1957).
+    """
+
+    candidates: int = 8
+    """Configurations to try per PTP waypoint."""
+    restarts: int = 100
+    """Starts of the IK per PTP waypoint."""
+    crowding: float = 0.5
+    """What it costs to be at a joint limit [s]."""
+    collisions: Collisions | None = None
+    """What is not to be hit; configurations for PTP waypoints that do, or from which a line does,
+    are passed over. IK, which takes the fingers as closed, may take them for clear."""
+
+    def choose(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        lin: Lin,
+        waypoints: Sequence[Waypoint],
+        q_start: Vector,
+        v_max: Vector,
+    ) -> list[IkResult]:
+        """How each waypoint is to be reached.
+
+        Args:
+            arm: The arm.
+            ik: Solves for poses; a `MultiStart` finds several configurations, any other one.
+            lin: Follows the lines.
+            waypoints: The chain.
+            q_start: Configuration at its start (n,) [rad].
+            v_max: Joint speeds that weigh the ways between configurations (n,) [rad/s].
+
+        Raises:
+            PlanError: No sequence of configurations leads through; it names the waypoint that
+                no branch gets past, and what stopped each branch there.
+        """
+        grouped = groups(waypoints)
+        layers = [self._branches(arm, ik, lin, group, q_start) for group in grouped]
+        cost = np.zeros(1)
+        ends = [q_start]
+        back: list[list[int]] = []
+        for group, layer in zip(grouped, layers, strict=True):
+            reached = [branch.results[0].q for branch in layer]
+            straight = group[0].motion is not Motion.PTP
+            ways = np.array([[_way(q, end, v_max, straight) for end in ends] for q in reached])
+            total = ways + cost
+            back.append([int(row.argmin()) for row in total])
+            crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
+            cost = total.min(axis=1) + crowded
+            ends = [branch.results[-1].q for branch in layer]
+        return traced(layers, back, int(cost.argmin()))
+
+    def leading_on(
+        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
+    ) -> Iterator[IkResult]:
+        """Configurations at a PTP waypoint from which its lines can be followed.
+
+        First the usual one near home, if it leads on. Then, sought only when asked for, others
+        with some room; in the end those without, the ones with more first.
+
+        Raises:
+            PlanError: There is none; it names the waypoint that none gets past.
+        """
+        usual = self._usual(arm, ik, lin, waypoint)
+        if usual is not None:
+            yield usual
+        group, cramped = [waypoint, *waypoint.onward], list[Branch]()
+        seen = [] if usual is None else [usual.q]
+        for more in (1, 2):
+            wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
+            for branch in wider._branches(arm, ik, lin, group, arm.home):
+                first = branch.results[0]
+                if any(np.abs(first.q - q).max() < _SAME for q in seen):
+                    continue
+                seen.append(first.q)
+                if branch.room >= _ROOM:
+                    yield first
+                else:
+                    cramped.append(branch)
+        for branch in sorted(cramped, key=lambda branch: -branch.room):
+            yield branch.results[0]
+
+    def _usual(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult | None:
+        """The answer near home; None where it does not lead on.
+
+        Raises:
+            PlanError: There is no answer at all.
+        """
+        usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
+        if not self._clear([usual]):
+            return None
+        try:
+            self.led_on(arm, ik, lin, usual, waypoint.onward)
+        except PlanError:
+            return None
+        return usual
+
+    def _branches(
+        self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
+    ) -> list[Branch]:
+        first = group[0]
+        if first.motion is not Motion.PTP:
+            # The chain begins on a line: the branch is that of its start.
+            starts = [self._line(arm, ik, lin, first, q_start)]
+        else:
+            found = self.answers(arm, ik, first)
+            # Where none is clear, the planner refuses the way there.
+            starts = self._clear(found) or found
+        branches, failed = [], []
+        for start in starts:
+            try:
+                branches.append(self.led_on(arm, ik, lin, start, group[1:]))
+            except PlanError as error:
+                failed.append(error)
+        if not branches:
+            raise ruled_out(group, failed)
+        return branches
+
+    def _clear(self, found: list[IkResult]) -> list[IkResult]:
+        """Those that hit nothing."""
+        if self.collisions is None:
+            return found
+        return [result for result in found if self.collisions.at(result.q) is None]
+
+    def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
+        """Configurations for a PTP waypoint that differ, the preferred one first.
+
+        They are sought near home, so that they do not depend on where the arm comes from.
+
+        Raises:
+            PlanError: There is none.
+        """
+        target = tool_target(arm, waypoint)
+        if isinstance(waypoint.target, Place):
+            found: Sequence[IkResult] = [judged(arm, target, arm.home, ik.tolerance, 0)]
+        elif isinstance(ik, MultiStart):
+            several = replace(ik, answers=self.candidates, max_restarts=self.restarts)
+            found = several.solve_all(arm, target, arm.home)
+        else:
+            found = [ik.solve(arm, target, arm.home)]
+        if not found[0].converged:
+            raise PlanError(waypoint.name, found[0].explanation)
+        return list(found)
+
+    def led_on(
+        self, arm: Arm, ik: IkSolver, lin: Lin, start: IkResult, lines: Sequence[Waypoint]
+    ) -> Branch:
+        """The branch that begins with an answer and follows straight lines.
+
+        Raises:
+            PlanError: One of the lines cannot be followed; it names the waypoint.
+        """
+        results = [start]
+        for waypoint in lines:
+            results.append(self._line(arm, ik, lin, waypoint, results[-1].q))
+        span = 0.5 * (arm.q_max - arm.q_min)
+        q = np.array([result.q for result in results])
+        room = float((np.minimum(q - arm.q_min, arm.q_max - q) / span).min())
+        return Branch(results=tuple(results), room=room)
+
+    def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
+        way = segment(waypoint, arm.pose(q), tool_target(arm, waypoint))
+        time = lin.profile.least_time(way.length, way.angle)
+        try:
+            end, path = lin.follow(arm, ik, q, way)
+        except LinError as error:
+            raise refused(waypoint, error, error.fraction * time) from error
+        if self.collisions is not None:
+            looks = path(np.linspace(0.0, 1.0, _LOOKS))
+            self.collisions.check_path(waypoint.name, looks, time / (_LOOKS - 1))
+        return end
+
+
+def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
+    """T_world_tcp that a waypoint asks for."""
+    return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
+
+
+def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:
+    return 0.0 if straight else float((np.abs(q - q_before) / v_max).max())

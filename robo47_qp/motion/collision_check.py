@@ -1,0 +1,198 @@
+"""Collisions: where on a trajectory the arm comes too close to itself or to its surroundings."""
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.collision.motion_bounds import levers, moved_by
+from robo47_qp.errors import Obstacle, PlanError, Rejection
+from robo47_qp.model.mjcf import robot_spec
+from robo47_qp.model.robot import Robot
+from robo47_qp.motion.trajectory import Trajectory
+
+Surroundings = Callable[[mujoco.MjSpec], None]
+"""Adds what stands around to a spec that holds the robot."""
+_SEEN = 0.1
+"""Distances up to this are measured; what is further away counts as this far [m]."""
+_UNSEEN = 0.5
+"""Part of the clearance that is kept between two looks too."""
+_LEAST = 5e-4
+"""Least way between two looks, for clearances near zero [m]."""
+
+
+class Collisions:
+    """The robot among its surroundings, for distances alone; fingers fully open.
+
+    Pairs that are too close at home belong to how the robot is built and are left out, and
+    so are bodies that move freely or that a program moves: what is to be grasped is no obstacle.
+
+    A motion is looked at as often as its distances ask for: by L |Δq| no pair comes closer,
+    with the levers L of `ik.levers`. After a look at which the least distance was d, the next
+    is at L |Δq| = d - half the clearance (conservative advancement: Mirtich, "Impulse-based
+    dynamic simulation of rigid body systems", 1996). So nothing is passed between two looks,
+    however thin: half of any clearance from 1 mm on is kept there too.
+    """
+
+    def __init__(self, robot: Robot, surroundings: Surroundings, clearance: float = 0.005) -> None:
+        """Compile them.
+
+        Args:
+            robot: The description.
+            surroundings: Adds the obstacles.
+            clearance: Distance to keep [m].
+        """
+        self.robot = robot
+        self.clearance = clearance
+        spec = robot_spec(robot)
+        surroundings(spec)
+        for body in list(spec.bodies):
+            free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+            if free or body.mocap:
+                spec.delete(body)
+        for geom in spec.geoms:
+            # MuJoCo sums the margins of the two geoms of a pair.
+            geom.margin = 0.5 * max(_SEEN, clearance)
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
+        if robot.gripper is not None:
+            for name in robot.gripper.joints:
+                self._data.qpos[self._model.joint(name).qposadr[0]] = robot.gripper.width_max / 2
+        joints = [self._model.joint(name) for name in robot.joints]
+        self._addresses = [int(joint.qposadr[0]) for joint in joints]
+        self._joint_bodies = [int(joint.bodyid[0]) for joint in joints]
+        self._levers = _levers(self._model, [int(joint.id) for joint in joints])
+        self._allowed: set[tuple[int, int]] = set()
+        close = self._close(np.array(robot.home))
+        self._allowed = {pair for pair, distance in close.items() if distance < clearance}
+
+    def at(self, q: Vector) -> tuple[str, str, str, float] | None:
+        """The closest pair within the clearance: two bodies, the joint that moves them, distance.
+
+        Args:
+            q: Configuration (n,) [rad].
+
+        Returns:
+            None where everything is further apart; what belongs to the world goes by the name of
+            its geom. The joint is the last that moves one of the two bodies and not the other, the
+            distance is negative where they overlap [m].
+        """
+        return self._found(self._close(q))
+
+    def check(self, segment: str, trajectory: Trajectory) -> None:
+        """Refuse a trajectory that comes too close.
+
+        Raises:
+            PlanError: It does; bodies, joint and time are named.
+        """
+        self.check_path(segment, trajectory.q, trajectory.dt)
+
+    def check_path(self, segment: str, q: Matrix, dt: float) -> None:
+        """Refuse a path of the joints that comes too close.
+
+        Args:
+            segment: The waypoint that it leads to.
+            q: Configurations on it, straight between each and the next (N, n) [rad].
+            dt: Time from each to the next [s].
+
+        Raises:
+            PlanError: It does; bodies, joint and time are named.
+        """
+        # How far any pair may have come closer or apart since the start, at each sample.
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
+        x, last = 0.0, float(way[-1])
+        while True:
+            k = int(np.searchsorted(way, x, side="right")) - 1
+            share = (x - way[k]) / (way[k + 1] - way[k]) if x < last else 0.0
+            now = q[k] + share * (q[k + 1] - q[k]) if share else q[k]
+            close = self._close(now)
+            found = self._found(close)
+            if found is not None:
+                raise self._refused(segment, found, now, (k + share) * dt, (len(q) - 1) * dt)
+            if x >= last:
+                return
+            least = min(close.values(), default=np.inf)
+            x += max(_LEAST, min(least, _SEEN) - _UNSEEN * self.clearance)
+            x = min(x, last)
+
+    def _refused(
+        self,
+        segment: str,
+        found: tuple[str, str, str, float],
+        q: Vector,
+        time: float,
+        whole: float,
+    ) -> PlanError:
+        one, other, joint, distance = found
+        reason = (
+            f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
+            f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
+        )
+        rejection = Rejection(
+            obstacle=Obstacle.COLLISION,
+            segment=segment,
+            fraction=time / whole if whole else 0.0,
+            time=time,
+            joint=joint,
+            q=tuple(q.tolist()),
+        )
+        return PlanError(segment, reason, rejection)
+
+    def _found(self, close: dict[tuple[int, int], float]) -> tuple[str, str, str, float] | None:
+        pair, distance = min(close.items(), key=lambda item: item[1], default=((0, 0), np.inf))
+        if distance >= self.clearance:
+            return None
+        one, other = (self._name(body, pair, distance) for body in pair)
+        return one, other, self._mover(pair), distance
+
+    def _name(self, body: int, pair: tuple[int, int], distance: float) -> str:
+        """Of a body; what stands in the world goes by the name of its geom, if it has one."""
+        if body:
+            return self._model.body(body).name or f"body {body}"
+        contact = self._data.contact
+        bodies = np.sort(self._model.geom_bodyid[contact.geom], axis=1)
+        row = np.flatnonzero((bodies == pair).all(axis=1) & (contact.dist == distance))[0]
+        geoms = contact.geom[row]
+        [geom] = geoms[self._model.geom_bodyid[geoms] == 0]
+        return self._model.geom(geom).name or "world"
+
+    def _close(self, q: Vector) -> dict[tuple[int, int], float]:
+        """Distances of the pairs of bodies that are near, those left out left out [m]."""
+        d = self._data
+        d.qpos[self._addresses] = q
+        mujoco.mj_kinematics(self._model, d)
+        mujoco.mj_comPos(self._model, d)
+        mujoco.mj_collision(self._model, d)
+        close: dict[tuple[int, int], float] = {}
+        bodies = np.sort(self._model.geom_bodyid[d.contact.geom], axis=1)
+        for (one, other), distance in zip(bodies.tolist(), d.contact.dist.tolist(), strict=True):
+            if (one, other) not in self._allowed:
+                close[one, other] = min(close.get((one, other), np.inf), distance)
+        return close
+
+    def _mover(self, pair: tuple[int, int]) -> str:
+        moving = []
+        for body in pair:
+            chain = set()
+            at = body
+            while at:
+                chain.add(at)
+                at = int(self._model.body_parentid[at])
+            moving.append([i for i, b in enumerate(self._joint_bodies) if b in chain])
+        only = set(moving[0]) ^ set(moving[1])
+        return self.robot.joints[max(only)] if only else "no joint"
+
+
+def _levers(model: mujoco.MjModel, joints: Sequence[int]) -> Vector:
+    """How far a joint can move any pair of geoms towards each other, at most (n,) [m per rad]."""
+    moves, bodies = moved_by(model), model.geom_bodyid
+    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
+    pairs = tuple(
+        (a, b) for a, b in combinations(solid, 2) if (moves[bodies[a]] != moves[bodies[b]]).any()
+    )
+    if not pairs:
+        return np.zeros(len(joints))
+    longest: Vector = levers(model, pairs)[:, joints].max(axis=0)
+    return longest

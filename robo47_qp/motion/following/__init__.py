@@ -1,0 +1,1 @@
+"""Joint paths along a path of the tool."""

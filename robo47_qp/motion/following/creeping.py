@@ -1,0 +1,125 @@
+"""Creeping: along a tool path in steps as small as the joints need to keep their branch."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from mink import SE3
+from scipy.optimize import least_squares
+
+from robo47_qp.arrays import Vector
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import (
+    Hasty,
+    IkResult,
+    IkSolver,
+    Tolerance,
+)
+from robo47_qp.model.arm import Arm
+
+STRIDE = 0.1
+"""Change of a joint in one step that counts as continuous [rad or m]."""
+_FIRST = 1.0 / 8.0
+_SMALLEST = 2.0**-10
+"""Steps, as parts of the way: of a centimetre about 10 µm, in which a joint that has to move
+by more than `STRIDE` would be a thousand times too fast."""
+_STARTS, _SEED = 4, 3
+"""Further starts of the slow search, and where they come from."""
+_EXACT = 1e-12
+"""Steps and slopes at which the slow search ends."""
+_STAGNANT = 1e-4
+"""Relative gain of a step at which it ends: near a pose that is reached, every step gains more."""
+_EVALUATIONS = 60
+
+
+class Creep(NamedTuple):
+    """How far a path was followed."""
+
+    q: Vector
+    """The last configuration on it."""
+    at: float
+    """Where that is, 1 at the end."""
+    stuck: SE3 | None
+    """The pose next to it that is not reached from there; None where the end was reached."""
+    results: list[IkResult]
+    """Of IK on the way."""
+
+
+def one_start(ik: IkSolver) -> IkSolver:
+    """A solver that does not look elsewhere, where it finds another branch, nor gives up early."""
+    alone = ik.solver if isinstance(ik, MultiStart) else ik
+    return alone.patient() if isinstance(alone, Hasty) else alone
+
+
+def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Creep:
+    """Follow a short path; where IK fails or a joint jumps, by a slower search or smaller steps.
+
+    Args:
+        arm: The arm.
+        ik: Solves for the poses, from one start each.
+        q: Where the path starts (n,) [rad].
+        at: T_world_tcp over [0, 1]; at 0 that of q.
+    """
+    x, step, results = 0.0, _FIRST, list[IkResult]()
+    while x < 1.0:
+        step = min(step, 1.0 - x)
+        target = at(x + step)
+        result = ik.solve(arm, target, q)
+        results.append(result)
+        found: Vector | None = result.q
+        if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
+            # Nothing is refused on the word of one solver.
+            starts = _STARTS if step <= _SMALLEST else 0
+            found = nearby(arm, target, q, ik.tolerance, starts=starts)
+        if found is not None:
+            q, x, step = found, x + step, 2.0 * step
+        elif step <= _SMALLEST:
+            return Creep(q, x, target, results)
+        else:
+            step *= 0.5
+    return Creep(q, 1.0, None, results)
+
+
+def nearby(
+    arm: Arm,
+    T_world_target: SE3,
+    q: Vector,
+    tolerance: Tolerance,
+    *,
+    limits: bool = True,
+    starts: int = _STARTS,
+) -> Vector | None:
+    """A configuration within `STRIDE` of q that reaches a pose (n,) [rad].
+
+    scipy's bounded least squares (dogbox: Voglis and Lagaris, 2004), from q and from a few
+    places around it, always the same ones; None where all of them end elsewhere.
+
+    Args:
+        arm: The arm.
+        T_world_target: The pose.
+        q: Where to search (n,) [rad].
+        tolerance: How close counts as reached.
+        limits: Whether to stay inside the joint limits.
+        starts: Places around q to search from, too.
+    """
+    low, high = q - STRIDE, q + STRIDE
+    if limits:
+        low, high = np.maximum(arm.q_min, low), np.minimum(arm.q_max, high)
+    around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
+    for start in (np.clip(q, low, high), *around):
+        found = least_squares(
+            lambda x: arm.way_to(T_world_target, x),
+            start,
+            jac=lambda x: -arm.jacobian(x),
+            bounds=(low, high),
+            method="dogbox",
+            xtol=_EXACT,
+            ftol=_STAGNANT,
+            gtol=_EXACT,
+            max_nfev=_EVALUATIONS,
+        )
+        position, angle = arm.distance_to(T_world_target, found.x)
+        if position <= tolerance.position and angle <= tolerance.orientation:
+            reached: Vector = found.x
+            return reached
+    return None

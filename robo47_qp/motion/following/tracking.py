@@ -1,0 +1,190 @@
+"""Tracking: the joint path along a tool path, in the branch in which it starts."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from mink import SE3
+from scipy.interpolate import BSpline, make_interp_spline
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import Obstacle
+from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.model.arm import Arm
+from robo47_qp.motion.following.blocked import AT_LIMIT, blocked, rough
+from robo47_qp.motion.following.creeping import creep, one_start
+from robo47_qp.motion.following.limits import LinError, check_all_along
+
+_TASK = 6
+"""Coordinates of a pose: an arm with more joints has motions of its own."""
+_POLISHES = 2
+"""Newton steps after IK."""
+
+
+class ToolPath(Protocol):
+    """A path of the tool over a parameter in [0, 1]."""
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        ...
+
+    @property
+    def angle(self) -> float:
+        """How far the tool turns [rad]."""
+        ...
+
+    def at(self, s: float) -> SE3:
+        """T_world_tcp at s in [0, 1]."""
+        ...
+
+
+class Effort(NamedTuple):
+    """What IK spent on a path."""
+
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """Follows tool paths. Its fields are settings.
+
+    IK solves the path at knots, each started from the one before; a spline of degree 5
+    joins them, so that the jerk is bounded; the knots are doubled until the spline keeps to
+    the path. Where a joint of a redundant arm runs into its limit, the path is followed
+    again with the joints led away from their limits as far as the tool allows.
+    """
+
+    deviation: float = 5e-6
+    """How far the tool may be from its place on the path [m], and from its turn [rad]."""
+    knot_spacing: float = 0.01
+    """First spacing of the knots [m] and [rad]."""
+    doublings: int = 4
+    """How often the knots are doubled before giving up."""
+    jump: float = 0.3
+    """Change of a joint between knots that counts as another branch of IK [rad]."""
+    retreat: float = 3.0
+    """How fast a joint at its limit is led away from it where a redundant arm would run into it
+    [rad per m or rad of the path]; 0 gives up there."""
+    polish: bool = False
+    """Bring the knots to the path as closely as rounding allows. Needed where they are dense:
+    what IK leaves shows in the jerk."""
+
+    def joint_path(
+        self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath
+    ) -> tuple[BSpline, Effort]:
+        """Joint path over s in [0, 1] that keeps to a tool path.
+
+        Raises:
+            LinError: IK fails on the path or changes branch, the path leaves the joint
+                limits, or no number of knots keeps it on the tool path.
+        """
+        try:
+            return self._path(arm, ik, q_start, path, False)
+        except LinError as error:
+            at_limit = error.obstacle is Obstacle.JOINT_LIMIT or (
+                error.q is not None and arm.limit_margin(error.q) < AT_LIMIT
+            )
+            if arm.n <= _TASK or not at_limit or self.retreat == 0.0:
+                raise
+        return self._path(arm, ik, q_start, path, True)
+
+    def _path(
+        self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath, away: bool
+    ) -> tuple[BSpline, Effort]:
+        knots = max(8, int(np.ceil(max(path.length, path.angle) / self.knot_spacing)))
+        iterations, seconds, doublings = 0, 0.0, 0
+        while True:
+            q, results = self._solved(arm, ik, q_start, path, knots, away)
+            iterations += sum(result.iterations for result in results)
+            seconds += sum(result.seconds for result in results)
+            spline = make_interp_spline(np.linspace(0.0, 1.0, knots + 1), q, k=5)
+            off, fraction = _worst_deviation(arm, path, spline, knots)
+            if off <= self.deviation:
+                check_all_along(arm, spline)
+                return spline, Effort(iterations, seconds)
+            if doublings == self.doublings:
+                reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
+                raise LinError(fraction, reason, *rough(arm, q, spline(fraction)))
+            knots, doublings = 2 * knots, doublings + 1
+
+    def _solved(
+        self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath, knots: int, away: bool
+    ) -> tuple[Matrix, list[IkResult]]:
+        """Configurations at the knots (knots + 1, n), and how each was solved."""
+        s = np.linspace(0.0, 1.0, knots + 1)
+        q, results = [q_start], []
+        spacing = max(path.length, path.angle) / knots
+        near = one_start(ik)
+        for before, fraction in pairwise(s.tolist()):
+            seed, target = q[-1], path.at(fraction)
+            if away:
+                seed = np.clip(
+                    seed + spacing * self.retreat * _away(arm, seed), arm.q_min, arm.q_max
+                )
+            result = near.solve(arm, target, seed)
+            results.append(result)
+            found, moved = result.q, float(np.abs(result.q - q[-1]).max())
+            if not result.converged or moved > self.jump:
+                found = self._crept(arm, near, q[-1], path, (before, fraction), results)
+            q.append(_polished(arm, target, found) if self.polish else found)
+        return np.array(q), results
+
+    def _crept(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        q: Vector,
+        path: ToolPath,
+        ends: tuple[float, float],
+        results: list[IkResult],
+    ) -> Vector:
+        """The configuration at the second end, by small steps from q at the first.
+
+        Raises:
+            LinError: There is no way; told is what stands in it.
+        """
+        low, high = ends
+        crept = creep(arm, ik, q, lambda x: path.at(low + x * (high - low)))
+        results += crept.results
+        if crept.stuck is None:
+            return crept.q
+        last = crept.results[-1]
+        obstacle, joint = blocked(arm, crept.q, crept.stuck)
+        moved = np.abs(last.q - crept.q)
+        how = f"{arm.robot.joints[int(moved.argmax())]} would jump by {moved.max():.2f} rad"
+        reason = how if last.converged else last.explanation
+        at = low + crept.at * (high - low)
+        told = f"{reason} ({obstacle.value}, {joint})"
+        raise LinError(at, told, obstacle, joint, crept.q, crept.stuck)
+
+
+def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:
+    """Largest pose error between the knots, in m or rad, and where it is."""
+    s = (np.arange(2 * knots) + 0.5) / (2 * knots)
+    off = [max(arm.distance_to(path.at(x), q)) for x, q in zip(s, spline(s), strict=True)]
+    worst = int(np.argmax(off))
+    return off[worst], float(s[worst])
+
+
+def _polished(arm: Arm, target: SE3, q: Vector) -> Vector:
+    """Newton steps of least motion: q + J⁺ e."""
+    for _ in range(_POLISHES):
+        q = q + np.linalg.lstsq(arm.jacobian(q), arm.way_to(target, q), rcond=1e-4)[0]
+    return q
+
+
+def _away(arm: Arm, q: Vector) -> Vector:
+    """Motion without the tool, away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
+
+    The gradient projection of Liégeois (1977) with the fourth power of the distance from the
+    middle of each range.
+    """
+    half = 0.5 * (arm.q_max - arm.q_min)
+    x = (q - 0.5 * (arm.q_min + arm.q_max)) / half
+    J = arm.jacobian(q)
+    wish = -(x**3)
+    way: Vector = wish - np.linalg.lstsq(J, J @ wish, rcond=1e-4)[0]
+    return way

@@ -1,0 +1,1 @@
+"""Curves of the tool: lines, arcs, splines, and how they are joined."""

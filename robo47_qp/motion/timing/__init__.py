@@ -1,0 +1,1 @@
+"""Time along a motion: jerk-limited, inside the limits of the joints."""

@@ -1,0 +1,267 @@
+"""Timing: how fast a joint path may be run under bounds of the joints and of the tool."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, sqrt
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import Obstacle
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.following.joint_path import JointCurve
+from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.timing.state_to_state import Leap, leap
+from robo47_qp.motion.tool_motion import tool_rates
+from robo47_qp.motion.trajectory import Trajectory
+
+_HALVINGS = 60
+_CAREFUL = 1.0 - 1e-6
+"""A way that is just long enough is, by a rounding error, too short: then the only motion between
+the two speeds goes back and forth."""
+
+
+class Travel:
+    """A path parameter over time: speed, acceleration and jerk bounded section by section.
+
+    Between sections the acceleration is zero and the speed the largest that both allow and
+    that can be reached from the ends: passes forward and backward over the sections, as in
+    time-optimal control along paths (Bobrow, Dubowsky and Gibson, 1985), here with bounded
+    jerk. Within a section it is time-optimal.
+    """
+
+    def __init__(self, lengths: Vector, bounds: Matrix) -> None:
+        """Plan it.
+
+        Args:
+            lengths: Of the K sections (K,), positive.
+            bounds: Speed, acceleration and jerk in each (K, 3), positive.
+        """
+        speeds = np.concatenate([[0.0], np.minimum(bounds[:-1, 0], bounds[1:, 0]), [0.0]])
+        for k in range(len(lengths)):
+            most = _reachable(speeds[k], lengths[k], *bounds[k, 1:])
+            speeds[k + 1] = min(speeds[k + 1], most)
+        for k in reversed(range(len(lengths))):
+            most = _reachable(speeds[k + 1], lengths[k], *bounds[k, 1:])
+            speeds[k] = min(speeds[k], most)
+        self._starts = np.concatenate([[0.0], np.cumsum(lengths)])
+        self._leaps: Sequence[Leap] = [
+            leap(float(length), float(v0), float(v1), bound)
+            for length, v0, v1, bound in zip(lengths, speeds[:-1], speeds[1:], bounds, strict=True)
+        ]
+        self._times = np.concatenate([[0.0], np.cumsum([one.duration for one in self._leaps])])
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self._times[-1])
+
+    def sampled(self, dt: float) -> Matrix:
+        """Parameter and its first two derivatives every dt (N + 1, 3).
+
+        Time is stretched to a whole number of periods, which no bound minds.
+        """
+        periods = max(1, ceil(self.duration / dt - 1e-9))
+        pace = self.duration / (periods * dt)
+        t = np.minimum(np.arange(periods + 1) * dt * pace, self.duration)
+        section = np.clip(
+            np.searchsorted(self._times, t, side="right") - 1, 0, len(self._leaps) - 1
+        )
+        rows = np.empty((periods + 1, 3))
+        for k in np.unique(section).tolist():
+            mine = section == k
+            rows[mine] = self._leaps[k].along(t[mine] - self._times[k])
+            rows[mine, 0] += self._starts[k]
+        rows[-1] = self._starts[-1], 0.0, 0.0
+        return rows * pace ** np.arange(3)
+
+
+def _reachable(v: float, length: float, a_max: float, j_max: float) -> float:
+    """Largest speed after a way that starts at speed v, without acceleration at both ends."""
+
+    def way(rise: float) -> float:
+        fast = rise > a_max**2 / j_max
+        time = rise / a_max + a_max / j_max if fast else 2.0 * sqrt(rise / j_max)
+        return (v + 0.5 * rise) * time
+
+    low, high = 0.0, a_max
+    while way(high) < length:
+        high *= 2.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if way(middle) <= length else (low, middle)
+    return v + low * _CAREFUL
+
+
+_FINE = 48
+"""Points per section at which the path is looked at."""
+_COARSE = 8
+"""Samples in a first look are this many times as far apart."""
+_EASING = 0.6
+"""A section is made faster by no more than the inverse at once."""
+_TRIES = 12
+_NEAR = 0.998
+"""A motion that uses this much of its bounds is as fast as can be told."""
+_MORE = 1.0 + 2e-4
+"""Samples of a scaled motion fall elsewhere: it is scaled a little more than needed."""
+_SPAN = 2
+_NOTHING = 1e-12
+_LONGEST = 600.0
+"""A motion that takes longer is no motion [s]."""
+
+
+def limits(
+    joints: MotionProfile, tools: Sequence[PathProfile | None], paces: Sequence[float]
+) -> Matrix:
+    """Bounds on the derivatives of joints and tool in each section (3, K, n or n + 2).
+
+    Args:
+        joints: Bounds of the joints.
+        tools: Those of the tool in each section; None where it moves as the joints can. Where
+            it does in all, the bounds have no columns for it.
+        paces: Pace in each section, in (0, 1].
+    """
+    rows = np.stack([joints.v_max, joints.a_max, joints.j_max])
+    kinds = []
+    for tool in tools:
+        free = np.full((3, 2), np.inf)
+        own = free if tool is None else np.stack([tool.linear, tool.angular], axis=1)
+        kinds.append(np.hstack([rows, own] if any(tools) else [rows]))
+    slowed = np.array(paces)[None, :, None] ** np.arange(1, 4)[:, None, None]
+    return np.stack(kinds, axis=1) * slowed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Times a joint path. Its fields are settings.
+
+    In each section of the path, speed V, acceleration A and jerk J of the path parameter are
+    bounded such that for every joint and for the tool, with x(s) its place,
+      |x'| V <= v_max,  |x''| V² <= η a_max,  |x'''| V³ <= η j_max,
+      |x'| A + |x''| V² <= a_max,  |x'| J + 3 |x''| V A + |x'''| V³ <= j_max,
+    which bounds the derivatives of x(s(t)) by the chain rule. These sums are more careful than
+    they need to be: the pace of each section is raised and lowered in some rounds by how much
+    of the bounds its samples use, several η are tried, and time is scaled for the whole path
+    until one bound is just reached and none exceeded. The quickest motion is taken.
+    """
+
+    shares: tuple[float, ...] = (0.2, 0.35, 0.55, 0.75)
+    """What the bend of the path may take of the bounds: values of η to try."""
+    rounds: int = 3
+    """How often the paces of the sections are improved, per η."""
+
+    def timed(
+        self, arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix, dt: float
+    ) -> Trajectory:
+        """The motion from rest at s = 0 to rest at s = 1.
+
+        Args:
+            arm: The arm.
+            path: Its path.
+            cuts: Ends of the K sections (K + 1,), from 0 to 1.
+            bounds: On joints and tool in each section; see `limits`.
+            dt: Time between samples [s].
+
+        Raises:
+            LinError: A bound leaves next to no motion.
+        """
+        best, quickest = (cuts, bounds, np.empty((0, 3))), np.inf
+        whole = (cuts[[0, -1]], bounds.min(axis=1, keepdims=True))
+        for ends, limit in ((cuts, bounds), whole):
+            bend, lengths = _bends(arm, path, ends, limit), np.diff(ends)
+            for share in self.shares:
+                caps = _caps(bend, limit, share)
+                for _ in range(self.rounds if len(lengths) > 1 else 1):
+                    excess = _excess(arm, _Run(path, lengths, caps, _COARSE * dt), ends, limit)
+                    scaled = caps / excess.max() ** np.arange(1, 4)
+                    duration = Travel(lengths, scaled).duration
+                    if duration < quickest:
+                        best, quickest = (ends, limit, scaled), duration
+                    caps = caps / np.maximum(excess, _EASING)[:, None] ** np.arange(1, 4)
+        return _fitted(arm, path, *best, dt)
+
+
+class _Run:
+    """Samples along a path, with the parameter that they were taken at."""
+
+    def __init__(self, path: JointCurve, lengths: Vector, caps: Matrix, dt: float) -> None:
+        rows = Travel(lengths, caps).sampled(dt)
+        self.s: Vector = rows[:, 0]
+        ds, dds = rows.T[1:, :, None]
+        dq, ddq = path(self.s, 1), path(self.s, 2)
+        self.trajectory = Trajectory(dt=dt, q=path(self.s), v=dq * ds, a=ddq * ds**2 + dq * dds)
+
+
+def _fitted(
+    arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix, caps: Matrix, dt: float
+) -> Trajectory:
+    """Scale time until a bound is just reached and none is exceeded."""
+    best: Trajectory | None = None
+    for _ in range(_TRIES):
+        run = _Run(path, np.diff(cuts), caps, dt)
+        excess = float(_excess(arm, run, cuts, bounds).max())
+        if excess <= 1.0:
+            # Whole periods: a motion of few samples may not come closer to its bounds.
+            if best is not None and run.trajectory.steps >= best.steps:
+                break
+            best = run.trajectory
+            if excess >= _NEAR:
+                break
+        caps = caps / (excess * _MORE) ** np.arange(1, 4)
+    if best is None or best.steps * dt > _LONGEST:
+        raise LinError(0.0, "the bounds leave next to no motion", Obstacle.PACE)
+    return best
+
+
+def _excess(arm: Arm, run: _Run, cuts: Vector, bounds: Matrix) -> Vector:
+    """Factors by which to stretch time in each section (K,); below 1, it may shrink."""
+    motion = run.trajectory
+    section = np.clip(np.searchsorted(cuts, run.s, side="right") - 1, 0, len(cuts) - 2)
+    # Differences span several samples: they are as quick as the quickest of them allows.
+    limit = maximum_filter1d(bounds[:, section], 2 * _SPAN + 1, axis=1)
+    kinds = [(motion.v, motion.a, motion.jerk)]
+    if bounds.shape[2] > arm.n:
+        kinds.append(tool_rates(arm, motion.q, motion.dt))
+    first, worst = 0, np.full(len(cuts) - 1, _NOTHING)
+    for kind in kinds:
+        columns = slice(first, first + kind[0].shape[1])
+        for order, rate in enumerate(kind, start=1):
+            at = np.linspace(0, len(section) - 1, len(rate)).round().astype(int)
+            use = np.abs(rate) / limit[order - 1, at, columns]
+            np.maximum.at(worst, section[at], use.max(axis=1) ** (1.0 / order))
+        first = columns.stop
+    return worst
+
+
+def _bends(arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix) -> Matrix:
+    """Largest first three derivatives by s of joints and tool per section (3, K, n or n + 2)."""
+    sections = []
+    for low, high in pairwise(cuts):
+        s = np.linspace(low, high, _FINE + 1)
+        orders = [np.abs(path(s, order)).max(axis=0) for order in (1, 2, 3)]
+        if bounds.shape[2] > arm.n:
+            # The section's ends are no rest: what is seen before and after them is left out.
+            rates = tool_rates(arm, path(s), float(s[1] - s[0]))
+            inner = (rates.v, rates.a[2:-2], rates.j[3:-3])
+            orders = [
+                np.concatenate([joints, tool.max(axis=0)])
+                for joints, tool in zip(orders, inner, strict=True)
+            ]
+        sections.append(orders)
+    return np.array(sections).transpose(1, 0, 2)
+
+
+def _caps(bend: Matrix, bounds: Matrix, share: float) -> Matrix:
+    """Bounds on the first three derivatives of the parameter in each section (K, 3)."""
+    d1, d2, d3 = np.maximum(bend, _NOTHING)
+    v, a, j = bounds
+    fastest = np.minimum(v / d1, (share * a / d2) ** (1 / 2))
+    V = np.minimum(fastest, (share * j / d3) ** (1 / 3)).min(axis=1)[:, None]
+    A = ((a - d2 * V**2) / d1).min(axis=1)[:, None]
+    A = np.minimum(A, ((1.0 - share) * j / (6.0 * d2 * V)).min(axis=1)[:, None])
+    J = ((j - d3 * V**3 - 3.0 * d2 * V * A) / d1).min(axis=1)[:, None]
+    return np.hstack([V, A, J])

@@ -1,0 +1,164 @@
+"""Leap: from one state in motion to another, time-optimal, by Ruckig's state-to-state planner.
+
+Berscheid and Kröger, "Jerk-limited real-time trajectory generation with arbitrary target
+states", RSS 2021.
+"""
+
+from math import sqrt
+
+import numpy as np
+import ruckig
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.motion.timing.rest_to_rest import check_motion
+
+_NOTHING = 1e-9
+"""A phase so short that nothing happens in it [s]."""
+
+
+class Leap:
+    """A motion from one state to another; for n coordinates or, with floats, for one."""
+
+    def __init__(self, plan: ruckig.Trajectory) -> None:
+        """Of what Ruckig planned."""
+        self._plan = plan
+        self.duration = float(plan.duration)
+        """[s]"""
+
+    def at(self, time: float) -> Matrix:
+        """Position, velocity and acceleration at a time (3, n), or (3,) for one coordinate."""
+        state = np.array(self._plan.at_time(time))
+        return state[:, 0] if state.shape[1] == 1 else state
+
+    def along(self, times: Vector) -> Matrix:
+        """Of one coordinate: position, velocity and acceleration at many times (N, 3)."""
+        profile = self._plan.profiles[0][0]
+        phases = np.array([*profile.brake.t, *profile.t, *profile.accel.t])
+        starts = np.concatenate([[0.0], np.cumsum(phases)[:-1]])[phases > 0.0]
+        states = np.array([self._plan.at_time(float(t)) for t in starts])[:, :, 0]
+        ends = np.append(starts[1:], self.duration)
+        last = self._plan.at_time(self.duration)[2][0]
+        jerks = np.diff(np.append(states[:, 2], last)) / (ends - starts)
+        k = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+        (x, v, a), j, t = states[k].T, jerks[k], np.minimum(times, self.duration) - starts[k]
+        rows = (x + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j)
+        return np.column_stack(rows)
+
+    @property
+    def reach(self) -> Matrix:
+        """Least and largest position of each coordinate on the way, between samples too (2, n).
+
+        Where the speed is zero in phases of constant jerk; Ruckig's own extrema are not to be
+        trusted (0.19.4: those of motions by speed are left at zero).
+        """
+        ends = []
+        for i, profile in enumerate(self._plan.profiles[0]):
+            phases = [*profile.brake.t, *profile.t, *profile.accel.t]
+            places, time = [self._plan.at_time(0.0)[0][i]], 0.0
+            for phase in phases:
+                places += self._turns(i, time, phase)
+                time += phase
+            places.append(self._plan.at_time(self.duration)[0][i])
+            ends.append((min(places), max(places)))
+        return np.array(ends).T
+
+    def _turns(self, i: int, start: float, phase: float) -> list[float]:
+        """Positions of a coordinate where it turns round within a phase."""
+        if phase <= _NOTHING:
+            return []
+        v, a = (self._plan.at_time(start)[order][i] for order in (1, 2))
+        j = (self._plan.at_time(min(start + phase, self.duration))[2][i] - a) / phase
+        root = a * a - 2.0 * j * v
+        if root < 0.0 or v == 0.0:
+            return []
+        # v + a t + j t² / 2 = 0 by way of 1 / t, which does not mind a jerk of zero.
+        slopes = (-a - sqrt(root), -a + sqrt(root))
+        times = [2.0 * v / slope for slope in slopes if slope]
+        return [self._plan.at_time(start + t)[0][i] for t in times if 0.0 < t < phase]
+
+
+def leap(length: float, v_start: float, v_goal: float, bounds: Vector) -> Leap:
+    """One coordinate from 0 to a length, without acceleration at both ends, time-optimal.
+
+    Args:
+        length: Positive.
+        v_start: Speed at the start, at least 0.
+        v_goal: Speed at the end, at least 0; to be reached within the length.
+        bounds: On speed, acceleration and jerk (3,), positive.
+
+    Raises:
+        InvalidValueError: Ruckig finds no such motion.
+    """
+    start, goal = np.zeros(3)[:, None], np.array([length, v_goal, 0.0])[:, None]
+    start[1] = v_start
+    # Speeds at the bound itself must not fail for their last digit.
+    cap = max(float(bounds[0]), v_start, v_goal)
+    return to_state(start, goal, np.array([cap]), bounds[1:2], bounds[2:3])
+
+
+def to_state(
+    start: Matrix,
+    goal: Matrix,
+    v_max: Vector,
+    a_max: Vector,
+    j_max: Vector,
+    period: float | None = None,
+) -> Leap:
+    """Time-optimal motion of all coordinates from one state to another, ending together.
+
+    Args:
+        start: Position, velocity and acceleration now (3, n).
+        goal: The same at the end (3, n).
+        v_max: Bounds on the velocity (n,), positive; exceeded only while the start does.
+        a_max: Bounds on the acceleration (n,), positive.
+        j_max: Bounds on the jerk (n,), positive.
+        period: The duration is the shortest that is a multiple of this [s]; None leaves it.
+
+    Raises:
+        InvalidValueError: A number is not finite, a bound not positive, or there is no motion.
+    """
+    n = len(v_max)
+    step = 1.0 if period is None else period
+    check_motion(np.ravel(start), np.ravel(goal), v_max, a_max, j_max, step)
+    request, plan = ruckig.InputParameter(n), ruckig.Trajectory(n)
+    now, then = start.tolist(), goal.tolist()
+    request.current_position, request.current_velocity, request.current_acceleration = now
+    request.target_position, request.target_velocity, request.target_acceleration = then
+    request.max_velocity, request.max_acceleration = v_max.tolist(), a_max.tolist()
+    request.max_jerk = j_max.tolist()
+    if period is not None:
+        request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    try:
+        ruckig.Ruckig(n, step).calculate(request, plan)
+    except ruckig.RuckigError as error:
+        expected = "one that Ruckig can plan"
+        raise InvalidValueError("motion", f"{now} to {then} ({error})", expected) from error
+    return Leap(plan)
+
+
+def to_rest(start: Matrix, a_max: Vector, j_max: Vector) -> Leap:
+    """Time-optimal from a state to rest, wherever that is, all coordinates ending together.
+
+    Args:
+        start: Position, velocity and acceleration now (3, n).
+        a_max: Bounds on the acceleration (n,), positive; exceeded only while the start does.
+        j_max: Bounds on the jerk (n,), positive.
+
+    Raises:
+        InvalidValueError: A number is not finite, a bound not positive, or there is no motion.
+    """
+    n = len(a_max)
+    check_motion(np.ravel(start), np.zeros(1), np.ones(1), a_max, j_max, 1.0)
+    request, plan = ruckig.InputParameter(n), ruckig.Trajectory(n)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    now = start.tolist()
+    request.current_position, request.current_velocity, request.current_acceleration = now
+    request.target_velocity = request.target_acceleration = [0.0] * n
+    request.max_acceleration, request.max_jerk = a_max.tolist(), j_max.tolist()
+    try:
+        ruckig.Ruckig(n).calculate(request, plan)
+    except ruckig.RuckigError as error:
+        expected = "one that Ruckig can stop"
+        raise InvalidValueError("motion", f"{now} ({error})", expected) from error
+    return Leap(plan)

@@ -1,0 +1,156 @@
+"""Tool motion: velocity, acceleration and jerk of the tool, exactly, from those of the joints."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.arm import Arm
+
+
+class ToolRates(NamedTuple):
+    """Sizes of the first three derivatives, moving and turning; each (N, 2).
+
+    Means over one, two and three steps: each is bounded by what bounds the derivative.
+    """
+
+    v: Matrix
+    a: Matrix
+    j: Matrix
+
+
+def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
+    """Of configurations (N, n) that are dt apart, at rest before the first and after the last."""
+    positions, quats = tool_places(arm, q)
+    rotations = Rotation.from_quat(quats, scalar_first=True)
+    turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
+    steps = np.stack([np.diff(positions, axis=0), turns], axis=1)
+    still = np.zeros((2, 2, 3))
+    v = np.concatenate([still, steps, still]) / dt
+    a = np.diff(v, axis=0) / dt
+    return ToolRates(*(_sizes(x) for x in (v[2:-2], a, np.diff(a, axis=0) / dt)))
+
+
+def tool_places(arm: Arm, q: Matrix) -> tuple[Matrix, Matrix]:
+    """Positions (N, 3) [m] and quaternions wxyz (N, 4) of the tool at configurations (N, n)."""
+    positions, quats = np.empty((len(q), 3)), np.empty((len(q), 4))
+    m, d = arm.model, arm.scratch
+    joints, position, quat = d.qpos, d.site_xpos[arm.tool_site], d.site_xquat[arm.tool_site]
+    for k, row in enumerate(q):
+        joints[:] = row
+        mujoco.mj_kinematics(m, d)
+        positions[k], quats[k] = position, quat
+    return positions, quats
+
+
+def _sizes(values: Matrix) -> Matrix:
+    sizes: Vector = np.linalg.norm(values, axis=2)
+    return sizes
+
+
+class ToolMotion(NamedTuple):
+    """Derivatives of the tool's pose at N instants, in the world; each (N, 3)."""
+
+    v: Matrix
+    """Velocity of the tool point [m/s]."""
+    a: Matrix
+    """Its acceleration [m/s²]."""
+    j: Matrix
+    """Its jerk [m/s³]."""
+    turn_v: Matrix
+    """Angular velocity [rad/s]."""
+    turn_a: Matrix
+    """Angular acceleration [rad/s²]."""
+    turn_j: Matrix
+    """Angular jerk [rad/s³]."""
+
+
+def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix) -> ToolMotion:
+    """Motion of the tool where the joints have q, v, a and jerk j; each (N, n).
+
+    All instants at once, joint after joint from the base on, in spatial vectors (w, u) at the
+    world's origin: with S_i the axis of joint i, which the joints before it carry along, and
+    V, A, J the derivatives up to joint i - 1,
+      S_i' = V × S_i,  S_i'' = A × S_i + V × S_i',
+      V += S_i v_i,  A += S_i a_i + S_i' v_i,  J += S_i j_i + 2 S_i' a_i + S_i'' v_i
+    (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
+    """
+    screws, point = _at_rest(arm)
+    count = len(q)
+    R, p = np.tile(np.eye(3)[:, :, None], count), np.zeros((3, count))
+    w, u, dw, du, ddw, ddu = np.zeros((6, 3, count))
+    for (axis, moment, turns, zero), q_i, v_i, a_i, j_i in zip(
+        screws, q.T, v.T, a.T, j.T, strict=True
+    ):
+        # The axis where the joints before it have brought it.
+        s = np.einsum("ijk,j->ik", R, axis)
+        m = np.einsum("ijk,j->ik", R, moment) + _cross(p, s)
+        if not turns:
+            s, m = np.zeros_like(s), s
+        ds, dm = _cross(w, s), _cross(u, s) + _cross(w, m)
+        dds = _cross(dw, s) + _cross(w, ds)
+        ddm = _cross(du, s) + _cross(dw, m) + _cross(u, ds) + _cross(w, dm)
+        w, u, dw, du, ddw, ddu = (
+            w + s * v_i,
+            u + m * v_i,
+            dw + s * a_i + ds * v_i,
+            du + m * a_i + dm * v_i,
+            ddw + s * j_i + 2.0 * ds * a_i + dds * v_i,
+            ddu + m * j_i + 2.0 * dm * a_i + ddm * v_i,
+        )
+        R, p = _moved(R, p, axis, moment, turns, q_i - zero)
+    x = np.einsum("ijk,j->ik", R, point) + p
+    dx = u + _cross(w, x)
+    ddx = du + _cross(dw, x) + _cross(w, dx)
+    dddx = ddu + _cross(ddw, x) + 2.0 * _cross(dw, dx) + _cross(w, ddx)
+    return ToolMotion(*(part.T for part in (dx, ddx, dddx, w, dw, ddw)))
+
+
+class _Screw(NamedTuple):
+    axis: Vector
+    """Direction in the world (3,)."""
+    moment: Vector
+    """Anchor × direction (3,) [m]; 0 where the joint slides."""
+    turns: bool
+    zero: float
+    """Joint position at which axis and moment are these."""
+
+
+def _at_rest(arm: Arm) -> tuple[list[_Screw], Vector]:
+    """The joints' axes where all joints are at their zero, and the tool point there."""
+    m = arm.model
+    d = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, d)
+    screws = []
+    for i, zero in enumerate(m.qpos0.tolist()):
+        axis, turns = d.xaxis[i].copy(), bool(arm.hinges[i])
+        moment = np.cross(d.xanchor[i], axis) if turns else np.zeros(3)
+        screws.append(_Screw(axis, moment, turns, zero))
+    return screws, d.site_xpos[arm.tool_site].copy()
+
+
+def _moved(
+    R: Matrix, p: Matrix, axis: Vector, moment: Vector, turns: bool, by: Vector
+) -> tuple[Matrix, Matrix]:
+    """Displacements (R, p), shapes (3, 3, N) and (3, N), after a screw motion before them."""
+    if not turns:
+        return R, p + np.einsum("ijk,j->ik", R, axis) * by
+    # Rodrigues' formula; the anchor nearest to the origin stays where it is.
+    K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    turn = (
+        np.eye(3)[:, :, None] + np.sin(by) * K[:, :, None] + (1 - np.cos(by)) * (K @ K)[..., None]
+    )
+    anchor = np.cross(axis, moment)
+    shift = anchor[:, None] - np.einsum("ijk,j->ik", turn, anchor)
+    return np.einsum("ilk,ljk->ijk", R, turn), p + np.einsum("ilk,lk->ik", R, shift)
+
+
+def _cross(a: Matrix, b: Matrix) -> Matrix:
+    """Cross products of columns (3, N): several times as fast as numpy's."""
+    out = np.empty_like(a)
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out

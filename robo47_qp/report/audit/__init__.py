@@ -1,0 +1,1 @@
+"""The audit: what was promised against what the simulated robot did."""

@@ -1,0 +1,91 @@
+"""Finding: one promise and whether it was kept."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.constants import TIMESTEP
+
+_ROUNDING = 1e-9
+"""Relative slack for the rounding of differences."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One promise and whether it was kept."""
+
+    signal: str
+    """What was looked at, with the joint, waypoint or obstacle where there is one."""
+    unit: str
+    limit: float
+    """What was promised."""
+    extreme: float
+    """What came closest to the limit, or went furthest beyond it."""
+    time: float
+    """When [s]."""
+    ok: bool
+
+    @property
+    def told(self) -> str:
+        """In a line: signal, size, time and limit."""
+        return (
+            f"{self.signal}: {self.extreme:.4g} {self.unit} at {self.time:.3f} s, promised is "
+            f"{self.limit:.4g} {self.unit}"
+        )
+
+
+def bounded(
+    signal: str, units: Sequence[str], names: Sequence[str], values: Matrix, bound: Vector
+) -> Finding:
+    """The column that uses most of its symmetric bound."""
+    use = np.abs(values) / bound
+    row, column = divmod(int(np.argmax(use)), use.shape[1])
+    return Finding(
+        signal=f"{signal} ({names[column]})",
+        unit=units[column],
+        limit=float(bound[column]),
+        extreme=float(np.abs(values[row, column])),
+        time=row * TIMESTEP,
+        ok=bool(use[row, column] <= 1.0 + _ROUNDING),
+    )
+
+
+def within(
+    signal: str,
+    units: Sequence[str],
+    names: Sequence[str],
+    values: Matrix,
+    low: Vector,
+    high: Vector,
+) -> list[Finding]:
+    """The columns that come closest to their lower and to their upper bound."""
+    findings = []
+    for side, bound, margin in (("lower", low, values - low), ("upper", high, high - values)):
+        row, column = divmod(int(np.argmin(margin)), margin.shape[1])
+        findings.append(
+            Finding(
+                signal=f"{signal} {side} ({names[column]})",
+                unit=units[column],
+                limit=float(bound[column]),
+                extreme=float(values[row, column]),
+                time=row * TIMESTEP,
+                ok=bool(margin[row, column] >= 0.0),
+            )
+        )
+    return findings
+
+
+def at_most(signal: str, unit: str, sizes: Vector, limit: float) -> Finding:
+    """The largest of some sizes, which are not negative; the limit may be 0."""
+    row = int(np.argmax(sizes))
+    extreme = float(sizes[row])
+    return Finding(
+        signal=signal,
+        unit=unit,
+        limit=limit,
+        extreme=extreme,
+        time=row * TIMESTEP,
+        ok=extreme <= limit,
+    )

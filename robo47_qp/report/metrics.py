@@ -1,0 +1,136 @@
+"""Figures that sum up a run."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.arrays import Matrix
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.model.arm import Arm
+from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
+from robo47_qp.run.scenario import Run
+
+_STILL = 1e-3
+"""What is never faster does not move [m/s]."""
+
+
+def smoothness(v: Matrix, jerk: Matrix, period: float) -> float | None:
+    """Log dimensionless jerk: the higher, the smoother; whatever the way and the time [-].
+
+    LDLJ = -ln(T³ / v_peak² ∫ |jerk|² dt), with T the duration and v_peak the highest speed: the
+    dimensionless jerk of Hogan and Sternad (J. Motor Behavior 41(6), 2009) and its logarithm
+    of Balasubramanian et al. ("On the analysis of movement smoothness", J. NeuroEngineering
+    and Rehabilitation 12:112, 2015). A minimum-jerk motion has -ln(204.8) = -5.32.
+
+    Args:
+        v: Velocities (N, 3) [m/s].
+        jerk: Jerks at the same instants (N, 3) [m/s³].
+        period: Time between them [s].
+
+    Returns:
+        None where nothing moves.
+    """
+    if not len(v):
+        return None
+    peak = float(np.linalg.norm(v, axis=1).max())
+    if peak < _STILL:
+        return None
+    squares = float((jerk**2).sum() * period)
+    return -float(np.log((len(v) * period) ** 3 / peak**2 * squares))
+
+
+SETTLED = 0.1e-3
+"""Distance of the tool from its goal within which it counts as settled [m]."""
+
+
+def metrics(run: Run) -> dict[str, float]:
+    """Tracking, time, contact and cost of a run, with the task's own figures.
+
+    Returns:
+        By name with unit; see the README for what each means. A run without a motion of the
+        tool has no smoothness.
+    """
+    rows = run.rows
+    simulated = len(rows) * TIMESTEP
+    motion = _tool(run)
+    force = np.linalg.norm(rows["contact/tool"], axis=1)
+    stiff = _stiff(run)
+    error = rows["errors/tool_position"][stiff]
+    return {
+        **run.measures,
+        "max_joint_error_rad": float(np.abs(rows["errors/q"][stiff]).max(initial=0.0)),
+        "max_tool_error_m": float(error.max(initial=0.0)),
+        "rms_tool_error_m": float(np.sqrt((error**2).mean())) if stiff.any() else 0.0,
+        "settle_time_s": _settle_time(run),
+        "max_tool_speed_m_s": float(np.linalg.norm(motion.v, axis=1).max()),
+        "max_tool_acceleration_m_s2": float(np.linalg.norm(motion.a, axis=1).max()),
+        **_smoothness(run, motion),
+        "peak_contact_force_N": float(force.max()),
+        "mean_contact_force_N": float(force[force > 0.0].mean()) if force.any() else 0.0,
+        "energy_J": _energy(run),
+        "cycle_time_s": simulated,
+        "real_time_factor": simulated / run.loop_seconds,
+        "step_us": 1e6 * run.loop_seconds / len(rows),
+    }
+
+
+def _stiff(run: Run) -> NDArray[np.bool_]:
+    """Rows (N,) in which the tool was to be where its reference is, and not to yield."""
+    stiff = np.ones(len(run.rows), dtype=np.bool_)
+    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+        stiff[first:end] = not phase.compliant
+    return stiff
+
+
+def _tool(run: Run) -> ToolMotion:
+    """What the tool did, by what the joints did."""
+    q, v, a = (run.rows[f"joints/{name}"] for name in "qva")
+    jerk = np.diff(a, axis=0, append=a[-1:]) / TIMESTEP
+    return tool_motion(Arm(run.scenario.robot), q, v, a, jerk)
+
+
+def _smoothness(run: Run, motion: ToolMotion) -> dict[str, float]:
+    """Mean over the motions from rest to rest."""
+    found = []
+    start = None
+    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+        if phase.leg is None:
+            continue
+        start = first if start is None else start
+        if phase.leg.waypoint.rests:
+            value = smoothness(motion.v[start:end], motion.j[start:end], TIMESTEP)
+            found += [] if value is None else [value]
+            start = None
+    return {"smoothness_ldlj": float(np.mean(found))} if found else {}
+
+
+def _energy(run: Run) -> float:
+    """Mechanical energy through the motors in either direction, Σ_i ∫ |tau_i v_i| dt [J].
+
+    A torque holds for a period, in which the speed changes evenly.
+    """
+    tau, v = run.rows["joints/tau"], run.rows["joints/v"]
+    middle = 0.5 * (v[1:] + v[:-1])
+    return float(np.abs(tau[:-1] * middle).sum() * TIMESTEP)
+
+
+def _settle_time(run: Run) -> float:
+    """Longest time from a motion's end until the tool is settled for as long as the arm waits.
+
+    The tool is settled while it is within `SETTLED` of its reference; where it is not before
+    the next motion begins, the time is all there was.
+    """
+    error = run.rows["errors/tool_position"][:, 0]
+    longest, since = 0, None
+    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+        if phase.leg is not None:
+            since = end
+        elif since is not None and not phase.compliant:
+            outside = np.flatnonzero(error[first:end] > SETTLED)
+            longest = max(longest, first + int(outside[-1]) + 1 - since if outside.size else 0)
+    return longest * TIMESTEP
+
+
+def _spans(run: Run) -> list[tuple[int, int]]:
+    """First row of each phase and the one after its last."""
+    starts = [phase.start for phase in run.phases]
+    return list(zip(starts, [*starts[1:], len(run.rows)], strict=True))

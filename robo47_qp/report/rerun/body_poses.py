@@ -1,0 +1,71 @@
+"""Where every body of a scene is, from what a recording holds of the robot and the objects."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.arrays import Matrix
+from robo47_qp.model.robot import Robot
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.scene import free_bodies
+
+
+class BodyPoses:
+    """Forward kinematics of a scene for rows of a recording."""
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Look up where the recorded signals go in `qpos`.
+
+        Args:
+            model: The scene.
+            robot: The robot in it.
+        """
+        self._model, self._data = model, mujoco.MjData(model)
+        objects = free_bodies(model)
+        self._sources: list[tuple[str, list[int]]] = [
+            ("joints/q", [_address(model, name) for name in robot.joints]),
+        ]
+        if robot.gripper is not None:
+            fingers = [_address(model, name) for name in robot.gripper.joints]
+            self._sources.append(("gripper/fingers", fingers))
+        for name in objects:
+            first = int(model.jnt_qposadr[model.body(name).jntadr[0]])
+            self._sources.append((f"objects/{name}", list(range(first, first + 7))))
+        self.fixed = tuple(np.flatnonzero(model.body_weldid == 0).tolist())
+        """Ids of the bodies that never move."""
+        free = (model.body_weldid != 0) & (model.body_mocapid[model.body_rootid] < 0)
+        self.moving = tuple(np.flatnonzero(free).tolist())
+        """Ids of the bodies that move with the robot's and the objects' joints."""
+
+    def of_fixed(self) -> tuple[Matrix, Matrix]:
+        """Positions (fixed, 3) [m] and quaternions wxyz (fixed, 4) of what never moves."""
+        d, bodies = self._data, list(self.fixed)
+        mujoco.mj_kinematics(self._model, d)
+        return d.xpos[bodies], d.xquat[bodies]
+
+    def of_moving(self, rows: Rows, picked: NDArray[np.intp]) -> tuple[Matrix, Matrix]:
+        """Poses of the moving bodies in some of the rows.
+
+        Args:
+            rows: Rows of all signals.
+            picked: Indices of the N rows.
+
+        Returns:
+            Positions (N, moving, 3) [m] and quaternions wxyz (N, moving, 4).
+        """
+        m, d, bodies = self._model, self._data, list(self.moving)
+        qpos = np.tile(m.qpos0, (len(picked), 1))
+        for signal, addresses in self._sources:
+            qpos[:, addresses] = rows[signal][picked]
+        positions = np.empty((len(picked), m.nbody, 3))
+        quaternions = np.empty((len(picked), m.nbody, 4))
+        for k, q in enumerate(qpos):
+            d.qpos[:] = q
+            mujoco.mj_kinematics(m, d)
+            positions[k] = d.xpos
+            quaternions[k] = d.xquat
+        return positions[:, bodies], quaternions[:, bodies]
+
+
+def _address(model: mujoco.MjModel, joint: str) -> int:
+    return int(model.joint(joint).qposadr[0])

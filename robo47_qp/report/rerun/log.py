@@ -1,0 +1,242 @@
+"""RerunLog: the recording as a Rerun file that shows itself, written as it grows."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import rerun as rr
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.robot import Robot
+from robo47_qp.motion.planner import Leg
+from robo47_qp.motion.waypoint import Motion
+from robo47_qp.report.rerun import blueprint as layout
+from robo47_qp.report.rerun.body_poses import BodyPoses
+from robo47_qp.report.rerun.columns import (
+    PoseColumns,
+    SignalColumn,
+    check_rows,
+    limit_columns,
+    xyzw,
+)
+from robo47_qp.report.rerun.scene import body_name, body_shapes, undrawn
+from robo47_qp.report.rerun.stream import RerunStream
+from robo47_qp.report.rerun.viewer import viewer_url
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.sim.simulation import Simulation
+
+FRAME_RATE = 60.0
+"""Pictures of the scene per second [1/s]."""
+FLUSH_INTERVAL = 1.0
+"""Time between two looks at whether the file still takes what it gets [s]. Rerun writes on
+its own, without being asked to; looking is only for errors, and costs half a chunk's time."""
+_ROOT = "tf#/"
+"""Rerun's name of the frame that the 3-D view is drawn in: the world."""
+_AXES = np.eye(3) * 0.06
+"""Arrows of a frame [m] and their colours: x red, y green, z blue."""
+_AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
+_PATH_COLOUR = (255, 70, 150)
+_PLANNED_COLOURS = {
+    Motion.PTP: (110, 160, 255),
+    Motion.LIN: (255, 180, 70),
+    Motion.CIRC: (120, 220, 140),
+}
+
+
+class RerunLog(Observer):
+    """Sink and observer of a run.
+
+    Rows are in the file moments after `write`, also if the process is killed then.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        model: mujoco.MjModel,
+        robot: Robot,
+        signals: Sequence[Signal],
+        *,
+        live: bool = False,
+    ) -> None:
+        """Open the file and write all that does not change.
+
+        Args:
+            path: The file; its folders are made, a file in its place is replaced.
+            model: The scene.
+            robot: The robot in it.
+            signals: What the rows hold.
+            live: Also show the recording in a viewer on this machine.
+
+        Raises:
+            RecordingError: The file cannot be written.
+            RenderingError: There is no viewer for a live view, and none can be started.
+        """
+        viewer = viewer_url() if live else None
+        page = layout.blueprint(robot)
+        self._stream = RerunStream(path, f"robo47_qp {robot.name}", page, viewer)
+        self._poses = BodyPoses(model, robot)
+        self._columns = [SignalColumn(signal) for signal in signals if _is_shown(signal.name)]
+        self._limits = limit_columns(model, robot)
+        self._unit = robot.unit("rad", "m")
+        self._markers: dict[str, Vector] = {}
+        self._last_frame, self._last_tool = -1.0, np.empty((0, 3))
+        self._now = self._next_flush = 0.0
+        moving = [body_name(model, body) for body in self._poses.moving]
+        self._frames = PoseColumns([*moving, layout.TOOL], _ROOT)
+        self._describe(signals)
+        self._draw_scene(model)
+        self._stream.flush(0.0)
+
+    def write(self, rows: Rows) -> None:
+        """See `Sink.write`.
+
+        Raises:
+            RecordingError: A value is not finite, a quaternion has no unit length, or the
+                file cannot be written.
+        """
+        check_rows(rows)
+        self._stream.require_room(self._now)
+        times = rows["time"][:, 0]
+        if self._now >= self._next_flush:
+            self._next_flush = self._now + FLUSH_INTERVAL
+            self._draw_limits(times[[0, -1]])
+            # The chunk before has had the time to be written: nothing to wait for.
+            if not self._stream.flush(self._now):
+                self.note(self._now, "the viewer is gone; the recording goes on", "WARN")
+        self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
+        self._draw_frames(rows)
+        self._now = float(times[-1])
+
+    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
+        """Draw a leg that starts now and tell how it was planned.
+
+        Args:
+            time: Now [s].
+            leg: The leg.
+            tool_path: Its tool positions (N, 3) [m].
+        """
+        waypoint, ik = leg.waypoint, leg.ik
+        colour = _PLANNED_COLOURS[waypoint.motion]
+        # Dashed and thick: the tool's own thin line shows between the dashes.
+        points = tool_path[:: max(1, len(tool_path) // 60)]
+        dashes = rr.LineStrips3D(
+            [points[k : k + 2] for k in range(0, len(points) - 1, 2)], colors=colour, radii=0.004
+        )
+        self._stream.log(layout.PLANNED, dashes, time=time)
+        self._stream.log(layout.GOALS, _frame(leg.T_world_goal.as_matrix()), time=time)
+        self.note(
+            time,
+            f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
+            f"{ik.iterations} steps, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, off by "
+            f"{1e6 * ik.position_error:.2g} µm and {1e6 * ik.orientation_error:.2g} µrad, "
+            f"{ik.limit_margin:.2f} {self._unit} from a joint limit",
+        )
+
+    def phase(self, time: float, name: str) -> None:
+        """Show that a phase starts at `time` [s]."""
+        self._stream.log(layout.PHASES, rr.StateChange(state=name), time=time)
+
+    def note(self, time: float, text: str, level: str = "INFO") -> None:
+        """Add a line to the events at `time` [s]; level is INFO, WARN or ERROR."""
+        self._stream.log(layout.EVENTS, rr.TextLog(f"{time:.2f} s  {text}", level=level), time=time)
+
+    def tick(self, simulation: Simulation) -> None:
+        """Draw the markers that were moved."""
+        for name in simulation.markers:
+            pose = simulation.marker_pose(name).wxyz_xyz
+            if name not in self._markers or (pose != self._markers[name]).any():
+                # Where a marker is first seen, it has been since the start.
+                time = simulation.time if name in self._markers else 0.0
+                self._markers[name] = pose
+                place = rr.Transform3D(
+                    translation=pose[4:],
+                    quaternion=rr.Quaternion(xyzw=xyzw(pose[:4])),
+                    child_frame=name,
+                    parent_frame=_ROOT,
+                )
+                self._stream.log(f"{layout.FRAMES}/markers", place, time=time)
+
+    def finish(self, summary: str) -> None:
+        """Add a summary in Markdown and close the file.
+
+        Raises:
+            RecordingError: The file did not get everything.
+        """
+        document = rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN)
+        self._stream.log(layout.SUMMARY, document)
+        self._draw_limits(np.full(2, self._now))
+        self._stream.finish(self._now)
+
+    def close(self) -> None:
+        """Close the file, complete or not; a second time does nothing."""
+        self._stream.close()
+
+    def _describe(self, signals: Sequence[Signal]) -> None:
+        labels = {signal.name: list(signal.labels) for signal in signals}
+        units = {signal.name: signal.unit for signal in signals}
+        self._stream.log(
+            layout.SIGNALS,
+            rr.DynamicArchetype("labels", components=labels),
+            rr.DynamicArchetype("units", components=units),
+        )
+
+    def _draw_scene(self, model: mujoco.MjModel) -> None:
+        for body, position, quaternion in zip(
+            self._poses.fixed, *self._poses.of_fixed(), strict=True
+        ):
+            path = f"{layout.WORLD}/{rr.escape_entity_path_part(body_name(model, body))}"
+            T = rr.Transform3D(
+                translation=position, quaternion=rr.Quaternion(xyzw=xyzw(quaternion))
+            )
+            self._stream.log(path, T)
+        for body in range(model.nbody):
+            name = body_name(model, body)
+            path = f"{layout.WORLD}/{rr.escape_entity_path_part(name)}"
+            frame = [] if body in self._poses.fixed else [rr.CoordinateFrame(name)]
+            for kind, shape in body_shapes(model, body):
+                self._stream.log(f"{path}/{kind}", shape, *frame)
+        style = rr.LineStrips3D.from_fields(colors=_PATH_COLOUR, radii=0.0018)
+        self._stream.log(layout.PATH, style)
+        self._stream.log(layout.TOOL, _frame(np.eye(4)), rr.CoordinateFrame(layout.TOOL))
+        for geom in undrawn(model):
+            self.note(0.0, f"geom {geom!r} is of a kind that is not drawn", "WARN")
+
+    def _draw_limits(self, times: Vector) -> None:
+        self._stream.send(layout.LIMITS, times, self._limits)
+
+    def _draw_frames(self, rows: Rows) -> None:
+        """Poses of all moving frames, and the way of the tool."""
+        frames = np.floor(rows["time"][:, 0] * FRAME_RATE + 1e-6)
+        picked = np.flatnonzero(np.diff(frames, prepend=self._last_frame) > 0.0)
+        if not picked.size:
+            return
+        self._last_frame = float(frames[-1])
+        times, tool = rows["time"][picked, 0], rows["tool/pose"][picked]
+        positions, quaternions = self._poses.of_moving(rows, picked)
+        columns = self._frames.of(
+            np.concatenate((positions, tool[:, None, :3]), axis=1),
+            np.concatenate((quaternions, tool[:, None, 3:]), axis=1),
+        )
+        count = positions.shape[1] + 1
+        self._stream.send(layout.FRAMES, np.repeat(times, count), columns)
+        way = np.concatenate((self._last_tool, tool[:, :3]))
+        self._last_tool = tool[-1:, :3].copy()
+        if len(way) > 1:
+            strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
+            lines = rr.LineStrips3D.columns(strips=strips)
+            self._stream.send(layout.PATH, times[-len(strips) :], list(lines))
+
+
+def _is_shown(signal: str) -> bool:
+    """Not what only helps to compute others: the contact forces' parts, the fingers alone."""
+    return signal not in {"time", "phase", "gripper/fingers"} and not signal.endswith("_contact")
+
+
+def _frame(T: Matrix) -> rr.Arrows3D:
+    """The axes of a frame, at pose T (4, 4)."""
+    vectors = _AXES @ T[:3, :3].T
+    return rr.Arrows3D(
+        vectors=vectors, origins=np.tile(T[:3, 3], (3, 1)), colors=_AXIS_COLOURS, radii=0.002
+    )

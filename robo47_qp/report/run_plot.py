@@ -1,0 +1,117 @@
+"""A picture of a run: the tool's path and how well it was followed."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import RecordingError
+from robo47_qp.run.recording import Rows
+from robo47_qp.run.scenario import Run
+
+_BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
+
+
+def plot_run(run: Run, path: Path) -> None:
+    """Write a PNG with the tool path from above and from the side, and the errors.
+
+    Raises:
+        RecordingError: The file cannot be written.
+    """
+    figure = Figure(figsize=(12.0, 7.2), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplot_mosaic(
+        [["above", "joint"], ["above", "tool"], ["side", "torque"]], width_ratios=[1.0, 1.6]
+    )
+    robot, rows, t = run.scenario.robot, run.rows, run.rows["time"][:, 0]
+    _tool_path(axes["above"], rows, run, (0, 1))
+    _tool_path(axes["side"], rows, run, (1, 2))
+    axes["above"].legend(loc="upper right", frameon=False)
+    for i, joint in enumerate(robot.joints):
+        axes["joint"].plot(t, 1e3 * rows["errors/q"][:, i], lw=0.8, label=joint)
+        use = rows["joints/tau"][:, i] / robot.tau_max[i]
+        axes["torque"].plot(t, 100 * use, lw=0.8)
+    axes["joint"].set_ylabel(f"joint error [{robot.unit('mrad', 'mm')}]")
+    axes["joint"].legend(
+        ncols=len(robot.joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
+    )
+    axes["joint"].margins(y=0.25)
+    axes["tool"].plot(t, 1e3 * rows["errors/tool_position"][:, 0], lw=0.8, color=_BLUE)
+    axes["tool"].set_ylabel("tool error [mm]")
+    axes["torque"].set_ylabel("torque [% of limit]")
+    axes["torque"].set_xlabel("time [s]")
+    _mark_phases(axes["tool"], run)
+    for name in ("joint", "tool", "torque"):
+        axes[name].set_xlim(0.0, float(t[-1]))
+        axes[name].grid(alpha=0.3, lw=0.5)
+        for phase in run.phases[1:]:
+            axes[name].axvline(float(t[phase.start]), color=_GREY, lw=0.5, ls=":")
+    outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
+    figure.suptitle(f"{run.scenario.task.name} on {run.scenario.robot.name}: {outcome}")
+    _save(figure, path)
+
+
+def plot_curves(panels: Mapping[str, Mapping[str, tuple[Vector, Vector]]], path: Path) -> None:
+    """Write a PNG with one panel per quantity and in it one curve over time per name.
+
+    Args:
+        panels: By label of the quantity and name of the curve: times [s] and values.
+        path: The file.
+
+    Raises:
+        RecordingError: The file cannot be written.
+    """
+    figure = Figure(figsize=(10.0, 2.4 * len(panels)), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, (label, curves) in zip(
+        np.ravel(figure.subplots(len(panels), sharex=True)), panels.items(), strict=True
+    ):
+        for name, (t, values) in curves.items():
+            axes.plot(t, values, lw=1.0, label=name)
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3, lw=0.5)
+    figure.axes[0].legend(frameon=False, ncols=4)
+    figure.axes[-1].set_xlabel("time [s]")
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
+
+
+def _tool_path(axes: Axes, rows: Rows, run: Run, plane: tuple[int, int]) -> None:
+    i, j = plane
+    asked, done = rows["tool/pose_ref"], rows["tool/pose"]
+    axes.plot(done[:, i], done[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured")
+    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="tool, reference")
+    for name in run.objects:
+        pose = rows[f"objects/{name}"]
+        axes.plot(pose[:, i], pose[:, j], color=_GREY, lw=1.2, label=name, zorder=1)
+        axes.plot(pose[-1, i], pose[-1, j], "s", color=_GREY, ms=7, zorder=1)
+    axes.set_xlabel(f"{'xyz'[i]} [m]")
+    axes.set_ylabel(f"{'xyz'[j]} [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3, lw=0.5)
+
+
+def _mark_phases(axes: Axes, run: Run) -> None:
+    t = run.rows["time"][:, 0]
+    ends = [phase.start for phase in run.phases[1:]] + [len(t)]
+    axes.margins(y=0.35)
+    for phase, end in zip(run.phases, ends, strict=True):
+        if end - phase.start > 0.05 * len(t):
+            middle = float(np.mean(t[[phase.start, end - 1]]))
+            axes.text(
+                *(middle, 0.96, phase.name),
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="top",
+                fontsize=8,
+            )

@@ -1,0 +1,104 @@
+"""The machine-readable report of a run."""
+
+import dataclasses
+import platform
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from importlib.metadata import version
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp import __version__
+from robo47_qp.report.audit.finding import Finding
+from robo47_qp.run.scenario import Run
+
+_PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "scipy", "rerun-sdk")
+
+
+def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) -> dict[str, Any]:
+    """Everything worth keeping of a run but its signals, as plain JSON types."""
+    failure, scenario = run.failure, run.scenario
+    return {
+        "success": failure is None,
+        "failure": None if failure is None else failure.cause.value,
+        "evidence": None if failure is None else failure.evidence,
+        "seed": scenario.seed,
+        "task": scenario.task.name,
+        "robot": scenario.robot.name,
+        "settings": {
+            name: plain(getattr(scenario, name)) for name in ("task", "planner", "controller")
+        },
+        "versions": versions(),
+        "metrics": dict(metrics),
+        "audit": [dataclasses.asdict(finding) for finding in findings],
+        "waypoints": [
+            {
+                "name": leg.waypoint.name,
+                "motion": leg.waypoint.motion.value,
+                "duration_s": leg.trajectory.duration,
+                "lower_bound_s": leg.lower_bound,
+                "iterations": leg.ik.iterations,
+                "restarts": leg.ik.restarts,
+                "seconds": leg.ik.seconds,
+                "position_error_m": leg.ik.position_error,
+                "orientation_error_rad": leg.ik.orientation_error,
+                "limit_margin_rad": leg.ik.limit_margin,
+            }
+            for leg in run.legs
+        ],
+    }
+
+
+def summary_markdown(summary: Mapping[str, Any]) -> str:
+    """The report for people, as Markdown."""
+    outcome = "Success" if summary["success"] else f"Failed: {summary['failure']}"
+    lines = [f"# {outcome}", ""]
+    if summary["evidence"]:
+        lines += [summary["evidence"], ""]
+    lines += ["| figure | value |", "|---|--:|"]
+    lines += [f"| {name} | {value:.4g} |" for name, value in summary["metrics"].items()]
+    lines += ["", "| promise | limit | extreme | unit | at s | kept |"]
+    lines += ["|---|--:|--:|---|--:|---|"]
+    lines += [
+        f"| {f['signal']} | {f['limit']:.4g} | {f['extreme']:.4g} | {f['unit']} | "
+        f"{f['time']:.3f} | "
+        f"{'yes' if f['ok'] else 'NO'} |"
+        for f in summary["audit"]
+    ]
+    return "\n".join(lines)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that a result depends on."""
+    return {
+        "robo47_qp": __version__,
+        "python": platform.python_version(),
+        **{package: version(package) for package in _PACKAGES},
+    }
+
+
+def plain(value: object) -> Any:
+    """A setting as JSON: dataclasses by field with the name of their class.
+
+    JSON has no infinity and no NaN: they become text. Of any other object, the class is told.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [f.name for f in dataclasses.fields(value)]
+        if isinstance(value, SE3):
+            names = ["wxyz_xyz"]  # the others are sizes that every SE3 has
+        return {"class": type(value).__name__, **{n: plain(getattr(value, n)) for n in names}}
+    match value:
+        case float() if not isfinite(value):
+            return str(value)
+        case Enum():
+            return value.value
+        case np.ndarray() | tuple() | list():
+            items = value.tolist() if isinstance(value, np.ndarray) else value
+            return [plain(item) for item in items]
+        case None | bool() | int() | float() | str():
+            return value
+        case _:
+            return {"class": type(value).__name__}

@@ -1,0 +1,141 @@
+"""What a run says in the terminal."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from robo47_qp.report.audit.finding import Finding
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+
+
+class ProgressBar(Observer):
+    """A bar over simulated time; a retry makes the run longer than foreseen."""
+
+    def __init__(self, console: Console, expected: float) -> None:
+        """Show an empty bar.
+
+        Args:
+            console: Where to draw.
+            expected: Foreseen length of the run [s].
+        """
+        self._progress = Progress(
+            TextColumn("{task.description:<14}"),
+            BarColumn(bar_width=40),
+            TextColumn("{task.completed:5.1f} of {task.total:.1f} s simulated"),
+            TimeElapsedColumn(),
+            console=console,
+            refresh_per_second=5,
+            transient=True,
+        )
+        self._expected = expected
+        self._bar = self._progress.add_task("start", total=expected)
+        self._progress.start()
+
+    def phase(self, time: float, name: str) -> None:
+        """Name the phase."""
+        self._progress.update(self._bar, description=name)
+
+    def tick(self, simulation: Simulation) -> None:
+        """Move the bar."""
+        now = simulation.time
+        self._progress.update(self._bar, completed=now, total=max(now, self._expected))
+
+    def close(self) -> None:
+        """Remove the bar."""
+        self._progress.stop()
+
+
+def print_summary(
+    console: Console,
+    run: Run,
+    metrics: Mapping[str, float],
+    findings: Sequence[Finding],
+    files: Mapping[str, Path],
+) -> None:
+    """Print what happened, how well, and where to look."""
+    console.print(_waypoints(run))
+    console.print(_audit(findings))
+    broken = [finding for finding in findings if not finding.ok]
+    for finding in broken:
+        console.print(f"[bold red]broken promise[/]  {escape(finding.told)}", highlight=False)
+    if run.failure is None:
+        console.print("[bold green]success[/]")
+    else:
+        console.print(
+            f"[bold red]failed: {run.failure.cause.value}[/]  {escape(run.failure.evidence)}",
+            highlight=False,
+        )
+    if "place_error_m" in metrics:
+        console.print(f"  place error      {1e3 * metrics['place_error_m']:.2f} mm")
+    console.print(
+        f"  cycle time       {metrics['cycle_time_s']:.2f} s\n"
+        f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "
+        f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm, settled within "
+        f"{metrics['settle_time_s']:.3f} s\n"
+        f"  contact          up to {metrics['peak_contact_force_N']:.2f} N on the tool, "
+        f"{metrics['mean_contact_force_N']:.2f} N in the mean while it touches\n"
+        f"  energy           {metrics['energy_J']:.1f} J\n"
+        f"{_smooth(metrics)}"
+        f"  promises         {len(findings) - len(broken)} of {len(findings)} kept\n"
+        f"  control loop     {metrics['step_us']:.1f} µs per step, "
+        f"{metrics['real_time_factor']:.0f} times real time",
+        highlight=False,
+    )
+    for name, path in files.items():
+        console.print(f"  {name:<16} {path}", highlight=False, soft_wrap=True)
+    if "recording" in files:
+        console.print(
+            f"Open the recording with: [bold]rerun {files['recording']}[/]",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def _smooth(metrics: Mapping[str, float]) -> str:
+    if "smoothness_ldlj" not in metrics:
+        return ""
+    value = metrics["smoothness_ldlj"]
+    return f"  smoothness       {value:.2f} (log dimensionless jerk; minimum jerk has -5.32)\n"
+
+
+def _waypoints(run: Run) -> Table:
+    table = Table(title="Waypoints", title_justify="left", header_style="", box=None)
+    for heading in ("waypoint", "motion", "time s", "IK its", "starts", "IK ms", "left µm"):
+        table.add_column(heading, justify="left" if heading in ("waypoint", "motion") else "right")
+    table.add_column("to limit rad", justify="right")
+    for leg in run.legs:
+        ik = leg.ik
+        table.add_row(
+            leg.waypoint.name,
+            leg.waypoint.motion.value.upper(),
+            f"{leg.trajectory.duration:.2f}",
+            str(ik.iterations),
+            str(1 + ik.restarts),
+            f"{1e3 * ik.seconds:.1f}",
+            f"{1e6 * ik.position_error:.2f}",
+            f"{ik.limit_margin:.2f}",
+        )
+    return table
+
+
+def _audit(findings: Sequence[Finding]) -> Table:
+    table = Table(title="Audit", title_justify="left", header_style="", box=None)
+    for heading in ("promise", "limit", "extreme", "at s", "unit", "kept"):
+        left = heading in ("promise", "unit", "kept")
+        table.add_column(heading, justify="left" if left else "right")
+    for finding in findings:
+        table.add_row(
+            finding.signal,
+            f"{finding.limit:.4g}",
+            f"{finding.extreme:.4g}",
+            f"{finding.time:.3f}",
+            finding.unit,
+            "[green]yes[/]" if finding.ok else "[bold red]NO[/]",
+        )
+    return table

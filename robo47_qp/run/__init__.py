@@ -1,0 +1,1 @@
+"""One run: the steps of a program, the control loop, the recording."""

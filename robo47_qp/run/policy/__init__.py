@@ -1,0 +1,1 @@
+"""Policies in place of a task's program."""

@@ -1,0 +1,189 @@
+"""What the three kinds of actions do with the control loop, for the time until the next one."""
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.control.controller import Controller
+from robo47_qp.errors import PlanError
+from robo47_qp.ik.stream.stream import StreamIk
+from robo47_qp.model.arm import (
+    MARGIN,
+    Arm,
+    JointReference,
+    JointState,
+)
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.smooth_stream import SmoothStream
+from robo47_qp.motion.timing.state_to_state import Leap, to_state
+from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.run.control_loop import ControlLoop
+from robo47_qp.run.policy.policy import pose_of
+
+_ROUNDING = 1e-9
+"""How far rounding may take a position beyond its limit [rad]; it is brought back."""
+_SMOOTHED = 40
+"""Ticks over which streamed commands are averaged: the lag is 20 ms."""
+_TAKEOVER = 0.1
+"""How long the controller takes over for, after torques of the policy's own [s]."""
+
+
+def profile_of(loop: ControlLoop) -> MotionProfile:
+    """Bounds of the joints at the pace of the scenario."""
+    planner = loop.scenario.planner
+    return planner.profile.slowed(planner.speed)
+
+
+class JointTargets:
+    """Goes to joint positions that change whenever they like, its jerk bounded.
+
+    The same motion as `motion.retarget`, sampled only as far as it is needed.
+    """
+
+    def __init__(self, loop: ControlLoop) -> None:
+        """Keep the loop to act with."""
+        self._loop, self._profile = loop, profile_of(loop)
+        self._goal: Vector = loop.reference.q
+        self._leap: Leap | None = None
+        self._left: JointReference | None = None
+        self._done = 0
+
+    def go(self, q_goal: Vector, periods: int) -> None:
+        """Go towards joint positions inside the limits (n,) [rad], as fast as the profile allows.
+
+        Raises:
+            PlanError: The arm is so fast that it leaves its limits however it brakes.
+            InvalidValueError: Ruckig finds no motion.
+            Aborted: See `ControlLoop.track`.
+        """
+        loop = self._loop
+        if loop.reference is not self._left or not np.array_equal(q_goal, self._goal):
+            self._aim(q_goal)
+        loop.begin("joint targets", afresh=False)
+        loop.track(self._next(periods))
+        self._left = loop.reference
+
+    def _aim(self, q_goal: Vector) -> None:
+        arm, profile = self._loop.arm, self._profile
+        start, still = np.stack(self._loop.reference), np.zeros(arm.n)
+        goal = np.stack([q_goal, still, still])
+        leap = to_state(start, goal, profile.v_max, profile.a_max, profile.j_max)
+        low, high = leap.reach
+        beyond = np.maximum(arm.q_min - low, high - arm.q_max)
+        if (beyond > _ROUNDING).any():
+            i = int(np.argmax(beyond))
+            reason = (
+                f"{arm.robot.joints[i]} is so fast that it leaves its limits by {beyond[i]:.4f}"
+            )
+            raise PlanError("joint target", reason)
+        self._leap, self._goal, self._done = leap, q_goal, 0
+
+    def _next(self, periods: int) -> Trajectory:
+        """The next part of the motion; at rest at the goal after its end."""
+        arm, leap, first = self._loop.arm, self._leap, self._done
+        states = np.zeros((periods + 1, 3, arm.n))
+        states[0] = np.stack(self._loop.reference)
+        for k in range(1, periods + 1):
+            time = (first + k) * TIMESTEP
+            if leap is not None and time < leap.duration:
+                states[k] = np.reshape(leap.at(time), (3, arm.n))
+            else:
+                states[k, 0] = self._goal
+        self._done += periods
+        q = np.clip(states[:, 0], arm.q_min, arm.q_max)  # of its rounding
+        return Trajectory(dt=TIMESTEP, q=q, v=states[:, 1], a=states[:, 2])
+
+
+class ToolTargets:
+    """Goes to tool poses that change whenever they like, by differential inverse kinematics."""
+
+    def __init__(self, loop: ControlLoop) -> None:
+        """Keep the loop to act with."""
+        self._loop = loop
+        self._stream: SmoothStream | None = None
+        self._left: JointReference | None = None
+
+    def go(self, pose: Vector | None, periods: int) -> None:
+        """Go towards a pose (7,), as in `Observation`; None brakes.
+
+        Raises:
+            Aborted: See `ControlLoop.track`.
+        """
+        loop, stream = self._loop, self._built()
+        if loop.reference is not self._left:
+            stream.reset(loop.reference)
+        target = None if pose is None else pose_of(pose)
+        loop.begin("tool targets", streamed=True, afresh=False)
+        loop.track(stream.block([target] * periods))
+        self._left = loop.reference
+
+    @property
+    def leads(self) -> bool:
+        """True where the last thing that moved the reference was this."""
+        return self._loop.reference is self._left
+
+    def _built(self) -> SmoothStream:
+        if self._stream is None:
+            settings = StreamIk(dt=TIMESTEP, profile=profile_of(self._loop), margin=MARGIN)
+            self._stream = SmoothStream(settings.build(self._loop.arm), _SMOOTHED)
+        return self._stream
+
+
+class OwnTorques:
+    """Torques of the policy's own. The reference is the state: nothing pulls anywhere."""
+
+    def __init__(self, loop: ControlLoop) -> None:
+        """Keep the loop to act with."""
+        self._loop = loop
+        self._torque = _RateLimited(loop.arm)
+        self._usual: Controller | None = None
+
+    def go(self, tau: Vector, periods: int) -> None:
+        """Apply torques within the motors' limits (n,) [N·m].
+
+        Raises:
+            Aborted: See `ControlLoop.track`.
+        """
+        loop = self._loop
+        if self._usual is None:
+            self._torque.start(loop.control.asked)
+            self._usual = loop.control.controller
+            loop.control.switch(self._torque, seconds=0.0)
+        loop.begin("torques", compliant=True, streamed=True, afresh=False)
+        self._torque.wanted = tau
+        for _ in range(periods):
+            self._refer_to_state()
+            now = loop.reference
+            q, v, a = (np.stack([column, column]) for column in now)
+            loop.track(Trajectory(dt=TIMESTEP, q=q, v=v, a=a), block=1)
+        self._refer_to_state()
+
+    def leave(self) -> None:
+        """Let the controller take over where the arm is, if it has not."""
+        if self._usual is not None:
+            self._loop.control.switch(self._usual, seconds=_TAKEOVER)
+            self._usual = None
+
+    def _refer_to_state(self) -> None:
+        arm, state = self._loop.arm, self._loop.sim.state()
+        # Sensors with noise may say that a joint at its limit is outside.
+        q = np.clip(state.q, arm.q_min, arm.q_max)
+        self._loop.reference = JointReference(q, state.v, np.zeros(arm.n))
+
+
+class _RateLimited:
+    """A controller that knows nothing but the torque that is wanted, and how fast motors are."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._limit, self._step = arm.robot.tau_max, arm.robot.tau_rate_max * TIMESTEP
+        self.wanted: Vector = np.zeros(arm.n)
+        self._last: Vector = np.zeros(arm.n)
+
+    def start(self, tau: Vector) -> None:
+        """Go on from a torque (n,) [N·m]."""
+        self._last = np.clip(tau, -self._limit, self._limit)
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        """See `Controller.torque`."""
+        self._last = np.clip(self.wanted, self._last - self._step, self._last + self._step)
+        return self._last.copy()

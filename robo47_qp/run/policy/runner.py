@@ -1,0 +1,186 @@
+"""PolicyRunner: a task carried out by a policy in place of its program, and judged the same way."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.run.control_loop import Aborted
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.policy.cell import PolicyCell
+from robo47_qp.run.policy.guard import Guard
+from robo47_qp.run.policy.policy import Action, Observation, Policy
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Scenario
+from robo47_qp.run.step_executor import Actions
+from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pace:
+    """How often a policy decides, and for how long."""
+
+    rate: float = 30.0
+    """Decisions per second, at most one in every control period [1/s]."""
+    seconds: float = 30.0
+    """Simulated time of an episode, if the policy does not end it before [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: One is out of range.
+        """
+        if not 0.0 < self.rate <= 1.0 / TIMESTEP:
+            raise InvalidValueError("rate", self.rate, f"above 0 and at most {1.0 / TIMESTEP:g}")
+        if not (np.isfinite(self.seconds) and self.seconds > 0.0):
+            raise InvalidValueError("seconds", self.seconds, "above 0 and finite")
+
+    def decision(self, k: int) -> int:
+        """Control period at which decision k (from 0) is due; at most that of the end."""
+        return min(round(k / (self.rate * TIMESTEP)), round(self.seconds / TIMESTEP))
+
+
+def check_judged(task: Task, simulation: Simulation) -> None:
+    """Check that a task is to be done: not all is well at its start, where this puts the world.
+
+    Raises:
+        InvalidValueError: The verdict is success before anything has moved. What counts may be a
+            condition of the task's own program: `Task.notice` is where to judge it for everybody.
+    """
+    simulation.reset()
+    task.reset(simulation, None)
+    if task.verdict(simulation) is None:
+        expected = "one whose verdict is no success before anything has moved"
+        raise InvalidValueError("task", repr(task.name), expected)
+
+
+class PolicyRunner(Runner):
+    """Runs a scenario with a policy, once. What comes of it is a run like any other.
+
+    The episode ends when the policy says so, when its time is over, when the policy does what no
+    policy may (it raises, or answers what is no action), or when the watch ends it. Then the arm
+    comes to rest, and the task's own verdict judges the world: what the task asks for at the end,
+    an arm at home or an open gripper, it asks of a policy, too.
+    """
+
+    def __init__(
+        self, scenario: Scenario, simulation: Simulation, policy: Policy, pace: Pace | None = None
+    ) -> None:
+        """Put the world at the start of the scenario.
+
+        Args:
+            scenario: What to run; its planner gives the bounds of all motions.
+            simulation: The world, built from the scenario's robot and task.
+            policy: What decides.
+            pace: How often and for how long; by default `Pace()`.
+        """
+        super().__init__(scenario, simulation)
+        self._policy, self._pace = policy, Pace() if pace is None else pace
+        self._cell = PolicyCell(self._loop)
+
+    def _programmed(self, actions: Actions) -> Failure | None:
+        """The episode, in place of the task's program."""
+        failure = self._episode()
+        try:
+            self._cell.rest()
+        except PlanError as error:
+            raise Aborted(failure or self._amiss(str(error))) from error
+        return failure
+
+    def _episode(self) -> Failure | None:
+        cell, pace = self._cell, self._pace
+        with Guard() as guard:
+            self._policy.reset(cell.observe())
+        if guard.error is not None:
+            return self._raised("reset", guard.error)
+        k, now, end = 0, 0, round(pace.seconds / TIMESTEP)
+        while now < end:
+            answer = self._answer(cell.observe())
+            if answer is None:
+                self._loop.note("the policy says that all is done")
+                return None
+            if isinstance(answer, Failure):
+                return answer
+            k += 1
+            due = pace.decision(k)
+            try:
+                cell.carry_out(answer, due - now)
+            except (PlanError, InvalidValueError) as error:
+                return self._amiss(str(error))
+            now = due
+        self._loop.note(f"the episode's {pace.seconds:g} s are over")
+        return None
+
+    def _answer(self, observation: Observation) -> Action | Failure | None:
+        """What the policy answers, checked; a failure where it is nothing to be carried out."""
+        with Guard() as guard:
+            answer = self._policy.act(observation)
+            # What is no number may raise anything when it is taken for one.
+            return None if answer is None else self._cell.checked(answer)
+        error = guard.error
+        if isinstance(error, InvalidValueError):
+            return self._amiss(str(error))
+        return self._raised("act", error)
+
+    def _raised(self, where: str, error: Exception | SystemExit | None) -> Failure:
+        return self._amiss(f"it raised {type(error).__name__} in {where}: {error}")
+
+    def _amiss(self, what: str) -> Failure:
+        time = self._sim.time
+        return Failure(cause=Cause.LIMIT, evidence=f"the policy at {time:.3f} s: {what}", time=time)
+
+
+class Stepwise(Runner):
+    """A scenario under actions from outside; judged as `PolicyRunner` judges."""
+
+    def __init__(self, scenario: Scenario, simulation: Simulation, pace: Pace) -> None:
+        """Put the world at the start of the scenario."""
+        super().__init__(scenario, simulation)
+        self._pace, self._decisions, self._periods = pace, 0, 0
+        self._cell = PolicyCell(self._loop)
+
+    @property
+    def over(self) -> bool:
+        """True once its time is over."""
+        return self._periods >= round(self._pace.seconds / TIMESTEP)
+
+    @property
+    def done(self) -> bool:
+        """True while the world is as the task wants it at the end."""
+        return self.scenario.task.verdict(self._sim) is None
+
+    def observe(self) -> Observation:
+        """What can be known now."""
+        return self._cell.observe()
+
+    def step(self, action: object) -> Failure | None:
+        """Carry out an action until the next one is due; what ended the episode, if anything."""
+        self._decisions += 1
+        due = self._pace.decision(self._decisions)
+        try:
+            self._cell.carry_out(self._cell.checked(action), due - self._periods)
+        except (PlanError, InvalidValueError) as error:
+            return Failure(cause=Cause.LIMIT, evidence=str(error), time=self._sim.time)
+        except Aborted as aborted:
+            return aborted.failure
+        self._periods = due
+        return None
+
+    def end(self) -> Failure | None:
+        """Come to rest and judge the world."""
+        return self._carried_out() or self.scenario.task.verdict(self._sim)
+
+    def measures(self) -> dict[str, float]:
+        """The task's figures of the world now."""
+        return self.scenario.task.measures(self._sim)
+
+    def _programmed(self, actions: Actions) -> Failure | None:
+        """What is left of the program: coming to rest."""
+        try:
+            self._cell.rest()
+        except PlanError as error:
+            raise Aborted(Failure(cause=Cause.LIMIT, evidence=str(error))) from error
+        return None

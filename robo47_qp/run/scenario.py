@@ -1,0 +1,62 @@
+"""Scenario and Run: what is to be done, and what happened."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robo47_qp.control.controller import Controller
+from robo47_qp.model.robot import Robot
+from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.recording import Rows
+from robo47_qp.run.task import Task
+from robo47_qp.run.watchdog import Watch
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scenario:
+    """One task under one set of choices."""
+
+    robot: Robot
+    task: Task
+    planner: Planner
+    controller: Controller
+    seed: int | None = None
+    """Seed of the task's random start; None takes the task's default start."""
+    watch: Watch = Watch()
+    """What ends the run at once."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Phase:
+    """A stretch of the run under one reference."""
+
+    name: str
+    start: int
+    """First row."""
+    leg: Leg | None
+    """The planned motion; None while the arm holds still."""
+    compliant: bool = False
+    """True where the tool gives way: it need not be where its reference is."""
+    streamed: bool = False
+    """True where the reference follows a moving target tick by tick: its jerk is not bounded."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """What happened."""
+
+    scenario: Scenario
+    rows: Rows
+    phases: Sequence[Phase]
+    failure: Failure | None
+    measures: dict[str, float]
+    """Figures of the task."""
+    loop_seconds: float
+    """Wall time of the control loop with its recording, without planning and observers."""
+    objects: Sequence[str]
+    """Bodies that move freely."""
+
+    @property
+    def legs(self) -> list[Leg]:
+        """The motions that were begun, in order."""
+        return [phase.leg for phase in self.phases if phase.leg is not None]

@@ -1,0 +1,90 @@
+"""Watch: what ends a run at once, wherever its program is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.sim.simulation import Simulation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Bounds that are looked at every few control periods. Going on beyond them helps nobody."""
+
+    joint_error_max: float = 0.2
+    """How far a joint may be from its reference while the arm is stiff [rad or m]."""
+    links_force_max: float = 1.0
+    """Contact force on the links before the tool at most [N]."""
+    time_limit: float = 600.0
+    """How long a run may take [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the bounds.
+
+        Raises:
+            InvalidValueError: One is not positive.
+        """
+        for name in ("joint_error_max", "links_force_max", "time_limit"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def seen(
+        self,
+        simulation: Simulation,
+        arm: Arm,
+        reference: JointReference,
+        *,
+        stiff: bool,
+        force_max: float,
+    ) -> Failure | None:
+        """What is beyond a bound now; None while all is well.
+
+        Args:
+            simulation: The world.
+            arm: Whose limits are to be kept.
+            reference: What the joints should do now.
+            stiff: Whether the arm is to be where its reference is.
+            force_max: Contact force on the tool at most [N].
+        """
+        touched = self._touched(simulation, force_max)
+        if touched is not None:
+            return Failure(cause=Cause.COLLISION, evidence=touched)
+        q, joints = simulation.true_state().q, arm.robot.joints
+        room = np.minimum(q - arm.q_min, arm.q_max - q)
+        i = int(np.argmin(room))
+        if room[i] < 0.0:
+            unit = arm.robot.units[i]
+            return Failure(
+                cause=Cause.LIMIT,
+                evidence=f"{joints[i]} is at {q[i]:.4f} {unit}, {-room[i]:.4f} outside its limits",
+            )
+        error = np.abs(q - reference.q)
+        i = int(np.argmax(error))
+        if stiff and error[i] > self.joint_error_max:
+            return Failure(
+                cause=Cause.TRACK,
+                evidence=f"{joints[i]} is {error[i]:.3f} {arm.robot.units[i]} from its reference; "
+                f"allowed are {self.joint_error_max:.3f}",
+            )
+        if simulation.time > self.time_limit:
+            return Failure(
+                cause=Cause.TIMEOUT,
+                evidence=f"the run has taken {simulation.time:.1f} s; "
+                f"allowed are {self.time_limit:.1f} s",
+            )
+        return None
+
+    def _touched(self, simulation: Simulation, force_max: float) -> str | None:
+        force = simulation.last_links_force()
+        if force > self.links_force_max:
+            return (
+                f"the links before the tool are touched with {force:.1f} N; "
+                f"allowed are {self.links_force_max:.1f} N"
+            )
+        force = float(np.linalg.norm(simulation.last_tool_force()))
+        if force > force_max:
+            return f"the tool is pressed with {force:.1f} N; allowed are {force_max:.1f} N"
+        return None

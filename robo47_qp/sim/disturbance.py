@@ -1,0 +1,249 @@
+"""Disturbance: what goes wrong in the world without the controller being told."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import JointState
+from robo47_qp.model.mjcf import add_payload
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robot import Robot
+from robo47_qp.sim.camera import Camera, CameraNoise
+from robo47_qp.sim.scene import BuildScene
+from robo47_qp.sim.simulation import Simulation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Push:
+    """A constant force on the tool point for a while."""
+
+    force: Vector
+    """(3,), in the world [N]."""
+    start: float
+    """When it begins [s]."""
+    duration: float = 0.2
+    """How long it lasts [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: The force is not three finite numbers, or a time is negative.
+        """
+        object.__setattr__(self, "force", frozen_vector("force", self.force, 3))
+        for name in ("start", "duration"):
+            _check_finite(name, getattr(self, name))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disturbance:
+    """All that is wrong in one world; by default nothing."""
+
+    payload: Payload | None = None
+    """A body fixed to the tool that no one told the controller of."""
+    inertia_factor: float = 1.0
+    """Mass and inertia of every link of the robot, relative to its model [-]."""
+    pushes: Sequence[Push] = ()
+    delay: int = 0
+    """Control periods from a command to the motors."""
+    noise_q: float = 0.0
+    """Standard deviation of the measured joint positions [rad]."""
+    noise_v: float = 0.0
+    """Standard deviation of the measured joint velocities [rad/s]."""
+    noise_force: float = 0.0
+    """Standard deviation of each component of the tool force that controllers feel [N]."""
+    object_mass_factor: float = 1.0
+    """Mass and inertia of what moves freely, relative to its model [-]."""
+    friction_factor: float = 1.0
+    """Friction of all contacts, relative to its model: sliding, turning and rolling [-]."""
+    pose_noise: float = 0.0
+    """Standard deviation of each coordinate of an object, in every frame of the camera [m]."""
+    heading_noise: float = 0.0
+    """Standard deviation of an object's turn about the vertical, in every frame [rad]."""
+    pose_bias: float = 0.0
+    """Standard deviation of an error of each coordinate that an object keeps in all frames [m]."""
+    camera_rate: float = 30.0
+    """Frames per second; where the camera errs, objects are seen as they were at the last one,
+    else as they are [1/s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A number is negative or not finite, or a factor or rate is 0.
+        """
+        for name in (*_NOISES, *_POSITIVE, "delay"):
+            _check_finite(name, getattr(self, name))
+        for name in _POSITIVE:
+            if getattr(self, name) == 0.0:
+                raise InvalidValueError(name, 0.0, "above 0")
+
+    @property
+    def noisy(self) -> bool:
+        """True where something is measured with an error."""
+        return any(getattr(self, name) for name in _NOISES)
+
+
+class DisturbedSimulation(Simulation):
+    """A simulation with a disturbance, which what it records shows and what it measures hides.
+
+    Motors, inertias, friction, the state and the tool force that controllers see, and the poses
+    that the camera sees, are disturbed; `write_now`, `write_last`, `last_tool_force` and
+    `object_pose` tell the truth.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        build_scene: BuildScene,
+        disturbance: Disturbance,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """Compile the disturbed scene.
+
+        Args:
+            robot: See `Simulation`.
+            build_scene: See `Simulation`.
+            disturbance: What is wrong.
+            rng: Source of the sensor noise; what the camera sees is drawn from it once, here.
+
+        Raises:
+            InvalidValueError: There is noise and no generator.
+            UnknownNameError, ModelError: See `Simulation`.
+        """
+        if rng is None and disturbance.noisy:
+            raise InvalidValueError("rng", None, "a numpy Generator where there is sensor noise")
+        self.disturbance = disturbance
+        self._rng = rng
+        self._on_the_way: deque[Vector] = deque()
+        self._camera: Camera | None = None
+        super().__init__(robot, _carrying(robot, build_scene, disturbance.payload))
+        self._scale_world()
+        noise = CameraNoise(
+            position=disturbance.pose_noise,
+            heading=disturbance.heading_noise,
+            bias=disturbance.pose_bias,
+            rate=disturbance.camera_rate,
+        )
+        if rng is not None and (noise.position or noise.heading or noise.bias):
+            self._camera = Camera(self.objects, noise, int(rng.integers(2**63)))
+            self._camera.take(self.time, self.object_pose)
+
+    def reset(self) -> None:
+        """As `Simulation.reset`; commands on the way are those that hold the arm."""
+        super().reset()
+        if self._camera is not None:
+            self._camera.take(self.time, self.object_pose)
+        held = self.motor_torque()
+        self._on_the_way = deque(held.copy() for _ in range(self.disturbance.delay))
+
+    def step(self, tau: Vector) -> None:
+        """As `Simulation.step`, with the command of `delay` periods ago and the pushes of now."""
+        self._on_the_way.append(tau.copy())
+        if self.disturbance.pushes:
+            self._push()
+        super().step(self._on_the_way.popleft())
+        if self._camera is not None:
+            self._camera.watch(self.time, self.object_pose)
+
+    def state(self) -> JointState:
+        """What the sensors say."""
+        state, noise = super().state(), self.disturbance
+        if self._rng is None or not (noise.noise_q or noise.noise_v):
+            return state
+        n = len(state.q)
+        return JointState(
+            state.q + noise.noise_q * self._rng.standard_normal(n),
+            state.v + noise.noise_v * self._rng.standard_normal(n),
+        )
+
+    def felt_force(self) -> Vector:
+        """What the sensor at the wrist says of `last_tool_force` (3,) [N]."""
+        force = super().felt_force()
+        if self._rng is None or not self.disturbance.noise_force:
+            return force
+        return force + self.disturbance.noise_force * self._rng.standard_normal(3)
+
+    def true_state(self) -> JointState:
+        """What the joints do."""
+        return super().state()
+
+    def seen_pose(self, name: str) -> SE3:
+        """T_world_object of a free body in the last frame of the camera, as that errs.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        T_world_object = self.object_pose(name)
+        return T_world_object if self._camera is None else self._camera.seen(name)
+
+    @property
+    def camera_noise(self) -> float:
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]."""
+        return self.disturbance.pose_noise
+
+    @property
+    def weights_known(self) -> bool:
+        """Whether objects are as heavy as their models say."""
+        return self.disturbance.object_mass_factor == 1.0
+
+    def place_object(self, name: str, T_world_object: SE3) -> None:
+        """As `Simulation.place_object`; the camera sees it at its new place at once."""
+        super().place_object(name, T_world_object)
+        if self._camera is not None:
+            self._camera.take(self.time, self.object_pose)
+
+    def _push(self) -> None:
+        m, d, zero = self.model, self.data, np.zeros(3)
+        d.qfrc_applied[:] = 0.0
+        for push in self.disturbance.pushes:
+            # Half a period of slack: sums of the timestep are not exact.
+            if -0.5 * TIMESTEP <= self.time - push.start < push.duration - 0.5 * TIMESTEP:
+                tcp = m.site(self.robot.tcp).id
+                point, body = d.site_xpos[tcp], int(m.site_bodyid[tcp])
+                mujoco.mj_applyFT(m, d, push.force, zero, point, body, d.qfrc_applied)
+
+    def _scale_world(self) -> None:
+        m, wrong = self.model, self.disturbance
+        m.geom_friction *= wrong.friction_factor
+        m.pair_friction *= wrong.friction_factor
+        tool = int(m.site_bodyid[m.site(self.robot.tcp).id])
+        links = m.body_rootid == m.body_rootid[tool]
+        for i in np.flatnonzero(links):
+            links[i] = m.body(i).name != _PAYLOAD
+        free = np.isin(m.body_rootid, [m.body(name).id for name in self.objects])
+        for bodies, factor in (
+            (links, wrong.inertia_factor),
+            (free, wrong.object_mass_factor),
+        ):
+            m.body_mass[bodies] *= factor
+            m.body_inertia[bodies] *= factor
+        if wrong.inertia_factor != 1.0 or wrong.object_mass_factor != 1.0:
+            mujoco.mj_setConst(m, self.data)
+            self.reset()
+
+
+_PAYLOAD = "unknown_payload"
+_NOISES = ("noise_q", "noise_v", "noise_force", "pose_noise", "heading_noise", "pose_bias")
+_POSITIVE = ("inertia_factor", "object_mass_factor", "friction_factor", "camera_rate")
+
+
+def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) -> BuildScene:
+    def build(spec: mujoco.MjSpec) -> None:
+        build_scene(spec)
+        if payload is not None:
+            add_payload(spec, robot, payload, _PAYLOAD)
+
+    return build
+
+
+def _check_finite(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value >= 0.0):
+        raise InvalidValueError(name, value, "finite and not negative")

@@ -1,0 +1,89 @@
+"""SimulatedGripper: the gripper of a robot in a MuJoCo model."""
+
+import mujoco
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.gripper import Grip, Gripper
+from robo47_qp.sim.contact import contact_sensor
+
+
+class SimulatedGripper:
+    """Moves the fingers and reads them. Part of `Simulation`, which says what belongs to when."""
+
+    def __init__(self, gripper: Gripper, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Take the views of the gripper's numbers in `data`."""
+        self.gripper = gripper
+        self._model, self._data = model, data
+        left, right = (model.joint(name) for name in gripper.joints)
+        self._left, self._right = data.qpos[left.qposadr[0] :], data.qpos[right.qposadr[0] :]
+        self._left_v, self._right_v = data.qvel[left.dofadr[0] :], data.qvel[right.dofadr[0] :]
+        self._servo = model.actuator(gripper.actuator).id
+        self._forces = [data.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
+        servo = data.ctrl[self._servo : self._servo + 1]
+        self.views_now = (self._left[:1], self._right[:1], servo)
+        """Columns of a recording: the fingers' positions and the width commanded."""
+        self.views_last = tuple(self._forces)
+        """Columns of a recording: contact forces on the fingers."""
+        self._open = Grip(width=gripper.width_max, force=gripper.force_max)
+        self._grip = self._open
+
+    def reset(self) -> None:
+        """Fingers fully open, and to be held there."""
+        self._left[0] = self._right[0] = self.gripper.width_max / 2
+        self.command(self._open)
+
+    def command(self, grip: Grip) -> None:
+        """Let the fingers move to a width, with a bounded speed and force.
+
+        Raises:
+            InvalidValueError: Width or force are outside what the gripper can do.
+        """
+        gripper = self.gripper
+        if not 0.0 <= grip.width <= gripper.width_max:
+            expected = f"between 0 and {gripper.width_max} [m]"
+            raise InvalidValueError("grip width", grip.width, expected)
+        if not 0.0 < grip.force <= gripper.force_max:
+            expected = f"above 0 and at most {gripper.force_max} [N]"
+            raise InvalidValueError("grip force", grip.force, expected)
+        self._grip = grip
+        # The servo's target lies beyond an object that it squeezes: a move away starts here, and
+        # one on the same side goes on from the target, so that what is squeezed stays squeezed.
+        width = self.width()
+        if (self.width_command() - width) * (grip.width - width) <= 0.0:
+            self._data.ctrl[self._servo] = min(max(width, 0.0), gripper.width_max)
+        limit = grip.force * gripper.force_gain
+        self._model.actuator_forcerange[self._servo] = (-limit, limit)
+
+    def move(self) -> None:
+        """Bring the servo's target one period closer to the width asked for."""
+        ctrl, wanted = self._data.ctrl, self._grip.width
+        now = float(ctrl[self._servo])
+        if now != wanted:
+            step = min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
+            ctrl[self._servo] = min(max(wanted, now - step), now + step)
+
+    def width(self) -> float:
+        """Opening width [m]."""
+        return float(self._left[0] + self._right[0])
+
+    def width_speed(self) -> float:
+        """Rate of the opening width [m/s]."""
+        return float(self._left_v[0] + self._right_v[0])
+
+    def width_command(self) -> float:
+        """Opening width that the servo holds to [m]."""
+        return float(self._data.ctrl[self._servo])
+
+    def settled(self) -> bool:
+        """True once the fingers stand still, at the width asked for or at the full force."""
+        force = float(self._data.actuator_force[self._servo]) / self.gripper.force_gain
+        towards = force if self._grip.width > self.width() else -force
+        there = self.width_command() == self._grip.width or towards > 0.99 * self._grip.force
+        return there and abs(self.width_speed()) < 1e-3
+
+    def forces(self) -> Vector:
+        """Size of the net contact force on each finger in the last period (2,) [N]."""
+        return np.array([np.sqrt(force @ force) for force in self._forces])

@@ -1,0 +1,40 @@
+"""SimulatedMotors: what the motors of an arm deliver of the torques that are asked for."""
+
+from math import isfinite
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robot import Robot
+
+
+class SimulatedMotors:
+    """Keeps the torques of a MuJoCo model within the motors' limits. Part of `Simulation`."""
+
+    def __init__(self, robot: Robot, ctrl: Vector) -> None:
+        """Keep the view of the motors' numbers (n,) in MjData."""
+        self._ctrl, self._limit = ctrl, robot.tau_max
+        self._step = robot.tau_rate_max * TIMESTEP
+        self._low, self._high = np.empty_like(ctrl), np.empty_like(ctrl)
+
+    def start(self, tau: Vector) -> None:
+        """Deliver torques at once, as far as the limits allow."""
+        np.clip(tau, -self._limit, self._limit, out=self._ctrl)
+
+    def deliver(self, tau: Vector) -> None:
+        """Deliver what is closest to a command within tau_max and tau_rate_max.
+
+        Raises:
+            InvalidValueError: The command is not finite.
+        """
+        if not isfinite(tau.dot(tau)):
+            raise InvalidValueError("commanded torque", tau.tolist(), "finite [N·m]")
+        ctrl, low, high, limit = self._ctrl, self._low, self._high, self._limit
+        np.subtract(ctrl, self._step, out=low)
+        np.add(ctrl, self._step, out=high)
+        np.maximum(tau, low, out=ctrl)
+        np.minimum(ctrl, high, out=ctrl)
+        np.minimum(ctrl, limit, out=ctrl)
+        np.maximum(ctrl, -limit, out=ctrl)

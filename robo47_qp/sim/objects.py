@@ -1,0 +1,83 @@
+"""SimulatedObjects: the bodies of a MuJoCo model that are no part of the robot."""
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.sim.scene import free_bodies, mocap_bodies
+
+
+class SimulatedObjects:
+    """Reads and places free bodies (objects) and mocap bodies (markers). Part of `Simulation`."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Take the views of the bodies' numbers in `data`."""
+        self._model, self._data = model, data
+        self.objects = free_bodies(model)
+        self.markers = mocap_bodies(model)
+        joints = {name: model.joint(model.body(name).jntadr[0]) for name in self.objects}
+        self._poses = {name: data.qpos[joint.qposadr[0] :][:7] for name, joint in joints.items()}
+        self._twists = {name: data.qvel[joint.dofadr[0] :][:6] for name, joint in joints.items()}
+        self.views_now = tuple(self._poses.values())
+        """Columns of a recording: poses of the objects, positions first."""
+
+    def pose(self, name: str) -> SE3:
+        """T_world_object now.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        pose = self._poses[self._known(name)]
+        return SE3(np.concatenate([pose[3:], pose[:3]]))
+
+    def twist(self, name: str) -> Vector:
+        """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self._twists[self._known(name)].copy()
+
+    def place(self, name: str, T_world_object: SE3) -> None:
+        """Put a free body at a pose, at rest.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        pose = self._poses[self._known(name)]
+        pose[:3] = T_world_object.translation()
+        pose[3:] = T_world_object.rotation().wxyz
+        self._twists[name][:] = 0.0
+        mujoco.mj_step1(self._model, self._data)
+
+    def marker_pose(self, name: str) -> SE3:
+        """T_world_marker of a mocap body.
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        i = self._marker(name)
+        return SE3(np.concatenate([self._data.mocap_quat[i], self._data.mocap_pos[i]]))
+
+    def place_marker(self, name: str, T_world_marker: SE3) -> None:
+        """Put a marker at a pose.
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        i = self._marker(name)
+        self._data.mocap_pos[i] = T_world_marker.translation()
+        self._data.mocap_quat[i] = T_world_marker.rotation().wxyz
+        mujoco.mj_step1(self._model, self._data)
+
+    def _marker(self, name: str) -> int:
+        if name not in self.markers:
+            raise UnknownNameError("marker", name, self.markers)
+        return self.markers.index(name)
+
+    def _known(self, name: str) -> str:
+        if name not in self._poses:
+            raise UnknownNameError("object", name, self.objects)
+        return name

@@ -1,0 +1,78 @@
+"""Scene: robot, task objects and physics options compiled into one MuJoCo model."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.model.mjcf import robot_spec
+from robo47_qp.model.robot import Robot
+from robo47_qp.sim.contact import add_contact_sensors
+
+BuildScene = Callable[[mujoco.MjSpec], None]
+"""Adds bodies to a spec that already holds the robot, its base at the world's origin."""
+
+
+def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
+    """Compile the robot and the bodies around it.
+
+    Raises:
+        UnknownNameError: The robot's model lacks a name that the description uses.
+        ModelError: The joints or motors of the robot do not lie side by side.
+    """
+    spec = robot_spec(robot)
+    _check_names(robot, spec)
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Grasps creep under MuJoCo's soft friction unless the cone is elliptic, impratio is
+    # high and slip is removed after the solver (github.com/google-deepmind/mujoco/issues/3328).
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.noslip_iterations = 5
+    build_scene(spec)
+    add_contact_sensors(spec, robot)
+    model = spec.compile()
+    for name, ids in (
+        ("joints", [model.joint(joint).id for joint in robot.joints]),
+        ("motors", [model.actuator(motor).id for motor in robot.motors]),
+    ):
+        if ids != list(range(ids[0], ids[0] + len(ids))):
+            raise ModelError(
+                f"The {name} of robot {robot.name!r} have the ids {ids} in its model; "
+                "they must follow each other, base to tip."
+            )
+    return model
+
+
+def free_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the bodies that move freely, in the order of the model."""
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    return tuple(model.body(model.jnt_bodyid[i]).name for i in free)
+
+
+def mocap_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the bodies that only a program moves, in the order of their mocap ids."""
+    count = int(model.body_mocapid.max()) + 1
+    bodies = [int(np.flatnonzero(model.body_mocapid == i)[0]) for i in range(count)]
+    return tuple(model.body(body).name for body in bodies)
+
+
+def _check_names(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """What `robot_spec` has not looked for: motors, and all of the gripper."""
+    wanted: list[tuple[str, tuple[str, ...], Any]] = [("motor", robot.motors, spec.actuators)]
+    gripper = robot.gripper
+    if gripper is not None:
+        wanted += [
+            ("joint", gripper.joints, spec.joints),
+            ("motor", (gripper.actuator,), spec.actuators),
+            ("body", gripper.fingers, spec.bodies),
+        ]
+    for kind, names, elements in wanted:
+        known = [element.name for element in elements]
+        for name in names:
+            if name not in known:
+                raise UnknownNameError(kind, name, known)

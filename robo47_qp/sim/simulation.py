@@ -1,0 +1,249 @@
+"""Simulation: the world. The only place that knows MuJoCo addresses of robot and objects."""
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import NoGripperError
+from robo47_qp.model.arm import JointState
+from robo47_qp.model.gripper import Grip, Gripper
+from robo47_qp.model.robot import Robot
+from robo47_qp.sim.contact import ContactSensing
+from robo47_qp.sim.gripper import SimulatedGripper
+from robo47_qp.sim.motors import SimulatedMotors
+from robo47_qp.sim.objects import SimulatedObjects
+from robo47_qp.sim.scene import BuildScene, compile_scene
+
+
+class Simulation:
+    """Robot and objects in MuJoCo, stepped with joint torques.
+
+    What can be read belongs to the instant `time`: positions, velocities, tool and object poses.
+    What belongs to the period that led there (acceleration, forces, torques) is named `last_...`.
+    """
+
+    def __init__(self, robot: Robot, build_scene: BuildScene) -> None:
+        """Compile the scene and put the robot at home, at rest, with its gripper open.
+
+        Args:
+            robot: The robot to simulate, its base at the world's origin.
+            build_scene: Adds the task's bodies.
+
+        Raises:
+            UnknownNameError, ModelError: See `compile_scene`.
+        """
+        self.robot = robot
+        self.model = compile_scene(robot, build_scene)
+        self.data = mujoco.MjData(self.model)
+        self._bodies = SimulatedObjects(self.model, self.data)
+        self.objects, self.markers = self._bodies.objects, self._bodies.markers
+        m, d, n = self.model, self.data, len(robot.joints)
+        # The arrays of MjData keep their place: each view is taken once.
+        first, motor = m.joint(robot.joints[0]), m.actuator(robot.motors[0]).id
+        q, dof = first.qposadr[0], first.dofadr[0]
+        self._q, self._v, self._a = d.qpos[q : q + n], d.qvel[dof : dof + n], d.qacc[dof : dof + n]
+        self._bias, self._passive = d.qfrc_bias[dof : dof + n], d.qfrc_passive[dof : dof + n]
+        self._ctrl, self._tau = d.ctrl[motor : motor + n], d.qfrc_actuator[dof : dof + n]
+        tcp = m.site(robot.tcp).id
+        self._tcp_position, self._tcp_quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
+        hand = None if robot.gripper is None else SimulatedGripper(robot.gripper, m, d)
+        self._hand = hand
+        self._contact = ContactSensing(m, d)
+        self._views_now = (
+            *(self._q, self._v, self._tcp_position, self._tcp_quaternion),
+            *(() if hand is None else hand.views_now),
+            *self._bodies.views_now,
+        )
+        self._views_last = (
+            *(self._a, self._tau, *self._contact.views_last),
+            *(() if hand is None else hand.views_last),
+        )
+        self._motors = SimulatedMotors(robot, self._ctrl)
+        self.reset()
+
+    def reset(self) -> None:
+        """Robot at home, at rest, held against gravity; gripper open; objects as built."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._q[:] = self.robot.home
+        if self._hand is not None:
+            self._hand.reset()
+        mujoco.mj_forward(self.model, self.data)
+        self._motors.start(self._bias - self._passive)
+        mujoco.mj_step1(self.model, self.data)
+
+    def step(self, tau: Vector) -> None:
+        """Apply joint torques for one period, as far as the motors can.
+
+        A motor delivers the torque closest to the command that is within tau_max, and
+        within tau_rate_max of its torque in the period before.
+
+        Args:
+            tau: Commanded torque (n,) [N·m].
+
+        Raises:
+            InvalidValueError: The command is not finite; nothing has moved.
+        """
+        self._motors.deliver(tau)
+        if self._hand is not None:
+            self._hand.move()
+        mujoco.mj_step2(self.model, self.data)
+        mujoco.mj_step1(self.model, self.data)
+
+    @property
+    def gripper(self) -> Gripper:
+        """The robot's gripper.
+
+        Raises:
+            NoGripperError: It has none.
+        """
+        return self._needed("the task").gripper
+
+    def command_grip(self, grip: Grip) -> None:
+        """Let the fingers move to a width, with a bounded speed and force.
+
+        Raises:
+            InvalidValueError: Width or force are outside what the gripper can do.
+            NoGripperError: The robot has no gripper.
+        """
+        self._needed("a grip").command(grip)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    def write_now(self, row: Vector) -> None:
+        """Fill a recording's columns `signals.now` with what belongs to `time`."""
+        np.concatenate(self._views_now, out=row)
+
+    def write_last(self, row: Vector) -> None:
+        """Fill a recording's columns `signals.last` with what belongs to the last period."""
+        self._contact.update()
+        np.concatenate(self._views_last, out=row)
+
+    def state(self) -> JointState:
+        """Joint positions and velocities now, as the sensors say."""
+        return JointState(self._q.copy(), self._v.copy())
+
+    def true_state(self) -> JointState:
+        """Joint positions and velocities now, whatever the sensors say."""
+        return JointState(self._q.copy(), self._v.copy())
+
+    def tool_pose(self) -> SE3:
+        """T_world_tcp now."""
+        return SE3(np.concatenate([self._tcp_quaternion, self._tcp_position]))
+
+    def width(self) -> float:
+        """Opening width of the gripper now [m]."""
+        return self._needed("its width").width()
+
+    def width_speed(self) -> float:
+        """Rate of the opening width now [m/s]."""
+        return self._needed("its width").width_speed()
+
+    def width_command(self) -> float:
+        """Opening width that the gripper's servo holds to now [m]."""
+        return self._needed("its width").width_command()
+
+    def grip_settled(self) -> bool:
+        """True once the fingers stand still, at the width asked for or at the full force."""
+        return self._needed("a grip").settled()
+
+    def last_acceleration(self) -> Vector:
+        """Joint accelerations in the last period (n,) [rad/s²]."""
+        return self._a.copy()
+
+    def last_torque(self) -> Vector:
+        """Torques that the motors delivered in the last period (n,) [N·m]."""
+        return self._tau.copy()
+
+    def motor_torque(self) -> Vector:
+        """Torques that the motors hold from the last command on (n,) [N·m]."""
+        return self._ctrl.copy()
+
+    def last_finger_forces(self) -> Vector:
+        """Size of the net contact force on each finger in the last period (2,) [N]."""
+        return self._needed("the force of its fingers").forces()
+
+    def last_tool_force(self) -> Vector:
+        """Net contact force on the tool in the last period (3,), in the world [N].
+
+        What the world does to the last joint's body and all that it carries, as a sensor at the
+        wrist reads it, without inertia and weight: a hand that presses on a table feels +z.
+        """
+        return self._contact.tool_force()
+
+    def felt_force(self) -> Vector:
+        """What controllers know of `last_tool_force` (3,) [N]: here, the truth."""
+        return self._contact.tool_force()
+
+    def last_links_force(self) -> float:
+        """Contact forces on the links before the tool in the last period: their sizes' sum [N].
+
+        A sum of sizes, because in a net force links that press on each other would vanish.
+        """
+        return self._contact.links_force()
+
+    def object_pose(self, name: str) -> SE3:
+        """T_world_object now.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self._bodies.pose(name)
+
+    def seen_pose(self, name: str) -> SE3:
+        """T_world_object of a free body as the cell's camera sees it now: here, the truth.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self.object_pose(name)
+
+    @property
+    def camera_noise(self) -> float:
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, none."""
+        return 0.0
+
+    @property
+    def weights_known(self) -> bool:
+        """Whether objects are as heavy as modelled: here, they are."""
+        return True
+
+    def object_twist(self, name: str) -> Vector:
+        """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        return self._bodies.twist(name)
+
+    def place_object(self, name: str, T_world_object: SE3) -> None:
+        """Put a free body at a pose, at rest.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        self._bodies.place(name, T_world_object)
+
+    def marker_pose(self, name: str) -> SE3:
+        """T_world_marker of a body that only the program moves (a mocap body).
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        return self._bodies.marker_pose(name)
+
+    def place_marker(self, name: str, T_world_marker: SE3) -> None:
+        """Put a marker at a pose.
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        self._bodies.place_marker(name, T_world_marker)
+
+    def _needed(self, wanted: str) -> SimulatedGripper:
+        if self._hand is None:
+            raise NoGripperError(self.robot.name, wanted)
+        return self._hand

@@ -1,0 +1,205 @@
+"""Pick a cube from a moving belt, while it moves, and put it beside the belt."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Release, Step, Wait
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.conveyor_pick.catching import Catching
+from robo47_qp.tasks.goal import Goal, add_goal, place_goal
+from robo47_qp.tasks.handling.handling import (
+    HOME,
+    LOST,
+    Handling,
+    unfinished,
+)
+from robo47_qp.tasks.handling.sightings import Sightings
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.item import RED, Item
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+
+_BELT = (0.09, 0.60, 0.015)
+"""Half lengths of the belt: across, along (the y axis) and up [m]."""
+_BELT_X = 0.55
+"""Where its middle is [m]."""
+_SPEEDS, _LATERAL = (0.05, 0.20), 0.05
+"""Random speeds [m/s] and places across the belt [m]."""
+_AREA = ((0.28, 0.36), (-0.25, 0.25))
+"""Where random goals lie: ranges of x and y [m]."""
+_START = 0.50
+"""How far upstream of the middle the cube starts [m]."""
+_FIRST, _LAST = -0.30, 0.20
+"""Where along the belt, from its middle, the cube is met: no earlier, no later [m]."""
+_STARTS = 0.15
+"""Time in which the cube takes on the speed of the belt [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConveyorPick:
+    """Take the cube from the belt and put it on the goal; with a seed, all is drawn at random.
+
+    The belt's speed belongs to the scene. The cube counts as placed as in `PickPlace`.
+    """
+
+    speed: float = 0.12
+    """Of the belt, along the world's y axis; negative runs the other way [m/s]."""
+    goal: tuple[float, float] = (0.32, 0.0)
+    """Goal of the cube's centre on the table, x and y [m]."""
+    item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
+    """What is carried."""
+    grip_force: float = 30.0
+    """Force of a finger on the item [N]."""
+    clearance: float = 0.10
+    """Height above the cube on the belt at which the tool waits and follows [m]."""
+    place_tolerance: float = 5e-3
+    """[m]"""
+    retries: int = 2
+    """How often to try again while the cube is in reach."""
+    force_max: float = 60.0
+    """See `Task.force_max`."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """The belt is touched by the cube alone, but that is not looked at."""
+    name: str = "conveyor_pick"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: The goal is not finite, the belt stands still, or a size is not
+                positive.
+        """
+        if len(self.goal) != 2 or not np.isfinite(self.goal).all():
+            raise InvalidValueError("goal", self.goal, "two finite numbers, x and y [m]")
+        if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
+            raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
+        for name in ("grip_force", "clearance", "place_tolerance", "force_max"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "ConveyorPick":
+        """A belt of a random speed, either way."""
+        speed = rng.uniform(*_SPEEDS)
+        return replace(self, speed=speed if rng.random() < 0.5 else -speed)
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        belt = spec.worldbody.add_geom(
+            name="belt",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[_BELT_X, 0.0, TABLE_TOP + _BELT[2]],
+            size=_BELT,
+            rgba=[0.22, 0.24, 0.27, 1.0],
+        )
+        # Its surface runs and takes along by friction what lies on it; the geom stands still.
+        belt.surfacevel = [0.0, self.speed, 0.0, 0.0, 0.0, 0.0]
+        self.item.add(spec, self._on_belt(0.0))
+        add_goal(spec, self.item)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        lateral, goal = 0.0, np.array(self.goal)
+        turn_start = turn_goal = 0.0
+        if rng is not None:
+            lateral = rng.uniform(-_LATERAL, _LATERAL)
+            goal = np.array([rng.uniform(*limits) for limits in _AREA])
+            turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
+        simulation.place_object(self.item.name, upright(self._on_belt(lateral), turn_start))
+        place_goal(simulation, goal, turn_goal)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        hand, goal = self._handling(simulation), self._goal(simulation).pose()
+        x, _, z = simulation.object_pose(self.item.name).translation()
+        T_world_item = upright([x, 0.0, z], 0.0)
+        grasp = self.item.grasp(T_world_item, simulation.gripper.width_max)
+        return [
+            self._catching(simulation).wait_above(T_world_item),
+            hand.carry(grasp, T_world_item, goal),
+            hand.lower(grasp, T_world_item, goal),
+            Release(),
+            hand.retreat(hand.release_pose(grasp, T_world_item, goal)),
+            HOME,
+        ]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        hand = self._handling(simulation)
+        yield Wait(name="the belt starts", seconds=_STARTS)
+        for attempt in range(1 + self.retries):
+            catching = self._catching(simulation)
+            try:
+                yield from catching.watch()
+                gone = self._gone(catching)
+                if gone is not None:
+                    yield HOME
+                    return gone
+                yield from catching.catch(self._first)
+                yield from hand.place(self._goal(simulation).pose())
+            except StepFailed as error:
+                if error.failure.cause not in LOST:
+                    raise
+                yield from hand.back_off()
+                if attempt == self.retries:
+                    yield HOME
+                    raise
+            else:
+                break
+        yield hand.retreat(simulation.tool_pose())
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        missed = self._goal(simulation).missed(self.place_tolerance)
+        return missed or unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Distance of the item's centre from its goal, in 3-D [m]."""
+        return {"place_error_m": self._goal(simulation).error()}
+
+    def _handling(self, simulation: Simulation) -> Handling:
+        above = TABLE_TOP + 2.0 * _BELT[2] + 0.5 * self.item.height + self.clearance
+        return Handling(simulation=simulation, item=self.item, above=above, force=self.grip_force)
+
+    def _catching(self, simulation: Simulation) -> Catching:
+        return Catching(
+            simulation=simulation,
+            item=self.item,
+            rise=self.clearance,
+            force=self.grip_force,
+            sightings=Sightings(simulation, self.item.name),
+        )
+
+    @property
+    def _first(self) -> float:
+        """The y where the cube is met at the earliest, in the world [m]."""
+        return float(np.sign(self.speed) * _FIRST)
+
+    def _gone(self, catching: Catching) -> Failure | None:
+        """Why the cube cannot be met any more; None where it can."""
+        along = np.sign(self.speed) * catching.meeting().translation()[1]
+        if along <= _LAST:
+            return None
+        return Failure(
+            cause=Cause.TIMEOUT,
+            evidence=f"the {self.item.name} will be {along:.2f} m along the belt when the tool can "
+            f"be there; it is met up to {_LAST:.2f} m",
+        )
+
+    def _goal(self, simulation: Simulation) -> Goal:
+        return Goal(simulation=simulation, item=self.item)
+
+    def _on_belt(self, lateral: float) -> tuple[float, float, float]:
+        start = -np.sign(self.speed) * _START
+        return _BELT_X + lateral, start, TABLE_TOP + 2.0 * _BELT[2] + 0.5 * self.item.height

@@ -1,0 +1,1 @@
+"""Picking, holding and placing, shared by tasks."""

@@ -1,0 +1,81 @@
+"""Weighing: how heavy a thing is that the fingers hold, by the sensor at the wrist."""
+
+from collections.abc import Generator
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.model.payload import Payload
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.steps import (
+    Compliance,
+    Comply,
+    Condition,
+    Step,
+)
+from robo47_qp.sim.simulation import Simulation
+
+_UP = 0.01
+"""How far it is lifted [m]. What is heavier than it was taken to be sags: by Δm·g over the
+stiffness, 4 mm for 0.3 kg."""
+_STILL, _READ = 0.25, 0.1
+"""Time for the springs to come to rest, and to read the sensor then [s]."""
+_LEAST = 0.1
+"""Mass that counts as lifted, relative to what was expected [-]."""
+_GRAVITY = 9.81
+"""[m/s²]"""
+
+
+def weigh(
+    simulation: Simulation, name: str, expected: Payload, held: Condition
+) -> Generator[Step, None, float]:
+    """Lift what the fingers hold a little and read its weight; fails with GRASP.
+
+    The arm yields meanwhile: one that is stiff would be bent by a weight that it does not know,
+    and leave the line that it goes up on. At rest, the sensor feels -m g and nothing else.
+
+    Args:
+        simulation: The world.
+        name: Of what is held.
+        expected: What it is taken to be.
+        held: That it is held.
+
+    Returns:
+        Its mass [kg].
+    """
+    readings: list[float] = []
+
+    def read() -> None:
+        readings.append(-float(simulation.felt_force()[2]) / _GRAVITY)
+
+    def against() -> str | None:
+        mass = float(np.mean(readings))
+        if mass > _LEAST * expected.mass:
+            return None
+        return (
+            f"the sensor at the wrist reads {mass:.3f} kg, the {name} was taken to weigh "
+            f"{expected.mass:.3f} kg"
+        )
+
+    lifted = Condition(name=f"the {name} is lifted", cause=Cause.GRASP, against=against)
+    up = SE3.from_translation(np.array([0.0, 0.0, _UP])) @ simulation.tool_pose()
+    springs, way = Compliance(), Waypoint(name="take up", target=up, motion=Motion.LIN)
+    yield Comply(
+        name="take up",
+        waypoints=(way,),
+        compliance=springs,
+        carried=expected,
+        seconds=_STILL,
+        stay=True,
+        after=(held,),
+    )
+    yield Comply(
+        name="weigh",
+        waypoints=(),
+        compliance=springs,
+        seconds=_READ,
+        observe=read,
+        after=(lifted,),
+    )
+    return float(np.mean(readings))

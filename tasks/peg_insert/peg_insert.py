@@ -1,0 +1,193 @@
+"""Put a peg into a hole that is known less well than it fits: feel for it, and give way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Release, Step
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.handling import HOME, LOST, unfinished
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.peg_insert.inserting import PITCH, Inserter
+from robo47_qp.tasks.peg_insert.peg import (
+    ANGLE_ERROR,
+    DEPTH,
+    DIAMETER,
+    LENGTH,
+    POSITION_ERROR,
+    TOP,
+    Peg,
+    add_block,
+    set_exact_contacts,
+)
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class PegInsert:
+    """Pick the peg from the table and put it into the hole, down to the bottom.
+
+    The peg counts as inserted when it is at least 90 % of the depth in the hole, upright
+    and at rest, the gripper is open and the arm is home.
+    """
+
+    peg: Peg = field(
+        default_factory=lambda: Peg(
+            name="peg",
+            size=(DIAMETER, DIAMETER, LENGTH),
+            round=True,
+            mass=0.15,
+            rgba=(0.75, 0.62, 0.30, 1.0),
+        )
+    )
+    grip_force: float = 60.0
+    """Of a finger on the peg [N]."""
+    search_force: float = 2.0
+    """What the peg is pressed with while it looks for the hole [N]."""
+    insert_force: float = 5.0
+    """What it is pressed with on the way down [N]."""
+    search_radius: float = 3.2e-3
+    """Of the first spiral: a little more than the error of the position in x and y [m]."""
+    retries: int = 3
+    """Further attempts, each with the peg picked again, or with a spiral that is 1.5 times as wide
+    and has its turns 0.7 times as far apart."""
+    force_max: float = 60.0
+    """See `Task.force_max` [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """The block is to be touched."""
+    name: str = "peg_insert"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: One is not positive.
+        """
+        for name in ("grip_force", "search_force", "insert_force", "search_radius"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "PegInsert":
+        """The same: what differs are poses, and what is known of them."""
+        return self
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        set_exact_contacts(spec)
+        self.peg.add(spec, (0.40, 0.20, TABLE_TOP + 0.5 * LENGTH))
+        add_block(spec.worldbody.add_body(name="hole", mocap=True))
+        seen = spec.worldbody.add_body(name="hole seen", mocap=True)
+        seen.add_geom(
+            name="hole seen",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[0.5 * DIAMETER, 3e-4, 0.0],
+            rgba=[0.15, 0.55, 0.30, 0.6],
+            contype=0,
+            conaffinity=0,
+        )
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        peg, hole = upright([0.40, 0.20, TABLE_TOP], 0.0), upright([0.48, -0.10, TOP], 0.0)
+        error = SE3.from_rotation_and_translation(
+            SO3.from_rpy_radians(0.02, -0.015, 0.0), np.array([1.2e-3, -0.8e-3, 0.5e-3])
+        )
+        if rng is not None:
+            x, y = rng.uniform(0.38, 0.58), rng.uniform(0.12, 0.30)
+            peg = upright([x, y, TABLE_TOP], rng.uniform(-np.pi, np.pi))
+            x, y = rng.uniform(0.38, 0.58), rng.uniform(-0.30, -0.02)
+            hole = upright([x, y, TOP], rng.uniform(-np.pi, np.pi))
+            shift = rng.uniform(-POSITION_ERROR, POSITION_ERROR, 3)
+            turn = SO3.from_rpy_radians(*rng.uniform(-ANGLE_ERROR, ANGLE_ERROR, 3))
+            error = SE3.from_rotation_and_translation(turn, shift)
+        up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * LENGTH]))
+        simulation.place_object(self.peg.name, peg @ up)
+        simulation.place_marker("hole", hole)
+        simulation.place_marker("hole seen", hole @ error)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        hand = self._inserter(simulation)
+        T_world_peg = simulation.object_pose(self.peg.name)
+        *approach, descend = hand.approach(T_world_peg)
+        grasp = self.peg.grasp(T_world_peg, simulation.gripper.width_max)
+        lift = hand.lift(grasp, T_world_peg)
+        return [*approach, descend, lift, *hand.to_hole(np.zeros(2)), Release(), HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        hand = self._inserter(simulation)
+        radius, pitch, offset = self.search_radius, PITCH, None
+        for attempt in range(1 + self.retries):
+            try:
+                if offset is None:
+                    held = yield from hand.pick()
+                    hand = hand.holding(held)
+                    offset = yield from hand.offset()
+                yield from hand.insert(offset, radius, pitch)
+            except StepFailed as error:
+                lost = error.failure.cause in LOST
+                if not lost and error.failure.cause is not Cause.TIMEOUT:
+                    raise
+                if lost:
+                    yield from hand.back_off()
+                    offset = None
+                else:
+                    radius, pitch = 1.5 * radius, 0.7 * pitch
+                    yield from hand.draw_out()
+                if attempt == self.retries:
+                    yield HOME
+                    raise
+            else:
+                break
+        yield Release()
+        yield hand.retreat(simulation.tool_pose())
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        measures = self.measures(simulation)
+        depth, tilt = measures["depth_m"], measures["tilt_rad"]
+        aside = measures["aside_m"]
+        speed = float(np.linalg.norm(simulation.object_twist(self.peg.name)[:3]))
+        if depth < 0.9 * DEPTH or aside > 1e-3 or tilt > 0.03 or speed > 1e-3:
+            evidence = (
+                f"the peg is {1e3 * depth:.1f} mm deep, {1e3 * aside:.2f} mm beside the axis of "
+                f"the hole, tilted by {tilt:.3f} rad, and moves at {1e3 * speed:.1f} mm/s; "
+                f"allowed are at least {1e3 * 0.9 * DEPTH:.1f} mm, 1 mm, 0.03 rad, 1 mm/s"
+            )
+            return Failure(cause=Cause.PLACE, evidence=evidence)
+        return unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """How deep the peg's end is in the hole, how far beside its axis [m], its tilt [rad]."""
+        T_hole_peg = simulation.marker_pose("hole").inverse() @ simulation.object_pose("peg")
+        end = T_hole_peg @ np.array([0.0, 0.0, -0.5 * LENGTH])
+        upwards = float(T_hole_peg.rotation().as_matrix()[2, 2])
+        return {
+            "depth_m": float(-end[2]),
+            "aside_m": float(np.hypot(end[0], end[1])),
+            "tilt_rad": float(np.arccos(np.clip(upwards, -1.0, 1.0))),
+        }
+
+    def _inserter(self, simulation: Simulation) -> "Inserter":
+        return Inserter(
+            simulation=simulation,
+            item=self.peg,
+            above=TOP + LENGTH + 0.06,
+            force=self.grip_force,
+            search_force=self.search_force,
+            insert_force=self.insert_force,
+        )

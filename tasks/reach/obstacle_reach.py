@@ -1,0 +1,215 @@
+"""Reach behind a post and under a shelf, and touch neither."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
+from robo47_qp.motion.waypoint import Waypoint, tool_down
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.steps import Step, Wait
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.handling import HOME
+from robo47_qp.tasks.handling.held import Held
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
+
+_BOARD = (0.12, 0.18, 0.01)
+"""Half lengths of the shelf's board: out, across and up [m]."""
+_LOOK, _LOOKS = 0.05, 6
+"""Time between two looks at a held tool [s], and how many."""
+_SETTLE = 0.1
+"""Time after a motion before the first [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleReach:
+    """Bring the tool behind a post and under a shelf, hold it at each, and go home.
+
+    Where the two stand is part of the scene; a seed draws the targets near them. A target is
+    reached when the tool is held within `position_tolerance` and `turn_tolerance` of it
+    for `seconds`; then it goes out of sight.
+    """
+
+    post: tuple[float, float] = (0.38, -0.22)
+    """Where the post stands, x and y [m]."""
+    post_radius: float = 0.04
+    """[m]"""
+    post_height: float = 0.40
+    """[m]"""
+    shelf: tuple[float, float] = (0.45, 0.35)
+    """Where the middle of the shelf is, x and y [m]; it opens towards the robot."""
+    shelf_height: float = 0.50
+    """Height of the shelf's lower side [m]."""
+    behind: float = 0.22
+    """How far behind the middle of the post the tool goes by default [m]."""
+    position_tolerance: float = 1e-3
+    """[m]"""
+    turn_tolerance: float = np.radians(0.5)
+    """[rad]"""
+    seconds: float = 0.25
+    """How long each target is held [s]."""
+    force_max: float = 1.0
+    """Nothing is to be touched [N]."""
+    name: str = "obstacle_reach"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A place is not finite, or a size is not positive.
+        """
+        for name in ("post", "shelf"):
+            where = getattr(self, name)
+            if len(where) != 2 or not np.isfinite(where).all():
+                raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
+        sizes = ("post_radius", "post_height", "shelf_height", "behind")
+        for name in (*sizes, "position_tolerance", "turn_tolerance", "seconds", "force_max"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    @property
+    def obstacles(self) -> Sequence[Obstacle]:
+        """The table, the post, and the shelf: a board and the panel that carries it."""
+        radius, half = self.post_radius, 0.5 * self.post_height
+        out, across, up = _BOARD
+        T_world_shelf = upright([*self.shelf, TABLE_TOP], _azimuth(self.shelf))
+        half_panel = 0.5 * self.shelf_height + up
+        return (
+            TABLE,
+            Obstacle(
+                name="post",
+                shape=Shape.CYLINDER,
+                size=(radius, half),
+                T_world_obstacle=SE3.from_translation(np.array([*self.post, TABLE_TOP + half])),
+            ),
+            Obstacle(
+                name="shelf",
+                shape=Shape.BOX,
+                size=_BOARD,
+                T_world_obstacle=T_world_shelf @ _at(0.0, 0.0, self.shelf_height + up),
+            ),
+            Obstacle(
+                name="panel",
+                shape=Shape.BOX,
+                size=(0.01, across, half_panel),
+                T_world_obstacle=T_world_shelf @ _at(out + 0.01, 0.0, half_panel),
+            ),
+        )
+
+    def variant(self, rng: np.random.Generator) -> "ObstacleReach":
+        """Post and shelf at random places, one to the left and one to the right of the robot."""
+        side = 1.0 if rng.random() < 0.5 else -1.0
+        post = _polar(rng.uniform(0.36, 0.42), -side * rng.uniform(0.35, 0.75))
+        shelf = _polar(rng.uniform(0.55, 0.60), side * rng.uniform(0.55, 0.95))
+        return replace(
+            self,
+            post=post,
+            shelf=shelf,
+            post_radius=rng.uniform(0.03, 0.05),
+            post_height=rng.uniform(0.35, 0.45),
+            shelf_height=rng.uniform(0.45, 0.60),
+        )
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        Held.remember(spec)
+        for obstacle in self.obstacles:
+            if obstacle is not TABLE:
+                add_obstacle(spec, obstacle)
+                spec.geoms[-1].rgba = [0.45, 0.50, 0.58, 1.0]
+        for name in self._targets:
+            body = spec.worldbody.add_body(name=name, mocap=True)
+            for i, (x, y, z) in enumerate(np.eye(3) * 0.02 + 0.002):
+                body.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_BOX,
+                    pos=[x if i == 0 else 0.0, y if i == 1 else 0.0, z if i == 2 else 0.0],
+                    size=[x, y, z],
+                    rgba=[*(0.8 * np.eye(3)[i] + 0.1), 1.0],
+                    contype=0,
+                    conaffinity=0,
+                )
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        Held.forget(simulation)
+        behind, height, turn = self.behind, 0.15, 0.0
+        depth, drop, pitch = 0.07, 0.23, 0.6
+        if rng is not None:
+            behind, height = rng.uniform(0.20, 0.26), rng.uniform(0.08, 0.20)
+            turn = rng.uniform(-0.5, 0.5)
+            depth, drop = rng.uniform(0.04, 0.10), rng.uniform(0.20, 0.26)
+            pitch = rng.uniform(0.5, 0.8)
+        post, shelf = _azimuth(self.post), _azimuth(self.shelf)
+        x, y = _polar(float(np.hypot(*self.post)) + behind, post)
+        down = tool_down([x, y, TABLE_TOP + height], post + turn)
+        x, y = _polar(float(np.hypot(*self.shelf)) - _BOARD[0] + depth, shelf)
+        # From straight down, the tool is raised until its z points out and `pitch` down.
+        raised = SO3.from_y_radians(pitch - 0.5 * np.pi) @ SO3.from_x_radians(np.pi)
+        under = SE3.from_rotation_and_translation(
+            SO3.from_z_radians(shelf) @ raised,
+            np.array([x, y, TABLE_TOP + self.shelf_height - drop]),
+        )
+        for name, pose in zip(self._targets, (down, under), strict=True):
+            simulation.place_marker(name, pose)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        return [*(self._reach(simulation, name) for name in self._targets), HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        for name in self._targets:
+            there = self._held.condition(simulation, name)  # while the marker is there
+            yield self._reach(simulation, name)
+            yield Wait(name=f"hold {name}", seconds=_SETTLE)
+            for _ in range(_LOOKS):
+                yield Wait(name=f"hold {name}", seconds=_LOOK, after=(there,))
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._held.notice(simulation, self._targets)
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        return self._held.verdict(simulation, self._targets)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Targets that are left [-], and how far a joint is from home at most [rad]."""
+        return self._held.measures(simulation, self._targets)
+
+    @property
+    def _held(self) -> Held:
+        return Held(
+            position_tolerance=self.position_tolerance,
+            turn_tolerance=self.turn_tolerance,
+            seconds=self.seconds,
+        )
+
+    @property
+    def _targets(self) -> tuple[str, str]:
+        return "behind post", "under shelf"
+
+    def _reach(self, simulation: Simulation, name: str) -> Waypoint:
+        return Waypoint(name=f"reach {name}", target=simulation.marker_pose(name))
+
+
+def _at(x: float, y: float, z: float) -> SE3:
+    return SE3.from_translation(np.array([x, y, z]))
+
+
+def _azimuth(where: tuple[float, float]) -> float:
+    """Heading from the robot's base to a place on the table [rad]."""
+    return float(np.arctan2(where[1], where[0]))
+
+
+def _polar(radius: float, azimuth: float) -> tuple[float, float]:
+    return float(radius * np.cos(azimuth)), float(radius * np.sin(azimuth))

@@ -1,0 +1,213 @@
+"""Reach tool poses that are spread over the workspace."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.steps import Move, Step, Wait
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.held import Held
+from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
+
+_DISTANCE = (0.35, 0.75)
+"""Range of the horizontal distance from the base [m]."""
+_DIRECTION = np.deg2rad(90.0)
+"""How far from straight ahead, seen from the base [rad]."""
+_HEIGHT = (0.15, 0.60)
+"""Range of heights above the table [m]."""
+_TILT = np.deg2rad(60.0)
+"""How far the tool's axis is from straight down at most [rad]."""
+_ROOM = (0.015, 0.010)
+"""What is not closer than one of these at home stays that far apart at random poses: room for a
+clearance, also between links that are built close to each other [m]."""
+_DRAWS = 100_000
+"""Configurations to draw per pose, at most; about one in a hundred lies in the workspace."""
+_STILL = 2e-3
+"""Joint speed below which the arm counts as at rest [rad/s]."""
+_DEFAULT = (
+    ((0.50, 0.25, 0.30), 0.4, 0.5),
+    ((0.60, 0.00, 0.25), -0.3, -0.4),
+    ((0.50, -0.25, 0.40), 0.2, 0.8),
+    ((0.48, 0.10, 0.50), -0.5, 0.0),
+    ((0.55, -0.10, 0.30), 0.0, -0.7),
+)
+"""Poses without a seed: position [m], tilt about the tool's y axis and yaw [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """Hold tool poses, one after the other, and go home; with a seed they are random.
+
+    A random pose is that of a random configuration inside the joint limits which touches
+    nothing: so it can be reached, and nobody is told how. Only poses in the workspace in
+    front of the base are taken, with the tool tilted from straight down by up to 60°. A pose
+    that has been held goes out of sight. The program goes home between them: from there the way
+    to each stays above the table.
+    """
+
+    count: int = 5
+    """Poses to visit."""
+    position_tolerance: float = 1e-3
+    """How far the tool point may be from a pose as it is held [m]."""
+    angle_tolerance: float = float(np.deg2rad(0.5))
+    """How far the tool may be turned from it [rad]."""
+    seconds: float = 0.2
+    """How long each pose is held [s]."""
+    force_max: float = 1.0
+    """See `Task.force_max`; nothing is to be touched [N]."""
+    obstacles: tuple[Obstacle, ...] = (TABLE,)
+    """All that is in the way."""
+    name: str = "reach"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: The count is not one of poses, or a number is not positive.
+        """
+        if not 1 <= self.count <= len(_DEFAULT):
+            raise InvalidValueError("count", self.count, f"1 to {len(_DEFAULT)}")
+        for name in ("position_tolerance", "angle_tolerance", "seconds"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "Reach":
+        """The same: its scene does not change."""
+        return self
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
+        add_table(spec)
+        Held.remember(spec)
+        for i in range(self.count):
+            marker = spec.worldbody.add_body(name=f"pose {i + 1}", mocap=True)
+            for axis in range(3):
+                end, rgba = np.zeros(3), np.array([0.2, 0.2, 0.2, 1.0])
+                end[axis], rgba[axis] = 0.05, 0.9
+                marker.add_geom(
+                    name=f"pose {i + 1} {'xyz'[axis]}",
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                    fromto=[0.0, 0.0, 0.0, *end],
+                    size=[0.003, 0.0, 0.0],
+                    rgba=rgba,
+                    contype=0,
+                    conaffinity=0,
+                )
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        Held.forget(simulation)
+        for i, name in enumerate(self._poses):
+            if rng is None:
+                position, tilt, yaw = _DEFAULT[i]
+                pose = tool_down(position, yaw) @ SE3.from_rotation(SO3.from_y_radians(tilt))
+            else:
+                pose = _reachable(simulation, rng)
+            simulation.place_marker(name, pose)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        return [step for step in self._steps(simulation) if isinstance(step, Move)]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        yield from self._steps(simulation)
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._held.notice(simulation, self._poses)
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        return self._held.verdict(simulation, self._poses)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Poses that are left [-], and how far a joint is from home at most [rad]."""
+        return self._held.measures(simulation, self._poses)
+
+    @property
+    def _poses(self) -> list[str]:
+        return [f"pose {i + 1}" for i in range(self.count)]
+
+    @property
+    def _held(self) -> Held:
+        return Held(
+            position_tolerance=self.position_tolerance,
+            turn_tolerance=self.angle_tolerance,
+            seconds=self.seconds,
+            speed=_STILL,
+        )
+
+    def _steps(self, simulation: Simulation) -> list[Move | Wait]:
+        steps: list[Move | Wait] = []
+        for name in self._poses:
+            target = simulation.marker_pose(name)
+            there = (self._held.condition(simulation, name),)
+            steps += [
+                Move(waypoints=(Waypoint(name=name, target=target),)),
+                Wait(name=f"settle at {name}", seconds=self.seconds, after=there),
+                Wait(name=f"hold {name}", seconds=self.seconds, after=there),
+                Move(waypoints=(Waypoint(name="home", target=Place.HOME),)),
+            ]
+        return steps
+
+
+def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
+    """T_world_tcp of a random configuration that touches nothing and lies in the workspace.
+
+    Raises:
+        InvalidValueError: None was found: the robot does not reach into the workspace.
+    """
+    model, robot = copy(simulation.model), simulation.robot
+    # MuJoCo passes over parent and child, but neighbours can meet: an elbow folds up.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    data = mujoco.MjData(model)
+    data.qpos[:] = simulation.data.qpos
+    as_built = [_close(model, data, gap) for gap in _ROOM]
+    joints = [model.joint(name) for name in robot.joints]
+    addresses = [int(joint.qposadr[0]) for joint in joints]
+    low, high = np.array([joint.range for joint in joints]).T
+    tcp = model.site(robot.tcp).id
+    for _ in range(_DRAWS):
+        data.qpos[addresses] = rng.uniform(low, high)
+        mujoco.mj_kinematics(model, data)
+        if not _in_workspace(data.site_xpos[tcp], -float(data.site_xmat[tcp][8])):
+            continue
+        if all(
+            _close(model, data, gap) <= close for gap, close in zip(_ROOM, as_built, strict=True)
+        ):
+            rotation = SO3.from_matrix(data.site_xmat[tcp].reshape(3, 3))
+            return SE3.from_rotation_and_translation(rotation, data.site_xpos[tcp].copy())
+    raise InvalidValueError(
+        "workspace", f"none of {_DRAWS} configurations of {robot.name} in it", "within reach"
+    )
+
+
+def _close(model: mujoco.MjModel, data: mujoco.MjData, gap: float) -> set[tuple[int, int]]:
+    """Pairs of geoms that are closer than a gap [m]."""
+    model.geom_margin[:] = 0.5 * gap  # of both geoms of a pair, added up
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
+    return {(int(a), int(b)) for a, b in data.contact.geom}
+
+
+def _in_workspace(position: np.ndarray, down: float) -> bool:
+    """True for a tool point in reach over the table whose axis is near straight down."""
+    x, y, z = position
+    return bool(
+        _DISTANCE[0] <= np.hypot(x, y) <= _DISTANCE[1]
+        and abs(np.arctan2(y, x)) <= _DIRECTION
+        and _HEIGHT[0] <= z - TABLE_TOP <= _HEIGHT[1]
+        and down >= np.cos(_TILT)
+    )

@@ -1,0 +1,1 @@
+"""Sorting items into bins."""

@@ -1,0 +1,94 @@
+"""Bin: four low walls around a part of a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.tasks.table import TABLE_TOP
+
+_WALL = 0.008
+"""Thickness [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bin:
+    """A bin that stands on the table along the axes of the world."""
+
+    name: str
+    """Of its body."""
+    centre: tuple[float, float]
+    """x and y [m]."""
+    size: tuple[float, float] = (0.21, 0.15)
+    """Inside, along x and y [m]."""
+    height: float = 0.04
+    """Of the rim above the table [m]."""
+    pitch: float = 0.065
+    """Distance of neighbouring slots, which lie along x [m]."""
+    rgba: tuple[float, float, float, float]
+    """Colour, also of what belongs into it."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A length is not positive, or no slot fits in.
+        """
+        for length in (*self.size, self.height, self.pitch):
+            if not (np.isfinite(length) and length > 0.0):
+                raise InvalidValueError(f"lengths of {self.name!r}", length, "positive")
+        if self.pitch > self.size[0]:
+            raise InvalidValueError(f"pitch of {self.name!r}", self.pitch, "at most its length")
+
+    @property
+    def slots(self) -> tuple[tuple[float, float], ...]:
+        """Where items go, x and y [m]."""
+        count = int(self.size[0] / self.pitch)
+        x, y = self.centre
+        return tuple((x + self.pitch * (i - 0.5 * (count - 1)), y) for i in range(count))
+
+    @property
+    def room(self) -> str:
+        """What is inside, in words."""
+        (x, y), (a, b) = self.centre, (0.5 * length for length in self.size)
+        return (
+            f"x {x - a:.3f} to {x + a:.3f} m, y {y - b:.3f} to {y + b:.3f} m, "
+            f"z below {TABLE_TOP + self.height:.3f} m"
+        )
+
+    def add(self, spec: mujoco.MjSpec) -> None:
+        """Add walls that things bounce off and a ground that is only seen."""
+        (a, b), half = (0.5 * length for length in self.size), 0.5 * self.height
+        body = spec.worldbody.add_body(name=self.name, pos=[*self.centre, TABLE_TOP])
+        box, thin = mujoco.mjtGeom.mjGEOM_BOX, 0.5 * _WALL
+        for i, sign in enumerate((-1.0, 1.0)):
+            for side, where, size in (
+                ("x", [sign * (a + thin), 0.0, half], [thin, b + _WALL, half]),
+                ("y", [0.0, sign * (b + thin), half], [a, thin, half]),
+            ):
+                name = f"{self.name} {side}{i}"
+                body.add_geom(name=name, type=box, pos=where, size=size, rgba=self.rgba)
+        ground = [*self.rgba[:3], 0.4]
+        body.add_geom(
+            name=self.name, type=box, size=[a, b, 5e-4], rgba=ground, contype=0, conaffinity=0
+        )
+
+    def holds(self, position: np.ndarray) -> bool:
+        """True where a point is within the walls and below the rim."""
+        x, y, z = position - np.array([*self.centre, TABLE_TOP])
+        return bool(abs(x) < 0.5 * self.size[0] and abs(y) < 0.5 * self.size[1] and z < self.height)
+
+    def free_slot(self, others: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """The slot that is furthest from everything else.
+
+        Args:
+            others: Where other things are, x and y [m].
+        """
+
+        def room(slot: tuple[float, float]) -> float:
+            away = [float(np.hypot(slot[0] - x, slot[1] - y)) for x, y in others]
+            return min([self.pitch, *away])
+
+        return max(self.slots, key=room)

@@ -1,0 +1,233 @@
+"""Sort boxes and cylinders into two bins by their colour."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Release, Step
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.handling import (
+    HOME,
+    LOST,
+    Handling,
+    unfinished,
+)
+from robo47_qp.tasks.handling.looking import look_all
+from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.item import (
+    BLUE,
+    RED,
+    Item,
+    standing,
+)
+from robo47_qp.tasks.scatter import scattered
+from robo47_qp.tasks.sort.bin import Bin
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+
+_AREA = ((0.35, 0.60), (-0.17, 0.17))
+"""Where random items lie: ranges of x and y [m]."""
+_APART = 0.11
+"""Random items are at least this far apart, so that the open fingers fit between them [m]."""
+_START = ((0.36, -0.14), (0.36, 0.0), (0.36, 0.14), (0.54, -0.14), (0.54, 0.0), (0.54, 0.14))
+"""Where the items are by default, x and y [m]."""
+_SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
+"""Sizes [m] and masses [kg] of random items."""
+_LET_GO = 0.02
+"""How far the fingers open in a bin [m]."""
+_ON_TABLE = 0.01
+"""How far an item that stands on the table may seem to be from it [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sort:
+    """Put each item into the bin of its colour; with a seed, they lie anywhere on the table.
+
+    An item is sorted when its centre is inside the bin's walls and below their rim; the task is
+    done when all are, at rest, the gripper is open and the arm home.
+    """
+
+    items: tuple[Item, ...] = (
+        Item(name="red box", size=(0.04, 0.04, 0.04), rgba=RED),
+        Item(name="blue box", size=(0.03, 0.045, 0.04), rgba=BLUE),
+        Item(name="red cylinder", size=(0.04, 0.04, 0.05), round=True, rgba=RED),
+        Item(name="blue cylinder", size=(0.035, 0.035, 0.04), round=True, rgba=BLUE),
+        Item(name="red bar", size=(0.045, 0.025, 0.035), rgba=RED),
+        Item(name="blue bar", size=(0.025, 0.03, 0.05), rgba=BLUE),
+    )
+    """What lies on the table; each has the colour of a bin."""
+    bins: tuple[Bin, ...] = (
+        Bin(name="red bin", centre=(0.45, 0.37), rgba=RED),
+        Bin(name="blue bin", centre=(0.45, -0.37), rgba=BLUE),
+    )
+    """Where they belong."""
+    drop: float = 8e-3
+    """Height above the table from which an item falls into its bin [m]."""
+    grip_force: float = 30.0
+    """Of one finger [N]."""
+    above: float = 0.16
+    """Height of the tool above the table as it comes and goes [m]."""
+    retries: int = 4
+    """Further items to pick after one was missed, lost or fell beside its bin."""
+    force_max: float = 40.0
+    """See `Task.force_max`; the hand touches no wall [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """The items may touch the walls of the bins, so they are not declared."""
+    name: str = "sort"
+
+    def __post_init__(self) -> None:
+        """Check items, bins and numbers.
+
+        Raises:
+            InvalidValueError: An item has no bin, a bin is too small for its items, or a number
+                is out of range.
+        """
+        if not 1 <= len(self.items) <= len(_START):
+            found = len(self.items)
+            raise InvalidValueError("number of items", found, f"1 to {len(_START)}")
+        for item in self.items:
+            if item.rgba not in [b.rgba for b in self.bins]:
+                raise InvalidValueError(f"colour of {item.name!r}", item.rgba, "that of a bin")
+        for place in self.bins:
+            count = sum(item.rgba == place.rgba for item in self.items)
+            if count > len(place.slots):
+                raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
+        if self.retries < 0:
+            raise InvalidValueError("retries", self.retries, "0 or more")
+        for name in ("drop", "grip_force", "above"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "Sort":
+        """Boxes and cylinders of random sizes and masses."""
+        items = []
+        for item in self.items:
+            x, y = rng.uniform(*_SIDES, 2)
+            round_ = bool(rng.random() < 0.5)
+            size = (x, x if round_ else y, rng.uniform(*_HEIGHTS))
+            items.append(replace(item, size=size, round=round_, mass=rng.uniform(*_MASSES)))
+        return replace(self, items=tuple(items))
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        for place in self.bins:
+            place.add(spec)
+        for item, (x, y) in zip(self.items, _START, strict=False):
+            item.add(spec, (x, y, TABLE_TOP + 0.5 * item.height))
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        places, turns = np.array(_START[: len(self.items)]), np.zeros(len(self.items))
+        if rng is not None:
+            places = scattered(rng, _AREA, len(self.items), _APART)
+            turns = rng.uniform(-np.pi, np.pi, len(self.items))
+        for item, (x, y), turn in zip(self.items, places, turns, strict=True):
+            pose = upright([x, y, TABLE_TOP + 0.5 * item.height], turn)
+            simulation.place_object(item.name, pose)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        steps: list[Step] = []
+        taken: list[tuple[float, float]] = []
+        for item in self.items:
+            T_world_item = simulation.object_pose(item.name)
+            hand = self._hand(simulation, item, T_world_item)
+            slot = self._bin(item).free_slot(taken)
+            taken.append(slot)
+            grasp = item.grasp(T_world_item, simulation.gripper.width_max)
+            steps += hand.foreseen(T_world_item, self._dropped(item, slot, grasp, T_world_item))
+        return [*steps, HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        left = len(self.items) + self.retries
+        while left:
+            seen = yield from look_all(simulation, [item.name for item in self.items])
+            loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
+            if not loose:
+                break
+            left -= 1
+            item = loose[0]
+            hand = self._hand(simulation, item, seen[item.name])
+            others = [seen[other.name] for other in self.items if other is not item]
+            try:
+                yield from self._sort(hand, simulation, others)
+            except StepFailed as error:
+                if error.failure.cause not in LOST:
+                    raise
+                yield from hand.back_off()
+                if not left:
+                    yield HOME
+                    raise
+            else:
+                yield hand.retreat(simulation.tool_pose())
+                yield Release(name="open gripper")
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        for item in self.items:
+            pose, home = simulation.object_pose(item.name), self._bin(item)
+            speed = float(np.linalg.norm(simulation.object_twist(item.name)[:3]))
+            if not home.holds(pose.translation()) or speed > 1e-3:
+                x, y, z = pose.translation()
+                return Failure(
+                    cause=Cause.PLACE,
+                    evidence=f"the {item.name} is at ({x:.3f}, {y:.3f}, {z:.3f}) m, moving at "
+                    f"{1e3 * speed:.1f} mm/s; it belongs at rest into the {home.name}: {home.room}",
+                )
+        return unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """How many items are in their bins."""
+        sorted_ = [self._is_in(item, simulation.object_pose(item.name)) for item in self.items]
+        return {"sorted": float(sum(sorted_))}
+
+    def _sort(
+        self, hand: Handling, simulation: Simulation, others: Sequence[SE3]
+    ) -> Generator[Step, None, None]:
+        """Pick one and let it fall into a free slot of its bin."""
+        held = yield from hand.pick()
+        T_world_item = yield from hand.look_held(held)
+        taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
+        slot = self._bin(hand.item).free_slot(taken)
+        goal = self._dropped(hand.item, slot, simulation.tool_pose(), T_world_item)
+        yield from hand.place(goal, held)
+
+    def _is_in(self, item: Item, T_world_item: SE3) -> bool:
+        return self._bin(item).holds(T_world_item.translation())
+
+    def _bin(self, item: Item) -> Bin:
+        return next(place for place in self.bins if place.rgba == item.rgba)
+
+    def _hand(self, simulation: Simulation, item: Item, T_world_item: SE3) -> Handling:
+        item, turn = standing(item, T_world_item)
+        on_table = TABLE_TOP + 0.5 * item.height
+        stands = abs(T_world_item.translation()[2] - on_table) < _ON_TABLE
+        return Handling(
+            simulation=simulation,
+            item=item,
+            above=TABLE_TOP + self.above,
+            force=self.grip_force,
+            opening=_LET_GO,
+            resting=on_table if stands else None,
+            T_item_standing=turn,
+        )
+
+    def _dropped(
+        self, item: Item, slot: tuple[float, float], T_world_tcp: SE3, T_world_item: SE3
+    ) -> SE3:
+        """Pose from which an item falls into a slot, the fingers opening across the bin."""
+        up = TABLE_TOP + self.drop + 0.5 * item.height
+        return upright([*slot, up], heading(T_world_item) - heading(T_world_tcp))

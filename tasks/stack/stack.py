@@ -1,0 +1,230 @@
+"""Stack three cubes at a goal."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Step
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.goal import (
+    YELLOW,
+    add_goal,
+    marked_goal,
+    place_goal,
+)
+from robo47_qp.tasks.handling.handling import (
+    HOME,
+    LOST,
+    Handling,
+    unfinished,
+)
+from robo47_qp.tasks.handling.looking import look_all
+from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.item import (
+    BLUE,
+    GREEN,
+    RED,
+    Item,
+    standing,
+)
+from robo47_qp.tasks.scatter import scattered
+from robo47_qp.tasks.stack.tower import Tower
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+
+_AREA = ((0.35, 0.60), (-0.35, 0.35))
+"""Where random cubes lie: ranges of x and y [m]."""
+_GOALS = ((0.40, 0.55), (-0.25, 0.25))
+"""Where random goals lie [m]."""
+_APART, _CLEAR = 0.11, 0.19
+"""Random cubes are at least this far apart, and this far from the goal: the hand is 0.2 m wide
+and must not reach over the tower as it picks [m]."""
+_START = ((0.40, 0.22), (0.52, 0.12), (0.40, 0.0))
+"""Where the cubes are by default, x and y [m]."""
+_MASSES = (0.05, 0.2)
+"""Of random cubes [kg]."""
+_EDGES = (0.035, 0.05)
+"""Of random cubes [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stack:
+    """Stack cubes on top of each other; with a seed, they and the goal are drawn at random.
+
+    Which cube is at which level does not matter. The tower stands when every level has a cube
+    whose centre is within `tolerance` of the goal's vertical and of its own height, all at
+    rest, the gripper open and the arm home.
+    """
+
+    cubes: tuple[Item, ...] = tuple(
+        Item(name=name, size=(0.04, 0.04, 0.04), mass=0.1, rgba=rgba)
+        for name, rgba in (("red cube", RED), ("green cube", GREEN), ("blue cube", BLUE))
+    )
+    """All of one edge."""
+    goal: tuple[float, float] = (0.45, -0.20)
+    """Where the tower is to stand without a seed, x and y [m]."""
+    tolerance: float = 5e-3
+    """Horizontal distance of each cube's centre from the goal's vertical at most [m]."""
+    height_tolerance: float = 2e-3
+    """How far each centre may be from the height that its level has [m]."""
+    grip_force: float = 30.0
+    """Of one finger [N]."""
+    clearance: float = 0.06
+    """Between the tower and the last cube, as it is carried over it [m]."""
+    retries: int = 4
+    """Further cubes to pick after one was missed, lost or knocked down."""
+    force_max: float = 60.0
+    """See `Task.force_max` [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Nothing stands on the table but the cubes."""
+    name: str = "stack"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: They are no cubes of one edge, too few or too many, or a number is
+                out of range.
+        """
+        edges = {length for cube in self.cubes for length in cube.size}
+        few = not 2 <= len(self.cubes) <= len(_START)
+        if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
+            found = [cube.size for cube in self.cubes]
+            raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
+        if len(self.goal) != 2 or not np.isfinite(self.goal).all():
+            raise InvalidValueError("goal", self.goal, "two finite numbers, x and y [m]")
+        if self.retries < 0:
+            raise InvalidValueError("retries", self.retries, "0 or more")
+        for name in ("tolerance", "height_tolerance", "grip_force", "clearance"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    @property
+    def edge(self) -> float:
+        """Of every cube [m]."""
+        return self.cubes[0].height
+
+    def variant(self, rng: np.random.Generator) -> "Stack":
+        """Cubes of a random edge and mass."""
+        edge, mass = rng.uniform(*_EDGES), rng.uniform(*_MASSES)
+        cubes = tuple(replace(cube, size=(edge,) * 3, mass=mass) for cube in self.cubes)
+        return replace(self, cubes=cubes)
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        for cube, where in zip(self.cubes, _START, strict=False):
+            cube.add(spec, (*where, TABLE_TOP + 0.5 * self.edge))
+        add_goal(spec, self.cubes[0], YELLOW)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        goal, places = np.array(self.goal), np.array(_START[: len(self.cubes)])
+        turns = np.zeros(1 + len(self.cubes))
+        if rng is not None:
+            goal = np.array([rng.uniform(*limits) for limits in _GOALS])
+            places = scattered(rng, _AREA, len(self.cubes), _APART, (goal, _CLEAR))
+            turns = rng.uniform(-np.pi, np.pi, len(turns))
+        place_goal(simulation, goal, turns[-1])
+        for cube, (x, y), turn in zip(self.cubes, places, turns, strict=False):
+            height = TABLE_TOP + 0.5 * self.edge
+            simulation.place_object(cube.name, upright([x, y, height], turn))
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        steps: list[Step] = []
+        tower = self._tower(simulation)
+        for level, cube in enumerate(self.cubes):
+            T_world_cube = simulation.object_pose(cube.name)
+            hand = self._hand(simulation, cube, T_world_cube)
+            steps += hand.foreseen(T_world_cube, tower.level(level))
+        return [*steps, HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        tower = self._tower(simulation)
+        left = len(self.cubes) + self.retries
+        while left:
+            seen = yield from look_all(simulation, [cube.name for cube in self.cubes])
+            loose = tower.loose(seen)
+            if not loose:
+                break
+            left -= 1
+            cube = next(cube for cube in self.cubes if cube.name == loose[0])
+            hand = self._hand(simulation, cube, seen[cube.name])
+            try:
+                yield from self._add(hand, tower, seen)
+            except StepFailed as error:
+                if error.failure.cause not in LOST:
+                    raise
+                yield from hand.back_off()
+                if not left:
+                    yield HOME
+                    raise
+            else:
+                yield hand.retreat(simulation.tool_pose())
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`; the end tells all."""
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        goal = marked_goal(simulation).translation()
+        order = sorted(self.cubes, key=lambda c: simulation.object_pose(c.name).translation()[2])
+        for level, cube in enumerate(order):
+            x, y, z = simulation.object_pose(cube.name).translation() - goal
+            off, rise = float(np.hypot(x, y)), float(z - (level + 0.5) * self.edge)
+            speed = float(np.linalg.norm(simulation.object_twist(cube.name)[:3]))
+            if off > self.tolerance or abs(rise) > self.height_tolerance or speed > 1e-3:
+                return Failure(
+                    cause=Cause.PLACE,
+                    evidence=f"the {cube.name}, number {level + 1} from below, is "
+                    f"{1e3 * off:.1f} mm beside the goal and {1e3 * rise:+.1f} mm off its height, "
+                    f"moving at {1e3 * speed:.1f} mm/s; allowed are {1e3 * self.tolerance:.1f} mm, "
+                    f"{1e3 * self.height_tolerance:.1f} mm, 1 mm/s",
+                )
+        return unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Largest horizontal distance of a cube from the goal's vertical [m]."""
+        goal = marked_goal(simulation).translation()
+        off = [simulation.object_pose(cube.name).translation() - goal for cube in self.cubes]
+        return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}
+
+    def _add(
+        self, hand: Handling, tower: Tower, seen: dict[str, SE3]
+    ) -> Generator[Step, None, None]:
+        """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
+        held = yield from hand.pick()
+        before = tower.standing(seen)
+        now = yield from look_all(hand.simulation, before)
+        goal = tower.level(len(before))
+        if tower.standing(now) != before:
+            T_world_cube = hand.stood(seen[hand.item.name])
+            x, y, _ = T_world_cube.translation()
+            goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
+        yield from hand.place(goal, held)
+
+    def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> Handling:
+        tower = self._tower(simulation)
+        top = tower.height(len(self.cubes) - 1)
+        item, turn = standing(cube, T_world_cube)
+        return Handling(
+            simulation=simulation,
+            item=item,
+            above=top + self.clearance,
+            force=self.grip_force,
+            resting=tower.height(tower.storey(T_world_cube)),
+            T_item_standing=turn,
+        )
+
+    def _tower(self, simulation: Simulation) -> Tower:
+        return Tower(edge=self.edge, T_world_goal=marked_goal(simulation))

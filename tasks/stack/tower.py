@@ -1,0 +1,63 @@
+"""Tower: cubes of one edge on top of each other at a goal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.table import TABLE_TOP
+
+_IN_PLACE = 0.2
+"""How far a cube may be from its place in the tower to count as standing there, relative to its
+edge [-]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tower:
+    """Where a tower is to stand. Which cube is at which level does not matter."""
+
+    edge: float
+    """Of a cube [m]."""
+    T_world_goal: SE3
+    """On the table, z up; its foot."""
+
+    def level(self, number: int) -> SE3:
+        """Pose of a cube in the tower, counted from 0."""
+        x, y, _ = self.T_world_goal.translation()
+        return upright([x, y, self.height(number)], heading(self.T_world_goal))
+
+    def height(self, storey: int) -> float:
+        """Of a cube's centre that has so many below it, in the world [m]."""
+        return TABLE_TOP + (storey + 0.5) * self.edge
+
+    def storey(self, T_world_cube: SE3) -> int:
+        """How many cubes are below one, wherever it is."""
+        return round((float(T_world_cube.translation()[2]) - TABLE_TOP) / self.edge - 0.5)
+
+    def standing(self, seen: dict[str, SE3]) -> list[str]:
+        """Names of the cubes that stand in the tower, from below.
+
+        Args:
+            seen: Cubes and where they are.
+        """
+        tower: list[str] = []
+        for number in range(len(seen)):
+            at = self.level(number).translation()
+            away = {n: float(np.linalg.norm(T.translation() - at)) for n, T in seen.items()}
+            nearest = min(away, key=lambda name: away[name])
+            if away[nearest] > _IN_PLACE * self.edge:
+                break
+            tower.append(nearest)
+        return tower
+
+    def loose(self, seen: dict[str, SE3]) -> list[str]:
+        """The other cubes, in the order to pick them: what is on others, what is in the way."""
+        tower = self.standing(seen)
+        goal = self.T_world_goal.translation()
+
+        def turn(name: str) -> tuple[float, float]:
+            T = seen[name]
+            return -self.storey(T), float(np.linalg.norm(T.translation() - goal))
+
+        return sorted((name for name in seen if name not in tower), key=turn)

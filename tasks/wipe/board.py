@@ -1,0 +1,164 @@
+"""Board: marks on it, and what becomes of them under a sponge."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.memory import add_memory, memory, put_away
+from robo47_qp.tasks.table import TABLE_TOP
+from robo47_qp.tasks.wipe.sponge import Sponge
+
+SURFACE = TABLE_TOP + 0.03
+"""Height of the board's surface as far as the robot knows [m]."""
+HEIGHT_ERROR = 5e-3
+"""How far the surface may be from there [m]."""
+BOARD = (0.19, 0.29)
+"""Lengths of the board along its x and y [m]."""
+DIRTY = (0.065, 0.085)
+"""Marks are at most so far from the board's centre, along its x and y [m]."""
+MARKS = 8
+"""How many there are."""
+_SLIDING = 5e-3
+"""Speed from which the sponge slides [m/s]."""
+_TOUCHING = 2e-3
+"""Height above a mark up to which the foam lies on it [m]."""
+_SLID, _OUTSIDE, _WORST, _LAST = range(4)
+"""What is remembered: how long the sponge has slid, how long of that with a force out of its band
+[s], how far that force was off at worst [N], and the time of the last look [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """How a sponge is to be led over a board."""
+
+    force: float = 10.0
+    """What the sponge is pressed with [N]."""
+    force_least: float = 5.0
+    """What it takes to wipe a mark off [N]."""
+    band: float = 0.05
+    """How far the force may be from the one asked for, relative to it [-]."""
+    speed: float = 0.06
+    """Of the sponge on the board [m/s]."""
+    touch_speed: float = 0.1
+    """At which the sponge meets the board, at most [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: One is not positive and finite.
+        """
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0.0):
+                raise InvalidValueError(name, value, "positive and finite")
+
+
+def add_board(spec: mujoco.MjSpec) -> None:
+    """Add the board, a body that the program places, its frame in the middle of its surface."""
+    add_memory(spec, 4)
+    box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
+    board = spec.worldbody.add_body(name="board", mocap=True)
+    x, y = BOARD
+    board.add_geom(
+        name="board",
+        type=box,
+        pos=[0.0, 0.0, -0.015],
+        size=[0.5 * x, 0.5 * y, 0.015],
+        rgba=[0.93, 0.94, 0.96, 1.0],
+    )
+    for i in range(MARKS):
+        spot = spec.worldbody.add_body(name=mark(i), mocap=True)
+        spot.add_geom(
+            name=mark(i),
+            type=disc,
+            size=[0.005, 2e-4, 0.0],
+            rgba=[0.25, 0.16, 0.10, 1.0],
+            contype=0,
+            conaffinity=0,
+        )
+
+
+class Notes:
+    """What becomes of the marks, and how well the force is held, while the sponge slides.
+
+    What it remembers is in the world: see `tasks.memory`.
+    """
+
+    def __init__(self, simulation: Simulation, sponge: Sponge, wish: Wish) -> None:
+        """Go on with what the world remembers."""
+        self._simulation, self._sponge, self._wish = simulation, sponge, wish
+
+    def pressed(self) -> float:
+        """Force of the sponge on the board [N]: that on the hand without the sponge's weight."""
+        force = float(self._simulation.last_tool_force()[2])
+        return force + 9.81 * self._sponge.mass
+
+    def take(self) -> None:
+        """Look once: wipe marks off, and take note of the force while the sponge slides."""
+        simulation, wish, note = self._simulation, self._wish, memory(self._simulation)
+        passed, note[_LAST] = simulation.time - note[_LAST], simulation.time
+        force = self.pressed()
+        if force >= wish.force_least:
+            self._wipe_off()
+        if force > 0.1 * wish.force and self._slides():
+            note[_SLID] += passed
+            off = force - wish.force
+            if abs(off) > wish.band * wish.force:
+                note[_OUTSIDE] += passed
+            if abs(off) > abs(note[_WORST]):
+                note[_WORST] = off
+
+    def against_force(self) -> str | None:
+        """What speaks against the force having been held; None where it was."""
+        slid, outside, worst, _ = memory(self._simulation)
+        if slid == 0.0:
+            return "the sponge has not been led over the board"
+        if outside <= 0.01 * slid:
+            return None
+        return (
+            f"the force was off by more than {100 * self._wish.band:.0f} % for "
+            f"{100 * outside / slid:.1f} % of the time of sliding, "
+            f"{self._wish.force + worst:.2f} N at worst; allowed is 1 %"
+        )
+
+    def _slides(self) -> bool:
+        """Whether the sponge moves along the board."""
+        twist = self._simulation.object_twist(self._sponge.name)
+        if np.hypot(twist[0], twist[1]) <= _SLIDING:
+            return False
+        T_world_board = self._simulation.marker_pose("board")
+        sponge = self._simulation.object_pose(self._sponge.name).translation()
+        R = T_world_board.rotation().as_matrix()
+        x, y, _ = (sponge - T_world_board.translation()) @ R
+        return bool(abs(x) <= 0.5 * BOARD[0] and abs(y) <= 0.5 * BOARD[1])
+
+    def _wipe_off(self) -> None:
+        """Marks go that the foam lies on; it gives way to what presses it."""
+        sponge, positions = self._sponge, _positions(self._simulation)
+        T_world_sponge = self._simulation.object_pose(sponge.name)
+        R = T_world_sponge.rotation().as_matrix()
+        at = (positions - T_world_sponge.translation()) @ R
+        deep = 0.5 * (sponge.foam_height + _TOUCHING)
+        middle = np.array([0.0, 0.0, deep - _TOUCHING - 0.5 * sponge.height])
+        half = np.array([0.5 * sponge.foam[0], 0.5 * sponge.foam[1], deep])
+        for i in np.flatnonzero((np.abs(at - middle) <= half).all(axis=1)):
+            put_away(self._simulation, mark(int(i)))
+
+
+def mark(i: int) -> str:
+    """Name of a mark."""
+    return f"mark{i}"
+
+
+def marks_left(simulation: Simulation) -> list[int]:
+    """Numbers of the marks on the board; those that are wiped off are below the floor."""
+    return [int(i) for i in np.flatnonzero(_positions(simulation)[:, 2] > 0.0)]
+
+
+def _positions(simulation: Simulation) -> np.ndarray:
+    """Of all marks, in the world (MARKS, 3) [m]; markers are in the order of the scene."""
+    first = simulation.markers.index(mark(0))
+    return simulation.data.mocap_pos[first : first + MARKS]

@@ -1,0 +1,191 @@
+"""Wipe a board of unknown height with a sponge that is pressed with a constant force."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Step
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.handling import HOME, LOST
+from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.memory import memory
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+from robo47_qp.tasks.wipe.board import (
+    DIRTY,
+    HEIGHT_ERROR,
+    MARKS,
+    SURFACE,
+    Notes,
+    Wish,
+    add_board,
+    mark,
+    marks_left,
+)
+from robo47_qp.tasks.wipe.sponge import Sponge
+from robo47_qp.tasks.wipe.wiping import Wiper
+
+_SPONGE = (0.085, 0.04, 0.065)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wipe:
+    """Take the sponge, wipe all marks off the board, and put the sponge back where it was.
+
+    A mark is wiped once the sponge has passed over it, pressed with at least `force_least`.
+    While the sponge slides over the board, its force has to be within `band` of `force` in at
+    least 99 % of the time; at the end the marks are gone, the sponge is back, the gripper open,
+    the arm home.
+    """
+
+    wish: Wish = Wish()
+    """How the sponge is led."""
+    sponge: Sponge = field(
+        default_factory=lambda: Sponge(
+            name="sponge", size=_SPONGE, mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
+        )
+    )
+    retries: int = 2
+    """Further attempts after a lost sponge or marks that were missed."""
+    force_max: float = 30.0
+    """Three times the force: see `Task.force_max` [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """The board is to be touched."""
+    name: str = "wipe"
+
+    def variant(self, rng: np.random.Generator) -> "Wipe":
+        """The same: what differs are poses and heights."""
+        return self
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        add_board(spec)
+        self.sponge.add(spec, (0.45, 0.25, TABLE_TOP + 0.5 * self.sponge.height))
+        _add_outline(spec, self.sponge)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        board, start = upright([0.48, -0.06, SURFACE], 0.0), upright([0.42, 0.26, TABLE_TOP], 0.0)
+        marks = np.array([[(-1) ** i * 0.05, 0.02 * i - 0.07] for i in range(MARKS)])
+        if rng is not None:
+            height = SURFACE + rng.uniform(-HEIGHT_ERROR, HEIGHT_ERROR)
+            x, y = rng.uniform(0.44, 0.52), rng.uniform(-0.12, -0.02)
+            board = upright([x, y, height], rng.uniform(-np.pi / 4, np.pi / 4))
+            x, y = rng.uniform(0.35, 0.55), rng.uniform(0.24, 0.34)
+            start = upright([x, y, TABLE_TOP], rng.uniform(-np.pi, np.pi))
+            marks = rng.uniform(-1.0, 1.0, (MARKS, 2)) * DIRTY
+        memory(simulation)[:] = 0.0
+        simulation.place_marker("board", board)
+        simulation.place_marker("place of the sponge", start)
+        up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
+        simulation.place_object(self.sponge.name, start @ up)
+        for i, (x, y) in enumerate(marks):
+            place = SE3.from_translation(np.array([x, y, 0.0]))
+            simulation.place_marker(mark(i), board @ place)
+
+    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+        """See `Task.outlook`."""
+        hand = self._wiper(simulation)
+        T_world_sponge = simulation.object_pose(self.sponge.name)
+        *approach, descend = hand.approach(T_world_sponge)
+        grasp = self.sponge.grasp(T_world_sponge, simulation.gripper.width_max)
+        lift = hand.lift(grasp, T_world_sponge)
+        above, hover = hand.to_board()
+        return [*approach, descend, lift, above, hover, above.onward[1:], HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        hand = self._wiper(simulation)
+        home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
+        back = simulation.marker_pose("place of the sponge") @ home
+        held = False
+        for attempt in range(1 + self.retries):
+            try:
+                if not held:
+                    hand = hand.holding((yield from hand.pick()))
+                    held = True
+                yield from hand.wipe()
+                if marks_left(simulation) and attempt < self.retries:
+                    continue
+                yield from hand.place(back)
+            except StepFailed as error:
+                if error.failure.cause not in LOST:
+                    raise
+                held = False
+                yield from hand.back_off()
+                if attempt == self.retries:
+                    yield HOME
+                    raise
+            else:
+                break
+        yield hand.retreat(simulation.tool_pose())
+        yield HOME
+        return None
+
+    def notice(self, simulation: Simulation) -> None:
+        """See `Task.notice`."""
+        self._notes(simulation).take()
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        against = self._against_end(simulation) or self._notes(simulation).against_force()
+        return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
+
+    def _against_end(self, simulation: Simulation) -> str | None:
+        """What speaks against the world being as it should be at the end; None where it is so."""
+        measures = self.measures(simulation)
+        left, off = round(measures["marks_left"]), measures["sponge_error_m"]
+        away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
+        width, open_width = simulation.width(), simulation.gripper.width_max - 1e-3
+        speed = float(np.linalg.norm(simulation.object_twist(self.sponge.name)[:3]))
+        if left or off > 0.01 or speed > 1e-3 or away > 0.01 or width < open_width:
+            return (
+                f"{left} of {MARKS} marks are left, the sponge is {1e3 * off:.1f} mm from its "
+                f"place and moves at {1e3 * speed:.1f} mm/s, a joint is {away:.3f} rad from home, "
+                f"the gripper is open {1e3 * width:.1f} mm; allowed are 0, 10.0 mm, 1 mm/s, "
+                f"0.01 rad, at least {1e3 * open_width:.1f} mm"
+            )
+        return None
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Marks that are left [-], and how far the sponge is from its place [m]."""
+        place = simulation.marker_pose("place of the sponge").translation()
+        up = np.array([0.0, 0.0, 0.5 * self.sponge.height])
+        sponge = simulation.object_pose(self.sponge.name).translation()
+        return {
+            "marks_left": float(len(marks_left(simulation))),
+            "sponge_error_m": float(np.linalg.norm(sponge - place - up)),
+        }
+
+    def _wiper(self, simulation: Simulation) -> "Wiper":
+        above = SURFACE + 0.10 + self.sponge.height
+        return Wiper(
+            simulation=simulation,
+            item=self.sponge,
+            above=above,
+            force=40.0,
+            wish=self.wish,
+            notes=self._notes(simulation),
+        )
+
+    def _notes(self, simulation: Simulation) -> Notes:
+        return Notes(simulation, self.sponge, self.wish)
+
+
+def _add_outline(spec: mujoco.MjSpec, sponge: Sponge) -> None:
+    place = spec.worldbody.add_body(name="place of the sponge", mocap=True)
+    x, y, _ = sponge.size
+    place.add_geom(
+        name="place of the sponge",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * x + 0.005, 0.5 * y + 0.005, 5e-4],
+        rgba=[0.15, 0.55, 0.30, 1.0],
+        contype=0,
+        conaffinity=0,
+    )

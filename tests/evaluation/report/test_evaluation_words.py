@@ -1,0 +1,95 @@
+"""What an evaluation says and draws: audits, causes, corrected p, forces that are all zero."""
+
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.plots import _spread
+from robo47_qp.evaluation.report.summary import summary
+from robo47_qp.evaluation.report.words import (
+    broken_line,
+    cause_lines,
+    comparison_line,
+    markdown,
+    throughput_line,
+)
+
+SETTINGS: dict[str, Any] = {"task": {"name": "reach"}, "policy": {"name": "mine.py:Mine"}}
+PAIR = {"a": "x", "b": "y", "episodes": 9, "difference": 0.1, "interval": (-0.1, 0.3)}
+COUNTS = {"only_a": 2, "only_b": 1, "p": 0.25}
+
+
+def figures(*episodes: tuple[str | None, tuple[str, ...]]) -> dict[str, Any]:
+    """Of episodes with a cause of failure, or None, and the promises that broke."""
+    results = [
+        EpisodeResult(
+            index=i,
+            seed=10 + i,
+            success=cause is None,
+            cause=cause,
+            evidence=cause and f"{cause} at {i}",
+            measures={"left_m": 1.0 * i},
+            audit_ok=not broken,
+            broken_promises=broken,
+        )
+        for i, (cause, broken) in enumerate(episodes)
+    ]
+    return {**summary(SETTINGS, results), "replayed": {}}
+
+
+def test_the_promises_that_broke_are_told_with_their_seeds() -> None:
+    found = figures((None, ("jerk",)), (None, ()), ("drop", ("speed", "jerk")), (None, ("jerk",)))
+    assert broken_line(found) == "3 episodes broke the audit: jerk 3, speed 1"
+    text = markdown(found, [])
+    assert "| jerk | 3 | 10, 12, 13 |" in text
+    assert "| speed | 1 | 12 |" in text
+    assert broken_line(figures((None, ("jerk",)))) == "1 episode broke the audit: jerk 1"
+    kept = figures((None, ()))
+    assert broken_line(kept) == ""
+    assert "audit" not in markdown(kept, [])
+
+
+def test_of_promises_that_broke_often_not_every_seed_is_listed() -> None:
+    text = markdown(figures(*[(None, ("jerk",))] * 23), [])
+    assert "| jerk | 23 | 10, 11," in text
+    assert "28, 29 and 3 more |" in text
+    assert ", 30" not in text
+
+
+def test_each_cause_has_the_evidence_of_its_first_episode() -> None:
+    found = figures(("drop", ()), ("ik", ()), (None, ()), ("ik", ()))
+    assert cause_lines(found) == [
+        "  ik         2; seed 11: ik at 1",
+        "  drop       1; seed 10: drop at 0",
+    ]
+
+
+def test_of_one_comparison_among_several_the_corrected_p_is_told() -> None:
+    assert comparison_line({**PAIR, **COUNTS}).endswith("p = 0.25 (McNemar, exact)")
+    among = comparison_line({**PAIR, **COUNTS, "p_holm": 0.5})
+    assert among.endswith("p = 0.5 (McNemar, exact; corrected by Holm)")
+
+
+def test_without_a_success_there_are_no_figures_of_successes() -> None:
+    assert "Figures of the successes" in markdown(figures((None, ())), [])
+    assert "Figures of the successes" not in markdown(figures(("ik", ())), [])
+
+
+def test_one_is_not_told_as_several() -> None:
+    timing = {"wall_s": 2.0, "episodes_per_minute": 30.0, "episodes_per_minute_per_worker": 30.0}
+    assert throughput_line({**timing, "episodes": 1, "workers": 1}) == (
+        "1 episode in 2.0 s on 1 worker: 30.0 per minute, 30.0 per worker"
+    )
+    assert "2 episodes in 2.0 s on 2 workers" in throughput_line(
+        {**timing, "episodes": 2, "workers": 2}
+    )
+
+
+def test_where_nothing_is_touched_no_negative_force_is_drawn() -> None:
+    axes = Figure().subplots()
+    entries = [{"success": True, "metrics": {"peak_contact_force_N": 0.0}}] * 3
+    _spread(axes, {"entries": entries}, "peak_contact_force_N", "force [N]")
+    low, high = axes.get_xlim()
+    assert low == 0.0
+    assert high > 0.0

@@ -1,0 +1,357 @@
+"""The command: its files, its exit codes, its comparisons."""
+
+import json
+import pickle
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rerun.chunk import RrdReader
+from rich.console import Console
+
+from robo47_qp.cli import main
+from robo47_qp.errors import (
+    InvalidValueError,
+    MissingExtraError,
+    RecordingError,
+    UnknownNameError,
+)
+from robo47_qp.evaluation import job, replay
+from robo47_qp.evaluation.episode import (
+    Episode,
+    EpisodeResult,
+    EpisodeSpec,
+    errored,
+)
+from robo47_qp.evaluation.evaluate import evaluate
+from robo47_qp.evaluation.journal import JournalError
+from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.evaluation.policies import PolicyLoadError
+from robo47_qp.evaluation.report.progress import EvaluationBar, described
+from robo47_qp.evaluation.report.summary import compared, summary, throughput
+from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
+from robo47_qp.evaluation.workers.ray_cluster import RayCluster
+from robo47_qp.evaluation.workers.worker import run_guarded
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.sim.simulation import Simulation
+from scenarios import evaluate as scenario
+from tests.runs import Reach
+from tests.toy_episodes import SETTINGS, Toy
+from tests.toy_policies import GoodCell
+
+QUIET = Console(quiet=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Odd(Reach):
+    """Gives up at odd times: a task that sometimes fails, and can have a bug."""
+
+    rise: float = 0.005
+    buggy: bool = False
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        if self.buggy:
+            raise ZeroDivisionError("a bug of ours")
+        friction = float(simulation.model.geom("table").friction[0])
+        if friction > 1.1:
+            return Failure(cause=Cause.PLACE, evidence=f"friction {friction:.3f}")
+        return None
+
+
+def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
+    settings = {"episodes": 3, "workers": 2, "log": tmp_path / "eval.rrd", "friction": 0.3}
+    return EvaluateOptions(**{**settings, **chosen})
+
+
+def read(tmp_path: Path, name: str = "eval.json") -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((tmp_path / name).read_text())
+    return found
+
+
+class InProcess:
+    """Runs episodes here, as they come out of a pickle."""
+
+    interrupted_after: int | None = None
+
+    def __init__(self, *, workers: int, timeout: float) -> None:
+        pass
+
+    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
+        episode = pickle.loads(pickle.dumps(episode))
+        for k, spec in enumerate(specs):
+            if k == self.interrupted_after:
+                raise KeyboardInterrupt
+            yield run_guarded(episode, spec)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _in_process() -> Iterator[None]:
+    """Starting workers takes longer than the episodes; tests of workers are elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (job, replay):
+            patch.setattr(module, "LocalProcesses", InProcess)
+        yield
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three episodes, of which some fail, with all files."""
+    folder = tmp_path_factory.mktemp("evaluation")
+    assert evaluate(Odd(), PANDA, options(folder), QUIET) == 0
+    return folder
+
+
+def test_it_leaves_a_report_a_picture_and_the_failures(done: Path) -> None:
+    report = read(done)
+    assert (report["task"], report["policy"], report["episodes"]) == ("reach", "classical", 3)
+    failed = [e for e in report["entries"] if not e["success"]]
+    assert 0 < len(failed) < 3
+    assert report["successes"] == 3 - len(failed)
+    assert report["causes"] == {"place": len(failed)}
+    assert report["errors"] == 0
+    low, high = report["interval"]
+    assert low < report["rate"] < high
+    assert [e["seed"] for e in report["entries"]] == [0, 1, 2]
+    assert report["settings"]["perturbation"]["friction"] == 0.3
+    assert report["versions"]["mujoco"]
+    assert report["replayed"] == {str(e["seed"]): True for e in failed}
+    assert report["timing"]["episodes"] == 3
+    recordings = [r for r in RrdReader(done / "eval.rrd").recordings() if r.kind == "recording"]
+    assert len(recordings) == len(failed)
+    assert (done / "eval.png").stat().st_size > 20_000
+    text = (done / "eval.md").read_text()
+    assert f"{report['successes']} of 3 succeeded" in text
+    assert failed[0]["evidence"] in text
+    assert "![eval.png](eval.png)" in text
+    assert not [path for path in done.iterdir() if path.is_dir()]
+
+
+def test_an_episode_replayed_is_the_one_that_was_evaluated(
+    done: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (done / "eval.json").read_bytes()
+    seed = 1
+    chosen = options(done, replay=seed, json=True)
+    assert evaluate(Odd(), PANDA, chosen, Console(stderr=True)) == 0
+    entry = json.loads(capsys.readouterr().out)
+    evaluated = read(done)["entries"][seed]
+    assert entry["same_as_evaluated"] is True
+    assert entry["sha256"] == evaluated["sha256"]
+    assert read(done, "eval-reach-1.json") == entry
+    assert (done / "eval-reach-1.rrd").stat().st_size > 100_000
+    assert (done / "eval.json").read_bytes() == before
+
+
+def test_a_replay_of_another_evaluation_has_nothing_to_compare_with(tmp_path: Path) -> None:
+    screen = StringIO()
+    chosen = options(tmp_path, replay=5, speed=0.9)
+    assert evaluate(Odd(), PANDA, chosen, Console(file=screen, width=200)) == 0
+    assert read(tmp_path, "eval-reach-5.json")["same_as_evaluated"] is None
+    assert "seed 5: " in screen.getvalue()
+    assert "bit by bit" not in screen.getvalue()
+
+
+def test_an_evaluation_goes_on_and_prints_json_alone(
+    done: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = read(done)
+    chosen = options(done, resume=True, json=True, failures=0, against=done / "eval.json")
+    assert evaluate(Odd(), PANDA, chosen, Console(stderr=True)) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["entries"] == before["entries"]
+    assert report["timing"] == {}
+    assert report["replayed"] == {}
+    comparison = report["comparison"]
+    assert (comparison["only_a"], comparison["only_b"], comparison["p"]) == (0, 0, 1.0)
+    with pytest.raises(JournalError, match="these differ: perturbation"):
+        evaluate(Odd(), PANDA, options(done, resume=True, friction=0.2), QUIET)
+
+
+def test_an_error_of_ours_is_seen(tmp_path: Path) -> None:
+    screen = StringIO()
+    chosen = options(tmp_path, episodes=1)
+    assert evaluate(Odd(buggy=True), PANDA, chosen, Console(file=screen, width=200)) == 1
+    report = read(tmp_path)
+    assert (report["errors"], report["successes"], report["causes"]) == (1, 0, {})
+    assert "1 episode ended with an error of our own" in screen.getvalue()
+    assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
+    assert "an error of our own" in (tmp_path / "eval.md").read_text()
+
+
+def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    def refused(error: type[Exception], match: str, **chosen: Any) -> None:
+        with pytest.raises(error, match=match):
+            evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
+
+    refused(PolicyLoadError, "cannot be loaded", policy=("nowhere:Policy",))
+    good = "tests.toy_policies:GoodPolicy"
+    refused(InvalidValueError, "--policy must be classical; found tests", policy=(good,))
+    refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
+    (tmp_path / "odd.json").write_text('{"settings": {}}')
+    refused(
+        InvalidValueError,
+        "--against must be a result of the same task",
+        against=tmp_path / "odd.json",
+    )
+    assert {path.name for path in tmp_path.iterdir()} == {"odd.json"}
+    with pytest.raises(UnknownNameError, match=r"No task is called 'fly'; known: (.*)pick_place"):
+        scenario.run(options(tmp_path, task="fly"), QUIET)
+
+
+def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
+    chosen = options(tmp_path, episodes=1, policy=("tests.toy_policies:GoodPolicy",), workers=1)
+    assert evaluate(Odd(), PANDA, chosen, QUIET, GoodCell) == 0
+    assert read(tmp_path)["policy"] == "tests.toy_policies:GoodPolicy"
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"episodes": 0}, "--episodes must be 1 or more; found 0"),
+        ({"seed": -1}, "--seed must be 0 or more"),
+        ({"workers": 0}, "--workers must be 1 or more"),
+        ({"failures": -1}, "--failures must be 0 or more"),
+        ({"replay": -1}, "--replay must be 0 or more"),
+        ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
+        ({"time_limit": float("nan")}, "--time-limit must be above 0 and finite"),
+        ({"log": Path("eval.json")}, r"--log must be a file that ends with \.rrd"),
+    ],
+)
+def test_other_options_are_refused(setting: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        EvaluateOptions(**setting)
+
+
+def test_without_ray_it_is_told_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"--cluster ray needs(.*)robo47_qp\[ray\]"):
+        evaluate(Odd(), PANDA, options(tmp_path, cluster="ray"), QUIET)
+
+
+def test_ray_gives_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ray", reason="ray is not installed: pip install 'robo47_qp[ray]'")
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    toy = Toy(does={1: "raise", 2: "hang", 3: "exit"})
+    specs = [EpisodeSpec(index=i, seed=i) for i in range(6)]
+    results = {r.seed: r for r in RayCluster(workers=2, timeout=5.0).run(toy, specs)}
+    assert sorted(results) == [s.seed for s in specs]
+    assert "a bug of ours" in (results[1].error or "")
+    assert results[2].cause == "timeout"
+    assert results[3].cause == "limit"
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    for seed in (0, 4, 5):
+        assert replace(results[seed], timing={}) == replace(toy(specs[seed]), timing={})
+
+
+def test_every_task_of_the_folder_is_known() -> None:
+    known = scenario.known_tasks()
+    assert "pick_place" in known
+    for name, kind in known.items():
+        assert kind().name == name
+
+
+def test_the_script_ends_with_2_for_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = str(tmp_path / "eval.rrd")
+    for arguments in (["--task", "fly"], ["--workers", "0"], ["--policy", "nowhere:Policy"]):
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", "--log", log, "--json", *arguments])
+        assert main(EvaluateOptions, scenario.run, "", repeated=True) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("error: ")
+        assert "Traceback" not in err
+
+
+def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(InProcess, "interrupted_after", 1)
+    screen = StringIO()
+    assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
+    assert "go on with --resume" in screen.getvalue()
+    assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
+    assert not (tmp_path / "eval.json").exists()
+
+
+def entries(won: str) -> list[EpisodeResult]:
+    return [
+        EpisodeResult(index=i, seed=i, success=c == "+", cause=None if c == "+" else "drop")
+        for i, c in enumerate(won)
+    ]
+
+
+def test_two_results_are_compared_seed_by_seed() -> None:
+    a, b = summary(SETTINGS, entries("+++++-+-")), summary(SETTINGS, entries("--++--++--"))
+    found = compared(a, b)
+    assert (found["episodes"], found["successes_a"], found["successes_b"]) == (8, 6, 4)
+    assert (found["only_a"], found["only_b"]) == (3, 1)
+    assert found["p"] == pytest.approx(2 * (4 + 1) / 16)
+    assert found["difference"] == pytest.approx(0.25)
+    assert found["interval"][0] < 0.25 < found["interval"][1]
+    words = comparison_line(found)
+    assert "toy against toy on 8 episodes: +25.0 points" in words
+    assert "3 to 1 that only one solved, p = 0.625" in words
+
+
+def test_what_is_no_pair_is_not_compared() -> None:
+    a = summary(SETTINGS, entries("++"))
+    for name in ("task", "robot", "perturbation"):
+        other = {**a, "settings": {**SETTINGS, name: {"name": "other"}}}
+        with pytest.raises(InvalidValueError, match=f"one with another {name}"):
+            compared(a, other)
+    far = [replace(entry, seed=entry.seed + 50) for entry in entries("++")]
+    with pytest.raises(InvalidValueError, match="without any of these seeds"):
+        compared(a, summary(SETTINGS, far))
+
+
+def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:
+    results = [replace(e, metrics={"t": float(e.seed)}) for e in entries("+-+++")]
+    found = summary(SETTINGS, [*results, errored(EpisodeSpec(index=5, seed=5), "bug")])
+    assert found["figures"]["t"] == {"n": 4, "median": 2.5, "p95": pytest.approx(3.85), "max": 4.0}
+    assert (found["episodes"], found["successes"], found["errors"]) == (6, 4, 1)
+    assert found["causes"] == {"drop": 1}
+    assert sum(found["causes"].values()) + found["errors"] + found["successes"] == 6
+
+
+def test_the_throughput_is_of_what_ran_now() -> None:
+    results = [replace(e, timing={"wall_s": 3.0}) for e in entries("++++")]
+    found = throughput(results, 8.0, 2)
+    assert found["episodes_per_minute"] == 30.0
+    assert found["episodes_per_minute_per_worker"] == 15.0
+    assert found["busy"] == 0.75
+    assert throughput([], 8.0, 2) == {}
+
+
+def test_a_long_list_of_failures_is_cut_and_told() -> None:
+    figures = {**summary(SETTINGS, entries("-" * (MOST + 7))), "timing": {}}
+    text = markdown(figures, ["a.png"])
+    assert text.count("| drop |") == MOST + 1
+    assert "7 more are in the JSON file" in text
+
+
+def test_each_setting_has_a_row_and_versions_have_a_table() -> None:
+    settings = {**SETTINGS, "policy": {"name": "x", "speed": 0.5}, "versions": {"mink": "1"}}
+    text = markdown({**summary(settings, entries("+")), "timing": {}}, ["a.png"])
+    assert "| policy: name | x |" in text
+    assert "| policy: speed | 0.5 |" in text
+    assert "| versions" not in text
+
+
+def test_the_bar_tells_the_rate_so_far() -> None:
+    assert described([]) == "starting"
+    assert described(entries("+++-")) == "75.0 % (30.1 to 95.4)"
+    assert described([errored(EpisodeSpec(index=0, seed=0), "bug")]).endswith("1 errors")
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=True, width=120)
+    with EvaluationBar(console, 8) as bar:
+        bar.show(entries("+++-"))
+    assert "4/8" in screen.getvalue()
+    assert "75.0 %" in screen.getvalue()

@@ -1,0 +1,522 @@
+"""Several policies in one command: paired worlds, files, interruptions, the comparison."""
+
+import json
+import pickle
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from math import comb
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from robo47_qp.cli import main
+from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
+from robo47_qp.evaluation import job
+from robo47_qp.evaluation.episode import (
+    Episode,
+    EpisodeResult,
+    EpisodeSpec,
+    errored,
+)
+from robo47_qp.evaluation.evaluate import evaluate
+from robo47_qp.evaluation.job import Job
+from robo47_qp.evaluation.journal import JournalError
+from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.evaluation.policies import (
+    IK_NAMES,
+    NAMES,
+    Contender,
+    PolicyLoadError,
+    labels,
+)
+from robo47_qp.evaluation.report.paired import paired
+from robo47_qp.evaluation.report.paired_words import paired_markdown
+from robo47_qp.evaluation.report.progress import EvaluationBar
+from robo47_qp.evaluation.report.summary import summary
+from robo47_qp.evaluation.workers.worker import run_guarded
+from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.settings import Stall
+from robo47_qp.ik.solver import IkSolver
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.reach.reach import Reach as ReachTask
+from scenarios import evaluate as scenario
+from tests.runs import Reach
+from tests.toy_episodes import SETTINGS
+
+QUIET = Console(quiet=True)
+THREE = ("classical:qp", "classical:dls", "classical:dls-single")
+SKILL = {"qp": 0.75, "dls": 0.6, "dls-single": 0.5}
+
+
+class InProcess:
+    """Runs episodes here, counts them, and is interrupted after some."""
+
+    ran: list[tuple[str, int]] = []  # noqa: RUF012  # of all executors that a command makes
+    interrupted_after: int | None = None
+
+    def __init__(self, *, workers: int, timeout: float) -> None:
+        pass
+
+    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
+        episode = pickle.loads(pickle.dumps(episode))
+        for spec in specs:
+            if len(self.ran) == self.interrupted_after:
+                raise KeyboardInterrupt
+            self.ran.append((getattr(episode, "ik", ""), spec.seed))
+            yield run_guarded(episode, spec)
+
+
+@dataclass(frozen=True)
+class Skilled:
+    """Succeeds as often as its IK is good; hard worlds are hard for all."""
+
+    ik: str
+    buggy: bool = False
+    foreign: bool = False
+
+    def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
+        if self.buggy and self.ik == "dls" and spec.seed == 2:
+            raise ZeroDivisionError("a bug of ours")
+        world, luck, slow = np.random.default_rng(spec.seed).uniform(size=3)
+        luck += {"qp": 0.0, "dls": 0.37, "dls-single": 0.45}[self.ik]
+        success = bool(0.3 * world + 0.7 * (luck % 1.0) < SKILL[self.ik])
+        told: dict[str, Any] = {"cause": "ik", "evidence": f"{self.ik} is stuck", "time": 1.5}
+        return EpisodeResult(
+            index=spec.index,
+            seed=spec.seed,
+            success=success,
+            metrics={"cycle_time_s": 5.0 + float((slow - luck) ** 2) * len(self.ik)},
+            disturbance={"world": float(world)},
+            sha256="same" if spec.seed == 0 else f"{self.ik} {spec.seed}",
+            broken_promises=("jerk",) if (self.ik, spec.seed) == ("dls", 3) else (),
+            audit_ok=(self.ik, spec.seed) != ("dls", 3),
+            **({} if success else told),
+        )
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(InProcess, "ran", [])
+    monkeypatch.setattr(InProcess, "interrupted_after", None)
+    monkeypatch.setattr(job, "LocalProcesses", InProcess)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
+@pytest.fixture
+def toys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Quick episodes in place of the simulation, and no drawing."""
+    monkeypatch.setattr(job, "plot_evaluation", lambda _, path: path.write_text(""))
+    monkeypatch.setattr(Job, "_episode", lambda self: Skilled(str(self.options.contender.ik)))
+
+
+def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
+    settings = {"episodes": 30, "workers": 2, "log": tmp_path / "eval.rrd", "policy": THREE}
+    return EvaluateOptions(**{**settings, **chosen})
+
+
+def read(tmp_path: Path, name: str = "eval.json") -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((tmp_path / name).read_text())
+    return found
+
+
+def without_times(figures: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in figures.items() if name != "timing"}
+
+
+def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None:
+    policies = ("classical", "classical:dls-single")
+    chosen = options(tmp_path, episodes=2, policy=policies, ik="lm", friction=0.3, failures=0)
+    assert evaluate(Reach(), PANDA, chosen, QUIET) == 0
+    a, b = read(tmp_path, "eval.classical.json"), read(tmp_path, "eval.classical-dls-single.json")
+    assert a["settings"]["policy"] == {"name": "classical", "ik": "lm", "speed": 1.0}
+    assert a["policy"] == "classical:lm"
+    assert b["settings"]["policy"]["ik"] == "dls-single"
+    assert [e["seed"] for e in a["entries"]] == [e["seed"] for e in b["entries"]] == [0, 1]
+    for x, y in zip(a["entries"], b["entries"], strict=True):
+        assert x["disturbance"] == y["disturbance"]
+        assert x["sha256"] != y["sha256"]
+    frictions = {e["disturbance"]["friction_factor"] for e in a["entries"]}
+    assert len(frictions) == 2
+    assert {k: v for k, v in a["settings"].items() if k != "policy"} == {
+        k: v for k, v in b["settings"].items() if k != "policy"
+    }
+
+
+@pytest.mark.usefixtures("toys")
+def test_the_comparison_is_what_the_reports_say(tmp_path: Path) -> None:
+    """Counted again from the reports, with sums in place of the package's statistics."""
+    screen = StringIO()
+    assert evaluate(Reach(), PANDA, options(tmp_path), Console(file=screen, width=200)) == 0
+    found = read(tmp_path)
+    assert (found["task"], found["baseline"], found["episodes"]) == ("reach", THREE[0], 30)
+    assert [p["policy"] for p in found["policies"]] == list(THREE)
+    reports = {p["policy"]: read(tmp_path, p["report"]) for p in found["policies"]}
+    for own in found["policies"]:
+        report = reports[own["policy"]]
+        entries = report["entries"]
+        won = [e for e in entries if e["success"]]
+        assert [e["seed"] for e in entries] == list(range(30))
+        assert (own["successes"], own["episodes"]) == (len(won), 30)
+        assert own["causes"] == dict(Counter(e["cause"] for e in entries if not e["success"]))
+        assert own["interval"] == report["interval"]
+        cycle = median(e["metrics"]["cycle_time_s"] for e in won)
+        assert own["median_cycle_time_s"] == pytest.approx(cycle)
+    base = reports[THREE[0]]["entries"]
+    p_values = []
+    for comparison, name in zip(found["comparisons"], THREE[1:], strict=True):
+        assert (comparison["a"], comparison["b"]) == (name, THREE[0])
+        pairs = list(zip(reports[name]["entries"], base, strict=True))
+        only_a = [x["seed"] for x, y in pairs if x["success"] and not y["success"]]
+        only_b = [x["seed"] for x, y in pairs if y["success"] and not x["success"]]
+        assert only_a
+        assert len(only_b) > len(only_a)
+        k, m = len(only_a), len(only_a) + len(only_b)
+        assert (comparison["only_a"], comparison["only_b"]) == (k, m - k)
+        p_values.append(min(1.0, 2 * sum(comb(m, i) for i in range(k + 1)) / 2**m))
+        assert comparison["p"] == pytest.approx(p_values[-1])
+        assert comparison["difference"] == pytest.approx((2 * k - m) / 30)
+        p12, p21 = (k + 1) / 32, (m - k + 1) / 32
+        half = 1.959963984540054 * ((p12 + p21 - (p12 - p21) ** 2) / 32) ** 0.5
+        assert comparison["interval"] == pytest.approx([p12 - p21 - half, p12 - p21 + half])
+        both = [(x, y) for x, y in pairs if x["success"] and y["success"]]
+        longer = [x["metrics"]["cycle_time_s"] - y["metrics"]["cycle_time_s"] for x, y in both]
+        assert comparison["cycle_time_s"]["episodes"] == len(both)
+        assert comparison["cycle_time_s"]["median_difference"] == pytest.approx(median(longer))
+        assert comparison["identical"] == 1
+        told = {e["seed"]: (e["solved_by"], e["cause"]) for e in comparison["differing"]}
+        assert told == {s: ("a" if s in only_a else "b", "ik") for s in (*only_a, *only_b)}
+        loser = {"a": "qp", "b": name.partition(":")[2]}
+        for episode in comparison["differing"]:
+            assert episode["evidence"] == f"{loser[episode['solved_by']]} is stuck"
+    low, high = sorted(p_values)
+    holm = {low: min(1.0, 2 * low), high: max(high, min(1.0, 2 * low))}
+    assert [c["p_holm"] for c in found["comparisons"]] == pytest.approx([holm[p] for p in p_values])
+    for name, report in reports.items():
+        assert f"{name}: {report['successes']} of 30 succeeded" in screen.getvalue()
+        assert f"%); failed: ik {30 - report['successes']}\n" in screen.getvalue()
+    assert f"{THREE[1]} against {THREE[0]} on 30 episodes" in screen.getvalue()
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize("policies", [THREE, THREE[1:2]])
+def test_promises_that_broke_and_causes_are_told_on_the_screen(
+    tmp_path: Path, policies: tuple[str, ...]
+) -> None:
+    screen = StringIO()
+    chosen = options(tmp_path, policy=policies, failures=0)
+    assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 0
+    assert screen.getvalue().count("1 episode broke the audit: jerk 1\n") == 1
+    assert ("dls is stuck" in screen.getvalue()) == (len(policies) == 1)
+
+
+@pytest.mark.usefixtures("toys")
+def test_the_recordings_that_there_are_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def record(_: Any, __: Any, failures: Sequence[EpisodeResult], path: Path) -> dict[int, bool]:
+        if failures and "single" not in path.name:
+            path.write_text("")
+        return {}
+
+    monkeypatch.setattr(job, "record_failures", record)
+    screen = StringIO()
+    assert evaluate(Reach(), PANDA, options(tmp_path), Console(file=screen, width=200)) == 0
+    told = [line.split() for line in screen.getvalue().splitlines()]
+    named = [line[1] for line in told if line[:1] == ["recording"]]
+    assert named == [str(tmp_path / f"eval.classical-{ik}.rrd") for ik in ("qp", "dls")]
+
+
+@pytest.mark.usefixtures("toys")
+def test_each_policy_has_files_of_its_own_and_the_comparison_names_them(tmp_path: Path) -> None:
+    assert evaluate(Reach(), PANDA, options(tmp_path, failures=2), QUIET) == 0
+    names = {"eval.json", "eval.md"}
+    for label in ("qp", "dls", "dls-single"):
+        names |= {f"eval.classical-{label}.{end}" for end in ("json", "md", "jsonl", "png")}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    text = (tmp_path / "eval.md").read_text()
+    found = read(tmp_path)
+    for own in found["policies"]:
+        row = f"| [{own['policy']}]({own['report']}) | {own['successes']} of 30 |"
+        assert row in text
+    assert f"ik {found['policies'][1]['causes']['ik']} |" in text
+    first = found["comparisons"][0]
+    assert f"| classical:dls | {100 * first['difference']:+.1f} |" in text
+    lost = first["differing"][0]
+    winner, loser = (first[k] for k in (("a", "b") if lost["solved_by"] == "a" else ("b", "a")))
+    assert f"| {lost['seed']} | {winner} | {loser} | ik |  | 1.50 |" in text
+
+
+@pytest.mark.usefixtures("toys")
+def test_json_is_the_comparison_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chosen = options(tmp_path, episodes=3, json=True)
+    assert evaluate(Reach(), PANDA, chosen, Console(stderr=True)) == 0
+    assert json.loads(capsys.readouterr().out) == read(tmp_path)
+
+
+@pytest.mark.usefixtures("toys")
+def test_an_interruption_in_the_second_policy_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part, whole = tmp_path / "part", tmp_path / "whole"
+    assert evaluate(Reach(), PANDA, options(whole), QUIET) == 0
+    monkeypatch.setattr(InProcess, "ran", [])
+    monkeypatch.setattr(InProcess, "interrupted_after", 41)
+    screen = StringIO()
+    assert evaluate(Reach(), PANDA, options(part), Console(file=screen, width=200)) == 130
+    assert "of all policies are kept: go on with --resume" in screen.getvalue()
+    assert not (part / "eval.json").exists()
+    lines = [len((part / f"eval.classical-{k}.jsonl").read_text().splitlines()) for k in SKILL]
+    assert lines == [31, 12, 1]
+    monkeypatch.setattr(InProcess, "ran", [])
+    monkeypatch.setattr(InProcess, "interrupted_after", None)
+    assert evaluate(Reach(), PANDA, options(part, resume=True), QUIET) == 0
+    left = [("dls", seed) for seed in range(11, 30)] + [("dls-single", s) for s in range(30)]
+    assert InProcess.ran[: len(left)] == left
+    # What follows are the failures of each policy, recorded to be looked at.
+    assert len(InProcess.ran) <= len(left) + 3 * EvaluateOptions.failures
+    assert read(part) == read(whole)
+    for own in read(whole)["policies"]:
+        a, b = read(part, own["report"]), read(whole, own["report"])
+        assert without_times(a) == without_times(b)
+
+
+@pytest.mark.usefixtures("toys")
+def test_without_resume_no_old_journal_is_left_to_go_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert evaluate(Reach(), PANDA, options(tmp_path, episodes=4), QUIET) == 0
+    monkeypatch.setattr(InProcess, "ran", [])
+    monkeypatch.setattr(InProcess, "interrupted_after", 1)
+    assert evaluate(Reach(), PANDA, options(tmp_path, episodes=4), QUIET) == 130
+    for label, count in (("qp", 1), ("dls", 0), ("dls-single", 0)):
+        journal = tmp_path / f"eval.classical-{label}.jsonl"
+        assert len(journal.read_text().splitlines()) == 1 + count
+        assert len(journal.with_name(f"{journal.name}.old").read_text().splitlines()) == 5
+
+
+@pytest.mark.usefixtures("toys")
+def test_what_the_last_policy_lacks_is_told_before_the_first_runs(tmp_path: Path) -> None:
+    assert evaluate(Reach(), PANDA, options(tmp_path, episodes=1, policy=THREE[1:]), QUIET) == 0
+    InProcess.ran.clear()
+
+    def refused(error: type[Exception], match: str, **chosen: Any) -> None:
+        with pytest.raises(error, match=match):
+            evaluate(Reach(), PANDA, options(tmp_path, **chosen), QUIET)
+        assert InProcess.ran == []
+        assert not (tmp_path / "eval.classical-qp.json").exists()
+
+    refused(
+        JournalError, "classical-dls.jsonl is of another(.*)policy, speed", resume=True, speed=0.5
+    )
+    assert not (tmp_path / "eval.classical-qp.jsonl").exists()
+    (tmp_path / "eval.classical-lm.jsonl").mkdir()
+    refused(RecordingError, "cannot be written", policy=("classical:qp", "classical:lm"))
+
+
+def test_policies_that_cannot_be_had_are_told_before_any_runs(tmp_path: Path) -> None:
+    for name, error, match in (
+        ("nowhere:Policy", PolicyLoadError, "'nowhere:Policy' cannot be loaded"),
+        ("tests.toy_policies:GoodPolicy", InvalidValueError, "--policy must be classical; found"),
+    ):
+        with pytest.raises(error, match=match):
+            evaluate(Reach(), PANDA, options(tmp_path, policy=("classical", name)), QUIET)
+    assert InProcess.ran == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("toys")
+def test_an_error_of_ours_is_told_and_counts_as_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        Job, "_episode", lambda self: Skilled(str(self.options.contender.ik), buggy=True)
+    )
+    screen = StringIO()
+    chosen = options(tmp_path, episodes=4)
+    assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 1
+    assert "1 episode ended with an error of our own" in screen.getvalue()
+    assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
+    found = read(tmp_path)
+    assert [p["errors"] for p in found["policies"]] == [0, 1, 0]
+    (told,) = [e for e in found["comparisons"][0]["differing"] if e["seed"] == 2]
+    assert (told["cause"], told["evidence"]) == ("error", "ZeroDivisionError: a bug of ours")
+    assert "error of our own 1" in (tmp_path / "eval.md").read_text()
+
+
+def test_where_nothing_is_solved_by_both_no_times_are_compared() -> None:
+    def report(name: str, won: str) -> dict[str, Any]:
+        results = [
+            EpisodeResult(index=i, seed=i, success=c == "+", cause=None if c == "+" else "drop")
+            for i, c in enumerate(won)
+        ]
+        results[-1] = errored(EpisodeSpec(index=len(won) - 1, seed=len(won) - 1), "x\nlast line")
+        return summary({**SETTINGS, "policy": {"name": name}}, results)
+
+    found = paired({"a.json": report("one", "+-+."), "b.json": report("two", "-+-.")})
+    assert found["comparisons"][0]["cycle_time_s"] == {"episodes": 0, "median_difference": None}
+    assert found["comparisons"][0]["identical"] == 0
+    assert [p["median_cycle_time_s"] for p in found["policies"]] == [None, None]
+    assert [e["seed"] for e in found["comparisons"][0]["differing"]] == [0, 1, 2]
+    assert "| [one](a.json) | 2 of 4 | 15.0 to 85.0 % | drop 1, error of our own 1 | 0 |  |" in (
+        paired_markdown(found)
+    )
+
+
+@pytest.mark.parametrize(
+    ("setting", "error", "message"),
+    [
+        (
+            {"policy": ("classical:foo",)},
+            UnknownNameError,
+            r"No policy is called 'classical:foo'; known: classical, classical:qp, classical:lm, "
+            r"classical:dls, classical:qp-single, classical:lm-single, classical:dls-single, "
+            r"module:Class, file\.py:Class",
+        ),
+        ({"policy": ("classical:",)}, UnknownNameError, "No policy is called 'classical:'"),
+        (
+            {"policy": ("classical:dls", "classical:qp", "classical:dls")},
+            InvalidValueError,
+            "--policy must be another one each time; found classical:dls and classical:dls, which",
+        ),
+        (
+            {"policy": ("classical", "classical:lm"), "ik": "lm"},
+            InvalidValueError,
+            "found classical and classical:lm, which are one and the same",
+        ),
+        (
+            {"policy": ("a.py:B", "./a.py:B")},
+            InvalidValueError,
+            r"found a\.py:B and \./a\.py:B, which are one and the same",
+        ),
+        (
+            {"policy": THREE, "against": Path("other.json")},
+            InvalidValueError,
+            "--against must be left out with several policies; found other.json",
+        ),
+        (
+            {"policy": THREE, "replay": 0},
+            InvalidValueError,
+            "--replay must be left out with several policies; found 0",
+        ),
+        (
+            {"policy": THREE, "ik": "lm"},
+            InvalidValueError,
+            "--ik must be left out without --policy classical; found lm",
+        ),
+        (
+            {"policy": THREE, "rate": 10.0},
+            InvalidValueError,
+            "--rate and --time-limit must be left out with --policy classical",
+        ),
+    ],
+)
+def test_policies_that_make_no_sense_are_refused(
+    setting: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        EvaluateOptions(**setting)
+
+
+@pytest.mark.parametrize("clearance", [None, 0.01])
+def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None:
+    hasty = {"stall": Stall(), "clearance": clearance}
+    promised: dict[str, IkSolver] = {
+        "qp": MultiStart(solver=QpIk(max_iterations=30, **hasty)),  # type: ignore[arg-type]
+        "lm": MultiStart(solver=LmIk(max_iterations=20, **hasty)),  # type: ignore[arg-type]
+        "dls": MultiStart(solver=DlsIk(max_iterations=200, clip=True, clearance=clearance)),
+        "qp-single": QpIk(max_iterations=100, clearance=clearance),
+        "lm-single": LmIk(max_iterations=100, clearance=clearance),
+        "dls-single": DlsIk(max_iterations=200, clip=True, clearance=clearance),
+    }
+    assert set(promised) == set(IK_NAMES)
+    for name in IK_NAMES:
+        assert RunOptions(ik=name).solver(clearance) == promised[name]
+        assert isinstance(promised[name], MultiStart) != name.endswith("-single")
+    osqp = RunOptions(ik="qp-single", qp_solver="osqp").solver(clearance)
+    assert osqp == QpIk(backend="osqp", clearance=clearance)
+
+
+def test_each_name_means_one_stack() -> None:
+    assert EvaluateOptions().contenders == [Contender(name="classical", ik="qp")]
+    assert EvaluateOptions(ik="dls").run_options.ik == "dls"
+    for name in NAMES[1:]:
+        (alone,) = EvaluateOptions(policy=(name,)).each
+        assert alone.run_options.ik == name.partition(":")[2]
+        assert alone.files["report"].name == "eval.json"
+    mixed = EvaluateOptions(policy=("classical", "a.py:B", "classical:dls"), ik="lm", rate=9.0)
+    assert [one.contender.ik for one in mixed.each] == ["lm", None, "dls"]
+    assert [one.rate for one in mixed.each] == [30.0, 9.0, 30.0]
+    assert [one.files["journal"].name for one in mixed.each] == [
+        "eval.classical.jsonl",
+        "eval.a-py-B.jsonl",
+        "eval.classical-dls.jsonl",
+    ]
+
+
+def test_labels_are_safe_in_file_names_and_differ() -> None:
+    names = ["a/b.py:C", "a-b.py:C", "A/b.py:c", "../x y|z:D", f"{'long/' * 99}e.py:F", "m.n:Üb"]
+    found = labels([Contender(name=name, ik=None) for name in names])
+    assert len({label.lower() for label in found}) == len(names)
+    for label in found:
+        assert label.replace("-", "").replace("_", "").isalnum()
+        assert label.isascii()
+        assert len(label) < 80
+    assert found[3] == "x-y-z-D"
+    assert found[4].endswith("e-py-F")
+    cased = labels([Contender(name=name, ik=None) for name in ("a.py:C", "A.py:c")])
+    assert len({label.lower() for label in cased}) == 2
+    # The same files whatever comes first: what was begun can be gone on with.
+    turned = labels([Contender(name=name, ik=None) for name in reversed(names)])
+    assert turned[::-1] == found
+
+
+def test_policies_are_named_one_by_one_on_the_command_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[EvaluateOptions] = []
+
+    def run(chosen: EvaluateOptions, console: Console) -> int:
+        seen.append(chosen)
+        return 0
+
+    for arguments in ([], ["--policy", "a:B"], ["--policy", "classical:dls", "--policy", "a:B"]):
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", *arguments])
+        assert main(EvaluateOptions, run, "", repeated=True) == 0
+    assert [chosen.policy for chosen in seen] == [(), ("a:B",), ("classical:dls", "a:B")]
+    monkeypatch.setattr(sys, "argv", ["evaluate.py", "--policy", "classical:dls", "classical:qp"])
+    with pytest.raises(SystemExit) as end:
+        main(EvaluateOptions, run, "", repeated=True)
+    assert end.value.code == 2
+    assert "classical:qp" in capsys.readouterr().err
+
+
+def test_a_policy_from_elsewhere_needs_a_task_that_can_be_judged_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ReachTask, "verdict", lambda _task, _simulation: None)
+    chosen = options(tmp_path, task="reach", policy=("classical", "tests.toy_policies:GoodPolicy"))
+    with pytest.raises(
+        InvalidValueError,
+        match="task must be one whose verdict is no success",
+    ):
+        scenario.run(chosen, QUIET)
+
+
+def test_the_bar_tells_whose_episodes_they_are() -> None:
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=True, width=120)
+    with EvaluationBar(console, 8, "a.py:B [odd]") as bar:
+        bar.show([EpisodeResult(index=0, seed=0, success=True)])
+    assert "a.py:B [odd]" in screen.getvalue()
+    assert "1/8" in screen.getvalue()

@@ -1,0 +1,53 @@
+"""Failures recorded: whether they came out the same."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from robo47_qp.evaluation.episode import (
+    Episode,
+    EpisodeResult,
+    EpisodeSpec,
+    failed,
+    overdue,
+)
+from robo47_qp.evaluation.failures import record_failures
+from robo47_qp.evaluation.job import sound
+from robo47_qp.run.failure import Cause, Failure
+from tests.toy_episodes import Toy
+
+SPEC = EpisodeSpec(index=0, seed=5)
+LATE = overdue(SPEC, 6.0)
+SLIPPED = failed(SPEC, Failure(cause=Cause.SLIP, evidence="7 mm", time=1.0))
+WAITED = failed(SPEC, Failure(cause=Cause.TIMEOUT, evidence="nothing came", time=9.0))
+
+
+@dataclass(frozen=True)
+class Answers:
+    """An executor that has known what comes out."""
+
+    result: EpisodeResult
+
+    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
+        yield from [self.result for _ in specs]
+
+
+@pytest.mark.parametrize(
+    ("before", "again", "same"),
+    [
+        (SLIPPED, SLIPPED, True),
+        (SLIPPED, WAITED, False),
+        (SLIPPED, LATE, None),
+        (WAITED, LATE, None),
+        (LATE, LATE, True),
+        (LATE, SLIPPED, False),
+    ],
+)
+def test_a_recording_that_is_not_over_in_time_tells_nothing(
+    tmp_path: Path, before: EpisodeResult, again: EpisodeResult, same: bool | None
+) -> None:
+    replayed = record_failures(Toy(), Answers(again), [before], tmp_path / "eval.rrd")
+    assert replayed == {5: same}
+    assert sound({"errors": 0, "replayed": replayed}) is (same is not False)

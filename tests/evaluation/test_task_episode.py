@@ -1,0 +1,244 @@
+"""Episodes of a task: paired worlds, the same bits, and causes of what goes wrong."""
+
+import json
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
+from robo47_qp.evaluation.failures import is_same
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.policies import (
+    PolicyDrive,
+    PolicyFailed,
+    PolicyLoadError,
+    PolicyReference,
+)
+from robo47_qp.evaluation.task_episode import TaskEpisode, classical
+from robo47_qp.evaluation.workers.worker import run_guarded
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.table import add_table
+from tests.runs import Reach
+from tests.toy_policies import Drive, GoodCell
+
+SPEC = EpisodeSpec(index=2, seed=7)
+TOYS = "tests.toy_policies"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watched(Reach):
+    """Moves by what is drawn and seen, and writes down in what world."""
+
+    name: str = "watched"
+    bigger: float = 0.0
+    start: list[float] = field(default_factory=list)
+
+    def variant(self, rng: np.random.Generator) -> "Watched":
+        return replace(self, bigger=float(rng.uniform(0.0, 0.01)))
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        add_table(spec)
+        brick = spec.worldbody.add_body(name="brick", pos=[0.5, 0.2, 0.02])
+        brick.add_freejoint()
+        brick.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02 + self.bigger] * 3, mass=0.2)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        assert rng is not None
+        where = [0.5, float(rng.uniform(-0.2, 0.2)), 0.02 + self.bigger]
+        simulation.place_object("brick", SE3.from_translation(np.array(where)))
+
+    def outlook(self, simulation: Simulation) -> Sequence[Any]:
+        self.start[:] = [
+            *simulation.object_pose("brick").translation(),
+            simulation.model.body("brick").mass[0],
+            simulation.model.geom_friction[0, 0],
+        ]
+        return super().outlook(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        names = ("x", "y", "z", "mass", "friction")
+        return dict(zip(names, map(float, self.start), strict=True))
+
+
+def episode(**settings: Any) -> TaskEpisode:
+    return TaskEpisode(robot=PANDA, **{"task": Watched(), **settings})
+
+
+NOISY = replace(PRESETS["moderate"], noise_q=1e-5, pushes=1, push_force=2.0, push_time=0.2)
+
+
+@pytest.fixture(scope="module")
+def noisy() -> EpisodeResult:
+    return episode(perturbation=NOISY)(SPEC)
+
+
+def test_an_episode_is_the_same_to_the_bit_with_a_recording_and_after_others(
+    noisy: EpisodeResult, tmp_path: Path
+) -> None:
+    again = pickle.loads(pickle.dumps(episode(perturbation=NOISY)))
+    other = again(EpisodeSpec(index=3, seed=8))
+    path = tmp_path / "replay.rrd"
+    replayed = again(replace(SPEC, recording=path))
+    assert path.stat().st_size > 100_000
+    assert is_same(noisy, replayed)
+    assert noisy.sha256 is not None
+    assert len(noisy.sha256) == 64
+    assert other.sha256 != noisy.sha256
+    assert other.disturbance["friction_factor"] != noisy.disturbance["friction_factor"]
+
+
+def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> None:
+    entry = json.loads(json.dumps(noisy.entry(), allow_nan=False))
+    assert (entry["index"], entry["seed"], entry["success"]) == (2, 7, True)
+    for name in ("cause", "evidence", "step", "condition", "time", "error"):
+        assert entry[name] is None
+    for name in ("cycle_time_s", "peak_contact_force_N", "energy_J", "max_joint_error_rad"):
+        assert entry["metrics"][name] >= 0.0
+    assert set(entry["timing"]) == {"wall_s", "step_us", "real_time_factor"}
+    assert not set(entry["timing"]) & set(entry["metrics"])
+    assert not set(entry["measures"]) & set(entry["metrics"])
+    assert entry["audit_ok"] is (entry["broken_promises"] == [])
+    assert entry["disturbance"]["delay"] == 2
+    assert EpisodeResult.of_entry(entry).entry() == entry
+
+
+def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None:
+    """Scene, start, mass and friction depend on the seed, not on policy, speed or noise."""
+    drive = PolicyDrive(reference=PolicyReference(text=f"{TOYS}:GoodPolicy"), cell=GoodCell)
+    other = episode(
+        perturbation=replace(NOISY, noise_q=0.0, pose_noise=0.0, pushes=0),
+        options=RunOptions(ik="lm", speed=0.5),
+        drive=drive,
+        foreign=True,
+    )(SPEC)
+    assert other.measures == noisy.measures
+    assert other.sha256 != noisy.sha256
+    size = np.random.default_rng([7, 2]).uniform(0.0, 0.01)
+    y = np.random.default_rng(7).uniform(-0.2, 0.2)
+    drawn = NOISY.draw(np.random.default_rng([7, 1]))
+    assert noisy.measures == pytest.approx(
+        {
+            "x": 0.5,
+            "y": y,
+            "z": 0.02 + size,
+            "mass": 0.2 * drawn.object_mass_factor,
+            "friction": drawn.friction_factor,
+        }
+    )
+    plain = episode()(SPEC)
+    assert plain.measures == {**noisy.measures, "mass": 0.2, "friction": 1.0}
+    assert Perturbation() != NOISY
+
+
+def test_a_failure_has_its_cause_with_time_and_evidence() -> None:
+    ending = Failure(cause=Cause.SLIP, evidence="7 mm", step="carry", condition="held")
+    result = episode(task=Watched(ending=ending))(SPEC)
+    assert (result.success, result.cause, result.evidence) == (False, "slip", "7 mm")
+    assert (result.step, result.condition, result.error) == ("carry", "held", None)
+    assert result.time is not None
+    assert 0.0 < result.time <= result.metrics["cycle_time_s"]
+    assert result.failure == "slip"
+
+
+@pytest.mark.parametrize(
+    ("way", "cause", "evidence"),
+    [
+        ("nan", "limit", "commanded torque must be finite"),
+        ("policy", "limit", "the policy raised KeyError in act: 'camera'"),
+        ("value", "limit", "grip width must be below 0.08; found 3.0"),
+        ("plan", "ik", "Waypoint 'lift' cannot be planned: no way"),
+    ],
+)
+def test_what_cannot_be_carried_out_costs_the_episode(way: str, cause: str, evidence: str) -> None:
+    result = episode(drive=Drive(way), foreign=True)(SPEC)
+    assert (result.success, result.cause, result.error) == (False, cause, None)
+    assert result.evidence is not None
+    assert evidence in result.evidence
+    assert result.time == pytest.approx(1e-3)
+    assert result.timing["wall_s"] > 0.0
+    assert (result.sha256, result.audit_ok) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("way", "last"),
+    [
+        ("bug", "ZeroDivisionError: a bug of ours"),
+        ("nan", "commanded torque must be finite"),
+        ("value", "found 3.0"),
+    ],
+)
+def test_a_bug_of_ours_is_no_failure_of_the_robot(way: str, last: str) -> None:
+    result = run_guarded(episode(drive=Drive(way)), SPEC)
+    assert (result.success, result.cause, result.failure) == (False, None, "error")
+    assert result.error is not None
+    assert result.error.startswith("Traceback")
+    assert last in result.error.splitlines()[-1]
+
+
+def test_the_classical_stack_drives_by_default() -> None:
+    assert episode().drive is classical
+    assert not episode().foreign
+
+
+def test_a_policy_is_found_in_a_module_and_in_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = PolicyReference(text=f"{TOYS}:GoodPolicy")
+    assert module.absolute == module
+    assert module.make().act(3) == 3
+    assert module.digest is not None
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "class Mine:\n    def reset(self, observation): pass\n"
+        "    def act(self, observation): return 2 * observation\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    near = PolicyReference(text="mine.py:Mine")
+    far = near.absolute
+    monkeypatch.chdir("/")
+    assert far.make().act(3) == 6
+    assert far.load() is far.load()
+    assert len(far.digest or "") == 64
+    assert far.digest != module.digest
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("nothing", "names no place and class"),
+        ("module:not a name", "names no place and class"),
+        (f"{TOYS}:Missing", f"{TOYS} has no Missing"),
+        ("no_such_module:Policy", "ModuleNotFoundError: No module named 'no_such_module'"),
+        ("/no/such/file.py:Policy", "FileNotFoundError"),
+        (f"{TOYS}:NoPolicy", "it has no act"),
+        (f"{TOYS}:NeedyPolicy", "it cannot be made without arguments: .* 'weights'"),
+        (f"{TOYS}:dataclass", "it has no reset and no act"),
+    ],
+)
+def test_a_policy_that_cannot_be_had_is_refused(text: str, why: str) -> None:
+    with pytest.raises(PolicyLoadError, match=f"{why}(.|\n)*Name it module:Class or file.py:Class"):
+        PolicyReference(text=text).load()
+
+
+def test_a_file_that_raises_is_told(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text("1 / 0")
+    with pytest.raises(PolicyLoadError, match="ZeroDivisionError"):
+        PolicyReference(text=f"{tmp_path}/bad.py:Policy").load()
+
+
+def test_a_policy_that_cannot_be_made_fails_its_episode() -> None:
+    unmakeable = PolicyReference(text=f"{TOYS}:UnmakeablePolicy")
+    with pytest.raises(PolicyFailed, match="raised OSError as it was made: no weights"):
+        unmakeable.make()
+    result = episode(drive=PolicyDrive(reference=unmakeable, cell=GoodCell), foreign=True)(SPEC)
+    assert (result.cause, result.error) == ("limit", None)

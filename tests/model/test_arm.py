@@ -1,0 +1,446 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mink import SE3, SO3
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robot import Robot
+from tests.examples import fractions, poses, rates, rotations, turned
+from tests.plain_arm import PlainArm, welded_file
+
+HELD = Payload(
+    mass=1.7,
+    inertia=(4e-3, 9e-3, 1.1e-2),
+    T_tcp_com=SE3.from_rotation_and_translation(
+        SO3.from_rpy_radians(0.7, -0.4, 1.9), np.array([0.03, -0.05, 0.08])
+    ),
+)
+
+
+def edited(robot: Robot, folder: Path, old: str, new: str) -> Robot:
+    """The robot with a line of its welded model changed."""
+    path = welded_file(robot, folder)
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return replace(robot, mjcf=path)
+
+
+def test_the_arm_has_the_joints_of_the_robot_and_their_ranges(
+    robot: Robot, arm: Arm, plain: PlainArm
+) -> None:
+    assert arm.n == len(robot.joints)
+    assert arm.q_min.tolist() == plain.q_min.tolist()
+    assert arm.q_max.tolist() == plain.q_max.tolist()
+    assert arm.home.tolist() == robot.home.tolist()
+    assert arm.payload is None
+
+
+@given(at=fractions)
+def test_pose_is_that_of_the_tool_in_the_robots_own_model(
+    arm: Arm, plain: PlainArm, at: Vector
+) -> None:
+    q = plain.at(at)
+    position, R = plain.tool(q)
+    T_world_tcp = arm.pose(q)
+    assert T_world_tcp.translation() == pytest.approx(position, abs=1e-12)
+    assert np.abs(T_world_tcp.rotation().as_matrix() - R).max() < 1e-12
+
+
+@given(at=fractions)
+def test_jacobian_is_the_derivative_of_the_pose_in_the_tool_frame(
+    arm: Arm, plain: PlainArm, at: Vector
+) -> None:
+    q = plain.at(at)
+    J = arm.jacobian(q)
+    assert J.shape == (6, arm.n)
+    assert np.abs(J - plain.jacobian(q)).max() < 1e-8
+
+
+def test_jacobian_of_the_stretched_arm(arm: Arm, plain: PlainArm) -> None:
+    q = np.clip(np.zeros(arm.n), arm.q_min, arm.q_max)
+    assert np.abs(arm.jacobian(q) - plain.jacobian(q)).max() < 1e-8
+
+
+@given(at=fractions, v=rates)
+def test_half_v_m_v_is_the_kinetic_energy(arm: Arm, plain: PlainArm, at: Vector, v: Vector) -> None:
+    q, v = plain.at(at), v[: plain.n]
+    energy = 0.5 * float(v @ arm.mass_matrix(q) @ v)
+    assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6, abs=1e-9)
+
+
+@given(at=fractions)
+def test_mass_matrix_is_symmetric_and_positive_definite(
+    arm: Arm, plain: PlainArm, at: Vector
+) -> None:
+    M = arm.mass_matrix(plain.at(at))
+    assert M.shape == (arm.n, arm.n)
+    assert M.tolist() == M.T.tolist()
+    # The rotors alone have the inertia `armature`.
+    assert np.linalg.eigvalsh(M).min() > plain.armature.min()
+
+
+@given(at=fractions, v=rates)
+def test_mass_matrix_is_what_acceleration_costs(
+    arm: Arm, plain: PlainArm, at: Vector, v: Vector
+) -> None:
+    q, v, still = plain.at(at), v[: plain.n], np.zeros(plain.n)
+    rest = arm.inverse_dynamics(q, v, still)
+    columns = [arm.inverse_dynamics(q, v, e) - rest for e in np.eye(arm.n)]
+    assert np.abs(arm.mass_matrix(q) - np.array(columns).T).max() < 1e-10
+
+
+@given(at=fractions)
+def test_at_rest_the_torque_is_the_slope_of_the_potential_energy(
+    arm: Arm, plain: PlainArm, at: Vector
+) -> None:
+    q, still = plain.at(at), np.zeros(plain.n)
+    torque = arm.inverse_dynamics(q, still, still)
+    assert np.abs(torque - plain.gravity_torque(q)).max() < 1e-6
+
+
+@given(at=fractions, v=rates)
+def test_coriolis_terms_are_the_christoffel_symbols_of_the_mass_matrix(
+    arm: Arm, plain: PlainArm, at: Vector, v: Vector
+) -> None:
+    q, v, still = plain.at(at), v[: plain.n], np.zeros(plain.n)
+    h = 1e-5
+    dM = np.array(
+        [(arm.mass_matrix(q + h * e) - arm.mass_matrix(q - h * e)) / (2 * h) for e in np.eye(arm.n)]
+    )
+    expected = np.einsum("kij,j,k->i", dM, v, v) - 0.5 * np.einsum("ijk,j,k->i", dM, v, v)
+    even = 0.5 * (arm.inverse_dynamics(q, v, still) + arm.inverse_dynamics(q, -v, still))
+    assert np.abs(even - arm.inverse_dynamics(q, still, still) - expected).max() < 1e-6
+
+
+@given(at=fractions, v=rates)
+def test_damping_takes_torque_in_proportion_to_the_speed(
+    arm: Arm, plain: PlainArm, at: Vector, v: Vector
+) -> None:
+    q, v, still = plain.at(at), v[: plain.n], np.zeros(plain.n)
+    odd = 0.5 * (arm.inverse_dynamics(q, v, still) - arm.inverse_dynamics(q, -v, still))
+    assert (plain.damping > 0.0).all()
+    assert odd == pytest.approx(plain.damping * v, abs=1e-10)
+
+
+@pytest.mark.parametrize("payload", [None, HELD], ids=["empty", "carrying"])
+@given(at=fractions, v=rates, a=rates)
+def test_the_torque_gives_the_acceleration_in_forward_dynamics(
+    robot: Robot, payload: Payload | None, at: Vector, v: Vector, a: Vector
+) -> None:
+    arm, plain = _both(robot, payload)
+    q, v, a = plain.at(at), v[: plain.n], a[: plain.n]
+    tau = arm.inverse_dynamics(q, v, a)
+    assert np.abs(plain.acceleration(q, v, tau) - a).max() < 1e-8
+
+
+def test_there_are_no_joint_stops(arm: Arm, plain: PlainArm) -> None:
+    still = np.zeros(arm.n)
+    for q in (arm.q_min - 0.5, arm.q_max + 0.5):
+        torque = arm.inverse_dynamics(q, still, still)
+        assert np.abs(torque - plain.gravity_torque(q)).max() < 1e-6
+
+
+@given(at=fractions)
+def test_a_payload_does_not_move_the_tool(robot: Robot, arm: Arm, at: Vector) -> None:
+    loaded, plain = _both(robot, HELD)
+    q = plain.at(at)
+    assert loaded.pose(q).wxyz_xyz.tolist() == arm.pose(q).wxyz_xyz.tolist()
+    assert np.abs(loaded.jacobian(q) - arm.jacobian(q)).max() < 1e-12
+    assert loaded.limit_margin(q) == arm.limit_margin(q)
+
+
+@given(at=fractions)
+def test_a_payload_weighs_on_the_joints_through_its_centre_of_mass(
+    robot: Robot, arm: Arm, at: Vector
+) -> None:
+    loaded, plain = _both(robot, HELD)
+    q, still = plain.at(at), np.zeros(plain.n)
+
+    def com(q: Vector) -> Vector:
+        position, R = plain.tool(q)
+        centre: Vector = position + R @ HELD.T_tcp_com.translation()
+        return centre
+
+    h = 1e-5
+    J_com = np.array([(com(q + h * e) - com(q - h * e)) / (2 * h) for e in np.eye(arm.n)]).T
+    weight = HELD.mass * plain.full.opt.gravity
+    more = loaded.inverse_dynamics(q, still, still) - arm.inverse_dynamics(q, still, still)
+    assert np.abs(more + J_com.T @ weight).max() < 1e-7
+
+
+@given(at=fractions, v=rates)
+def test_a_payload_adds_the_kinetic_energy_of_a_rigid_body(
+    robot: Robot, at: Vector, v: Vector
+) -> None:
+    loaded, plain = _both(robot, HELD)
+    q, v = plain.at(at), v[: plain.n]
+    energy = 0.5 * float(v @ loaded.mass_matrix(q) @ v)
+    assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", ['quat="0.5 0.1 -0.7 0.2"', 'euler="0.3 -0.8 1.1"'])
+def test_a_payload_is_held_in_the_tool_frame_however_that_is_turned(
+    robot: Robot, tmp_path: Path, turn: str
+) -> None:
+    tilted = edited(robot, tmp_path, f'name="{robot.tcp}"', f'name="{robot.tcp}" {turn}')
+    plain = PlainArm(tilted, HELD)
+    loaded = Arm(tilted, HELD)
+    still = np.zeros(loaded.n)
+    assert loaded.pose(robot.home).rotation().as_matrix() == pytest.approx(
+        plain.tool(robot.home)[1], abs=1e-9
+    )
+    for q in (robot.home, plain.at(np.full(8, 0.3))):
+        torque = loaded.inverse_dynamics(q, still, still)
+        assert np.abs(torque - plain.gravity_torque(q)).max() < 1e-6
+        v = np.ones(loaded.n)
+        energy = 0.5 * float(v @ loaded.mass_matrix(q) @ v)
+        assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6)
+
+
+def test_bodies_that_are_only_drawn_keep_their_mass(robot: Robot, tmp_path: Path) -> None:
+    drawn = '<geom type="sphere" size="0.05" mass="2" contype="0" conaffinity="0"/>'
+    added = f'<site name="{robot.tcp}"'
+    heavy = edited(robot, tmp_path, added, f'<body pos="0 0.1 0.2">{drawn}</body>{added}')
+    plain, still = PlainArm(heavy), np.zeros(len(robot.joints))
+    torque = Arm(heavy).inverse_dynamics(robot.home, still, still)
+    assert np.abs(torque - plain.gravity_torque(robot.home)).max() < 1e-6
+
+
+def test_another_belief_is_another_arm(robot: Robot, arm: Arm) -> None:
+    still = np.zeros(arm.n)
+    before = arm.inverse_dynamics(robot.home, still, still)
+    loaded = arm.carrying(HELD)
+    assert loaded.payload is HELD
+    assert (loaded.inverse_dynamics(robot.home, still, still) != before).any()
+    assert arm.payload is None
+    assert arm.inverse_dynamics(robot.home, still, still).tolist() == before.tolist()
+    empty = loaded.carrying(None)
+    assert empty.payload is None
+    assert empty.inverse_dynamics(robot.home, still, still).tolist() == before.tolist()
+
+
+def test_a_margin_draws_every_limit_in(robot: Robot, arm: Arm) -> None:
+    inner = Arm(robot, margin=0.01)
+    room = 0.01 * (arm.q_max - arm.q_min)
+    np.testing.assert_allclose(inner.q_min, arm.q_min + room, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(inner.q_max, arm.q_max - room, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(inner.pose(robot.home).wxyz_xyz, arm.pose(robot.home).wxyz_xyz)
+
+
+@pytest.mark.parametrize("margin", [-0.1, 0.5, np.nan])
+def test_a_margin_that_leaves_nothing_is_refused(robot: Robot, margin: float) -> None:
+    with pytest.raises(InvalidValueError, match=r"margin must be at least 0 and below 0\.5"):
+        Arm(robot, margin=margin)
+
+
+@given(target=poses, at=fractions)
+def test_distance_is_that_of_the_points_and_the_angle_between_the_axes(
+    arm: Arm, plain: PlainArm, target: SE3, at: Vector
+) -> None:
+    q = plain.at(at)
+    assert arm.distance_to(target, q) == pytest.approx(plain.errors(q, target), abs=1e-9)
+
+
+@given(angle=st.floats(-10.0, 10.0), axis=st.integers(0, 2))
+def test_the_angle_of_a_turn_is_the_smaller_way_round(arm: Arm, angle: float, axis: int) -> None:
+    target = turned(arm.pose(arm.home), axis, angle)
+    distance, found = arm.distance_to(target, arm.home)
+    assert distance == pytest.approx(0.0, abs=1e-12)
+    assert found == pytest.approx(np.arccos(np.cos(angle)), abs=1e-7)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_exact_half_turn_is_half_a_turn(arm: Arm, plain: PlainArm, axis: int) -> None:
+    """The quaternion between tool and target has w = 0, to the last bit."""
+    for q in (arm.home, plain.at(np.full(8, 0.4))):
+        target = arm.pose(q) @ SE3.from_rotation(SO3(np.eye(4)[1 + axis]))
+        assert arm.distance_to(target, q) == pytest.approx((0.0, np.pi), abs=1e-9)
+        assert np.abs(arm.way_to(target, q)[3:]) == pytest.approx(np.pi * np.eye(3)[axis], abs=1e-9)
+
+
+@given(target=poses, at=fractions)
+def test_the_way_to_a_pose_leads_there_in_the_frame_of_the_tool(
+    arm: Arm, plain: PlainArm, target: SE3, at: Vector
+) -> None:
+    q = plain.at(at)
+    kept = target.wxyz_xyz.copy()
+    position, R = plain.tool(q)
+    way = arm.way_to(target, q)
+    assert position + R @ way[:3] == pytest.approx(target.translation(), abs=1e-12)
+    there = R @ Rotation.from_rotvec(way[3:]).as_matrix()
+    assert np.abs(there - target.rotation().as_matrix()).max() < 1e-9
+    assert np.linalg.norm(way[3:]) <= np.pi + 1e-9
+    assert target.wxyz_xyz.tolist() == kept.tolist()
+
+
+@given(at=fractions)
+def test_limit_margin_is_the_way_to_the_closest_limit(
+    arm: Arm, plain: PlainArm, at: Vector
+) -> None:
+    q = plain.at(at)
+    margin = arm.limit_margin(q)
+    steps = np.vstack([np.eye(arm.n), -np.eye(arm.n)])
+    assert all(plain.inside(q + (margin - 1e-9) * step) for step in steps) or margin < 1e-9
+    assert not all(plain.inside(q + (margin + 1e-9) * step) for step in steps)
+
+
+def test_limit_margin_is_negative_outside_by_how_far(arm: Arm) -> None:
+    for i in range(arm.n):
+        for limit, sign in ((arm.q_min, -1.0), (arm.q_max, 1.0)):
+            q = arm.home.copy()
+            q[i] = limit[i] + sign * 0.25
+            assert arm.limit_margin(q) == pytest.approx(-0.25)
+            q[i] = limit[i]
+            assert arm.limit_margin(q) == 0.0
+
+
+@given(at=fractions)
+def test_what_the_tool_reaches_is_not_beyond_reach(arm: Arm, plain: PlainArm, at: Vector) -> None:
+    assert arm.beyond_reach(plain.tool(plain.at(at))[0]) == 0.0
+
+
+@given(at=fractions, target=rotations, far=st.floats(0.0, 5.0))
+def test_beyond_reach_is_never_more_than_what_is_missing(
+    arm: Arm, plain: PlainArm, at: Vector, target: SO3, far: float
+) -> None:
+    point = target.as_matrix()[:, 0] * far
+    missing = float(np.linalg.norm(point - plain.tool(plain.at(at))[0]))
+    assert arm.beyond_reach(point) <= missing + 1e-12
+
+
+@given(direction=rotations)
+def test_far_away_nearly_all_of_the_distance_is_out_of_reach(
+    arm: Arm, plain: PlainArm, direction: SO3
+) -> None:
+    ray = direction.as_matrix()[:, 0]
+    near, far = arm.beyond_reach(10.0 * ray), arm.beyond_reach(1010.0 * ray)
+    assert far - near == pytest.approx(1000.0, rel=1e-3)
+
+
+def test_the_bound_on_the_reach_is_of_use(arm: Arm, plain: PlainArm) -> None:
+    rng = np.random.default_rng(3)
+    tools = np.array([plain.tool(rng.uniform(arm.q_min, arm.q_max))[0] for _ in range(3000)])
+    for point in 3.0 * np.vstack([np.eye(3), -np.eye(3)]):
+        missing = np.linalg.norm(tools - point, axis=1).min()
+        assert 0.8 * missing < arm.beyond_reach(point) <= missing
+
+
+READS: dict[str, Callable[[Arm, Vector], Vector]] = {
+    "pose": lambda arm, q: arm.pose(q).wxyz_xyz,
+    "jacobian": lambda arm, q: arm.jacobian(q),
+    "mass_matrix": lambda arm, q: arm.mass_matrix(q),
+    "inverse_dynamics": lambda arm, q: arm.inverse_dynamics(q, 0.3 * q, -0.7 * q),
+    "way_to": lambda arm, q: arm.way_to(SE3.identity(), q),
+}
+EVERY = pytest.mark.parametrize("read", READS.values(), ids=READS.keys())
+
+
+@EVERY
+def test_answers_do_not_depend_on_what_was_asked_before(
+    robot: Robot, read: Callable[[Arm, Vector], Vector]
+) -> None:
+    rng = np.random.default_rng(1)
+    arm = Arm(robot)
+    q, other = (rng.uniform(arm.q_min, arm.q_max) for _ in range(2))
+    first = read(Arm(robot), q)
+    for before in READS.values():
+        before(arm, other)
+        assert read(arm, q).tolist() == first.tolist()
+
+
+@EVERY
+def test_answers_are_the_callers_own(robot: Robot, read: Callable[[Arm, Vector], Vector]) -> None:
+    arm = Arm(robot)
+    q = arm.home.copy()
+    answer = read(arm, q)
+    kept = answer.copy()
+    for ask in READS.values():
+        ask(arm, arm.q_max)
+    assert answer.tolist() == kept.tolist()
+    answer[...] = 7.0
+    assert read(arm, q).tolist() == kept.tolist()
+    assert q.tolist() == robot.home.tolist()
+
+
+def test_the_arms_own_arrays_are_not_those_of_its_model(robot: Robot) -> None:
+    arm, q = Arm(robot), robot.home.copy()
+    margin = arm.model.jnt_range.copy()
+    arm.q_min[:] = arm.q_max[:] = arm.home[:] = 0.0
+    assert arm.model.jnt_range.tolist() == margin.tolist()
+    assert robot.home.tolist() == q.tolist()
+
+
+def test_checked_q_takes_a_copy(arm: Arm) -> None:
+    q = arm.home.copy()
+    checked = arm.checked_q("q", q)
+    q[:] = 9.0
+    assert checked.tolist() == arm.home.tolist()
+    assert arm.checked_q("q", arm.home.tolist()).tolist() == arm.home.tolist()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_configuration_that_is_not_finite_is_refused(arm: Arm, bad: float) -> None:
+    q = arm.home.copy()
+    q[-1] = bad
+    with pytest.raises(InvalidValueError, match=rf"elbow must be a vector of {arm.n} finite"):
+        arm.checked_q("elbow", q)
+
+
+@pytest.mark.parametrize("q", [[0.0], 0.0, [[0.0] * 7], "home", [0.0] * 30])
+def test_a_configuration_of_another_shape_is_refused(arm: Arm, q: ArrayLike) -> None:
+    with pytest.raises(InvalidValueError, match=rf"q must be a vector of {arm.n} finite numbers"):
+        arm.checked_q("q", q)
+
+
+def test_a_joint_that_the_model_lacks_is_named(robot: Robot) -> None:
+    wrong = replace(robot, joints=("nojoint", *robot.joints[1:]))
+    message = rf"No joint is called 'nojoint'; known: .*{robot.joints[0]}"
+    with pytest.raises(UnknownNameError, match=message) as caught:
+        Arm(wrong)
+    assert set(robot.joints) <= set(caught.value.known)
+
+
+def test_a_tool_frame_that_the_model_lacks_is_named(robot: Robot) -> None:
+    with pytest.raises(UnknownNameError, match=rf"No site is called 'toool'; known: .*{robot.tcp}"):
+        Arm(replace(robot, tcp="toool"))
+
+
+def test_joints_out_of_order_are_refused(robot: Robot) -> None:
+    swapped = (robot.joints[1], robot.joints[0], *robot.joints[2:])
+    with pytest.raises(ModelError, match=r"names the joints .*List them from base to tip\."):
+        Arm(replace(robot, joints=swapped))
+
+
+def test_a_joint_named_twice_is_refused(robot: Robot) -> None:
+    doubled = (robot.joints[0], robot.joints[0], *robot.joints[2:])
+    with pytest.raises(ModelError, match=r"its model has .*once all others are welded"):
+        Arm(replace(robot, joints=doubled))
+
+
+def test_a_joint_without_a_range_is_refused(robot: Robot, tmp_path: Path) -> None:
+    old = f'<joint name="{robot.joints[1]}" range='
+    free = edited(robot, tmp_path, old, f'<joint name="{robot.joints[1]}" limited="false" range=')
+    message = rf"Robot '{robot.name}' has joints without a range: \['{robot.joints[1]}'\]"
+    with pytest.raises(ModelError, match=message):
+        Arm(free)
+
+
+_MADE: dict[tuple[str, bool], tuple[Arm, PlainArm]] = {}
+
+
+def _both(robot: Robot, payload: Payload | None) -> tuple[Arm, PlainArm]:
+    key = robot.name, payload is None
+    if key not in _MADE:
+        _MADE[key] = Arm(robot, payload), PlainArm(robot, payload)
+    return _MADE[key]

@@ -1,0 +1,154 @@
+from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robo47_qp.errors import InvalidValueError, ModelError
+from robo47_qp.model.robot import MotionProfile, Robot
+
+BOUNDS = ("v_max", "a_max", "j_max")
+VECTORS = ("home", "tau_max", "tau_rate_max", "stiffness")
+
+
+def changed(robot: Robot, name: str, value: object) -> Robot:
+    fields: dict[str, Any] = {name: value}
+    return replace(robot, **fields)
+
+
+def profile(**changed: object) -> MotionProfile:
+    bounds: dict[str, object] = {name: np.array([1.0, 2.0, 3.0]) for name in BOUNDS}
+    return MotionProfile(**{**bounds, **changed})  # type: ignore[arg-type]
+
+
+def test_uniform_bounds_are_the_same_for_every_joint() -> None:
+    uniform = MotionProfile.uniform(4, v=1.0, a=2.0, j=3.0)
+    assert uniform.v_max.tolist() == [1.0] * 4
+    assert uniform.a_max.tolist() == [2.0] * 4
+    assert uniform.j_max.tolist() == [3.0] * 4
+
+
+@given(speed=st.floats(0.01, 1.0), pace=st.floats(0.1, 3.0))
+def test_a_slowed_profile_bounds_the_same_motion_stretched_in_time(
+    speed: float, pace: float
+) -> None:
+    # q(t) = sin(pace t) has derivatives with amplitudes pace, pace², pace³.
+    full = MotionProfile.uniform(1, v=pace, a=pace**2, j=pace**3)
+    t = np.linspace(0.0, 2 * np.pi / (pace * speed), 4001)
+    q = np.sin(pace * speed * t)
+    slowed = full.slowed(speed)
+    for order, bound in enumerate((slowed.v_max, slowed.a_max, slowed.j_max), start=1):
+        largest = np.abs(np.diff(q, order)).max() / (t[1] - t[0]) ** order
+        assert bound[0] == pytest.approx(largest, rel=2e-2)
+
+
+def test_full_speed_changes_nothing_and_slowing_leaves_the_original_alone() -> None:
+    full = profile()
+    half = full.slowed(0.5)
+    for name in BOUNDS:
+        assert getattr(full.slowed(1.0), name).tolist() == [1.0, 2.0, 3.0]
+        assert getattr(full, name).tolist() == [1.0, 2.0, 3.0]
+        assert (getattr(half, name) < getattr(full, name)).all()
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.5, 1.0 + 1e-9, 2.0, np.nan, np.inf])
+def test_a_speed_outside_0_to_1_is_refused(speed: float) -> None:
+    with pytest.raises(InvalidValueError, match="speed must be above 0 and at most 1; found"):
+        profile().slowed(speed)
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+@pytest.mark.parametrize("bad", [0.0, -1.0])
+def test_a_bound_that_is_not_positive_is_refused(name: str, bad: float) -> None:
+    with pytest.raises(InvalidValueError, match=rf"{name} must be positive in every joint; found"):
+        profile(**{name: np.array([1.0, bad, 1.0])})
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_bound_that_is_not_finite_is_refused(name: str, bad: float) -> None:
+    with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of 3 finite numbers"):
+        profile(**{name: np.array([1.0, bad, 1.0])})
+
+
+@pytest.mark.parametrize("name", ["a_max", "j_max"])
+def test_bounds_of_different_lengths_are_refused(name: str) -> None:
+    with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of 3 .* \(2,\)"):
+        profile(**{name: np.array([1.0, 1.0])})
+
+
+def test_the_bounds_of_a_profile_cannot_be_changed() -> None:
+    mine = np.array([1.0, 2.0, 3.0])
+    made = profile(v_max=mine)
+    mine[:] = 9.0
+    assert made.v_max.tolist() == [1.0, 2.0, 3.0]
+    for name in BOUNDS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(made, name)[0] = 5.0
+        with pytest.raises(FrozenInstanceError):
+            setattr(made, name, mine)
+
+
+def test_a_robot_is_a_description_of_n_joints(robot: Robot) -> None:
+    n = len(robot.joints)
+    for name in VECTORS:
+        assert getattr(robot, name).shape == (n,)
+    for motion in (robot.rated, robot.profile):
+        for name in BOUNDS:
+            assert getattr(motion, name).shape == (n,)
+    assert len(robot.motors) == len(set(robot.motors)) == n
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_the_arrays_of_a_robot_cannot_be_changed(robot: Robot, name: str) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(robot, name)[0] = 5.0
+
+
+def test_a_robot_does_not_change_with_the_arrays_it_was_made_of(robot: Robot) -> None:
+    home = robot.home.copy()
+    made = replace(robot, home=home)
+    home += 1.0
+    assert made.home.tolist() == robot.home.tolist()
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_an_array_of_the_wrong_length_is_refused(robot: Robot, name: str) -> None:
+    n = len(robot.joints)
+    with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of {n} .*\({n + 1},\)"):
+        changed(robot, name, np.ones(n + 1))
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_an_array_that_is_not_finite_is_refused(robot: Robot, name: str) -> None:
+    bad = np.ones(len(robot.joints))
+    bad[-1] = np.nan
+    with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of .* found .*nan"):
+        changed(robot, name, bad)
+
+
+@pytest.mark.parametrize("name", ["rated", "profile"])
+def test_a_profile_of_another_arm_is_refused(robot: Robot, name: str) -> None:
+    other = MotionProfile.uniform(len(robot.joints) + 1, v=1.0, a=1.0, j=1.0)
+    with pytest.raises(InvalidValueError, match=rf"{name}\.v_max must be a vector of"):
+        changed(robot, name, other)
+
+
+def test_a_missing_motor_is_refused(robot: Robot) -> None:
+    with pytest.raises(InvalidValueError, match=r"motors must be \d+ names, one per joint; found"):
+        replace(robot, motors=robot.motors[:-1])
+
+
+def test_a_missing_model_is_named(robot: Robot, tmp_path: Path) -> None:
+    missing = tmp_path / "nowhere.xml"
+    message = rf"Robot '{robot.name}' needs the model .*nowhere\.xml: no such file"
+    with pytest.raises(ModelError, match=message):
+        replace(robot, mjcf=missing)
+
+
+def test_a_folder_is_no_model(robot: Robot, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no such file"):
+        replace(robot, mjcf=tmp_path)

@@ -1,0 +1,143 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.settings import Stall
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.blending import least_with_stops, parted, quickest
+from robo47_qp.motion.continuous import Pace
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.waypoint import Motion, Waypoint
+
+ARM, DT, LOOK = Arm(PANDA), 1e-3, SecondLook(PANDA)
+PLANNER = Planner(
+    ik=MultiStart(solver=LmIk(max_iterations=30, stall=Stall())), profile=PANDA.profile
+)
+Times = Callable[[frozenset[int]], float]
+
+
+def walk(rng: np.random.Generator, motion: Motion, radius: float) -> list[Waypoint]:
+    pose, run = ARM.pose(ARM.home), []
+    for k in range(3):
+        shift, turn = rng.normal(0.0, 0.1, 3), rng.normal(0.0, 0.2, 3)
+        rotation = pose.rotation() @ SO3.exp(turn)
+        pose = SE3.from_rotation_and_translation(rotation, pose.translation() + shift)
+        run.append(
+            Waypoint(name=str(k), target=pose, motion=motion, blend=radius if k < 2 else 0.0)
+        )
+    return run
+
+
+@pytest.mark.parametrize(("motion", "least"), [(Motion.PTP, 0.05), (Motion.LIN, 0.005)])
+def test_blending_never_takes_longer_than_stopping(motion: Motion, least: float) -> None:
+    rng, planned, saved = np.random.default_rng(2), 0, 0.0
+    for radius in (0.003, 0.01, 0.02, 0.03, 0.04, 0.02):
+        run = walk(rng, motion, radius)
+        rested = [Waypoint(name=w.name, target=w.target, motion=motion) for w in run]
+        try:
+            legs = PLANNER.plan_chain(ARM, run, ARM.home, DT)
+        except PlanError:
+            continue
+        stopping = PLANNER.plan_chain(ARM, rested, ARM.home, DT)
+        took = [sum(leg.trajectory.steps for leg in one) for one in (legs, stopping)]
+        assert took[0] <= took[1]
+        saved += 1.0 - took[0] / took[1]
+        planned += 1
+        assert broken(LOOK, legs, PANDA.profile) == []
+        for leg in legs[:-1]:
+            assert leg.stops == (not leg.trajectory.v[-1].any())
+    assert planned >= 3
+    assert saved > least * planned
+
+
+def plans(times: Times) -> tuple[list[frozenset[int]], Callable[[frozenset[int]], frozenset[int]]]:
+    asked: list[frozenset[int]] = []
+
+    def plan(stops: frozenset[int]) -> frozenset[int]:
+        asked.append(stops)
+        if times(stops) < 0.0:
+            raise PlanError("somewhere", "no")
+        return stops
+
+    return asked, plan
+
+
+def test_corners_are_stopped_at_one_by_one_where_that_is_quicker() -> None:
+    """Blending costs 3 at the first corner and saves 1 at the second."""
+
+    def time(stops: frozenset[int]) -> float:
+        return 10.0 - 3.0 * (0 in stops) + 1.0 * (1 in stops)
+
+    asked, plan = plans(time)
+    assert quickest([0, 1], plan, time, 8.0) == {0}
+    assert asked[:2] == [frozenset(), frozenset({0, 1})]
+
+
+def test_what_is_quicker_than_any_stop_is_taken_at_once() -> None:
+    asked, plan = plans(lambda _: 5.0)
+    assert quickest([0, 1], plan, lambda _: 5.0, 5.0) == frozenset()
+    assert asked == [frozenset()]
+
+
+def test_without_corners_there_is_one_plan() -> None:
+    asked, plan = plans(lambda _: 5.0)
+    assert quickest([], plan, lambda _: 5.0, 0.0) == frozenset()
+    assert len(asked) == 1
+
+
+def test_a_plan_with_stops_that_is_refused_is_none() -> None:
+    def time(stops: frozenset[int]) -> float:
+        return 10.0 if not stops else -1.0
+
+    _, plan = plans(time)
+    assert quickest([0, 1], plan, time, 1.0) == frozenset()
+    with pytest.raises(PlanError):
+        quickest([0], plans(lambda _: -1.0)[1], lambda _: 1.0, 0.0)
+
+
+def test_a_run_falls_apart_at_its_stops() -> None:
+    run = walk(np.random.default_rng(0), Motion.LIN, 0.01)
+    assert parted(run, frozenset()) == [range(3)]
+    assert parted(run, frozenset({1})) == [range(2), range(2, 3)]
+    assert parted(run, frozenset({0, 1})) == [range(1), range(1, 2), range(2, 3)]
+
+
+@pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])
+def test_the_time_with_stops_is_never_overstated(motion: Motion) -> None:
+    rng = np.random.default_rng(4)
+    for pace in (1.0, 0.5):
+        run = walk(rng, motion, 0.0)
+        planner = Planner(ik=PLANNER.ik, profile=PANDA.profile, speed=pace)
+        legs = planner.plan_chain(ARM, run, ARM.home, DT)
+        q = [ARM.home, *(leg.trajectory.q[-1] for leg in legs)]
+        poses = [ARM.pose(row) for row in q]
+        least = least_with_stops(poses, q, run, Pace(PANDA.profile, pace), PathProfile())
+        took = sum(leg.trajectory.duration for leg in legs)
+        assert 0.4 * took < least <= took + 1e-6
+        if motion is Motion.PTP:
+            assert least > took - 3 * DT
+
+
+def test_a_ptp_waypoint_where_the_motion_already_is_is_refused() -> None:
+    here = ARM.pose(ARM.home)
+    there = SE3.from_rotation_and_translation(
+        here.rotation(), here.translation() + np.array([0.0, 0.1, 0.0])
+    )
+    run = [
+        Waypoint(name="first", target=there, blend=0.02),
+        Waypoint(name="again", target=there, blend=0.02),
+        Waypoint(name="goal", target=here),
+    ]
+    with pytest.raises(PlanError, match=r"'again'.* it is where the motion already is") as caught:
+        PLANNER.plan_chain(ARM, run, ARM.home, DT)
+    assert caught.value.rejection is not None
+    assert caught.value.rejection.obstacle is Obstacle.SHAPE

@@ -1,0 +1,482 @@
+"""The Rerun file: what is in it, what it refuses, and what is left when writing ends badly."""
+
+import signal
+import socket
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import mujoco
+import numpy as np
+import pytest
+from mink import SE3
+from rerun.chunk import RrdReader
+
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import RecordingError, RenderingError
+from robo47_qp.ik.qp import QpIk
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.waypoint import Waypoint, tool_down
+from robo47_qp.report.rerun import blueprint as rerun_blueprint
+from robo47_qp.report.rerun import viewer as live_viewer
+from robo47_qp.report.rerun.columns import component
+from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.rerun.scene import body_shapes, undrawn
+from robo47_qp.run import signals
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
+
+Table: TypeAlias = dict[str, list[Any]]
+
+SIGNALS = signals.all_signals(PANDA, ["cube"])
+LEFT_OUT = {
+    "time",
+    "phase",
+    "gripper/fingers",
+    "gripper/left_finger_contact",
+    "gripper/right_finger_contact",
+}
+LOGGED = [found for found in SIGNALS if found.name not in LEFT_OUT]
+
+
+@pytest.fixture(scope="module")
+def world() -> Simulation:
+    return Simulation(PANDA, PickPlace().build_scene)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "new" / "folder" / "run.rrd"
+
+
+@pytest.fixture
+def log(world: Simulation, path: Path) -> Iterator[RerunLog]:
+    made = RerunLog(path, world.model, PANDA, SIGNALS)
+    yield made
+    made.close()
+
+
+def block(first: int, count: int = 250) -> Rows:
+    """Rows of noise, possible as poses, from row number `first` on."""
+    rng = np.random.default_rng(first)
+    rows = Rows(SIGNALS, rng.normal(size=(count, sum(len(s.labels) for s in SIGNALS))))
+    rows["time"][:, 0] = (first + np.arange(count)) * TIMESTEP
+    for name in ("tool/pose", "tool/pose_ref", "objects/cube"):
+        rows[name][:, 3:] /= np.linalg.norm(rows[name][:, 3:], axis=1, keepdims=True)
+    return rows
+
+
+def read(path: Path, entity: str) -> Table:
+    """All values of an entity's columns; instants in nanoseconds."""
+    table: Table = defaultdict(list)
+    for chunk in RrdReader(path).stream().to_chunks():
+        if str(chunk.entity_path) == entity:
+            batch = chunk.to_record_batch()
+            for name in batch.schema.names:
+                values = batch.column(name)
+                if name == "time":
+                    instants = values.to_numpy(zero_copy_only=False)
+                    table[name] += instants.astype("timedelta64[ns]").astype(np.int64).tolist()
+                else:
+                    table[name] += values.to_pylist()
+    return table
+
+
+def assert_holds(table: Table, rows: Rows) -> None:
+    assert table["time"] == [round(1e9 * t) for t in rows["time"][:, 0]]
+    for found in LOGGED:
+        np.testing.assert_array_equal(np.array(table[component(found.name)]), rows[found.name])
+
+
+def test_every_number_comes_back_at_its_instant(log: RerunLog, path: Path) -> None:
+    blocks = [block(0), block(250), block(500, 30)]
+    for rows in blocks:
+        log.write(rows)
+    log.finish("done")
+    assert_holds(
+        read(path, "/signals"), Rows(SIGNALS, np.concatenate([rows.values for rows in blocks]))
+    )
+
+
+def test_what_others_tell_is_left_out(log: RerunLog, path: Path) -> None:
+    log.write(block(0))
+    log.finish("done")
+    table = read(path, "/signals")
+    described = ("labels:", "units:", "rerun.")
+    columns = {name for name in table if not name.startswith(described)} - {"time"}
+    assert columns == {component(found.name) for found in LOGGED}
+    assert table["labels:joints/q"] == [list(PANDA.joints)]
+    assert table["units:joints/tau"] == [["N·m"]]
+
+
+def test_a_row_costs_little_more_than_its_numbers(log: RerunLog, path: Path) -> None:
+    empty = path.stat().st_size
+    for first in range(0, 5000, 250):
+        log.write(block(first))
+    log.finish("done")
+    numbers = sum(8 * len(found.labels) for found in LOGGED)
+    # Beside them: row id and instant (24 bytes), the scene at 60 Hz, the index of the file.
+    assert (path.stat().st_size - empty) / 5000 < numbers + 180
+
+
+def test_bodies_are_where_mujoco_has_them(log: RerunLog, path: Path, world: Simulation) -> None:
+    rows = block(0)
+    log.write(rows)
+    log.finish("done")
+    table = read(path, "/frames")
+    data = mujoco.MjData(world.model)
+    seen = set()
+    for instant, child, position, xyzw in zip(
+        table["time"],
+        table["Transform3D:child_frame"],
+        table["Transform3D:translation"],
+        table["Transform3D:quaternion"],
+        strict=True,
+    ):
+        row = round(1e-9 * instant / TIMESTEP)
+        for names, name in ((PANDA.joints, "joints/q"), (GRIPPER.joints, "gripper/fingers")):
+            for joint, value in zip(names, rows[name][row], strict=True):
+                data.joint(joint).qpos = value
+        data.qpos[world.model.jnt_qposadr[world.model.body("cube").jntadr[0]] :][:7] = rows[
+            "objects/cube"
+        ][row]
+        mujoco.mj_kinematics(world.model, data)
+        if child == ["tool"]:
+            expected, wxyz = rows["tool/pose"][row, :3], rows["tool/pose"][row, 3:]
+        else:
+            expected, wxyz = data.body(child[0]).xpos, data.body(child[0]).xquat
+        np.testing.assert_allclose(position[0], expected, atol=1e-6)
+        np.testing.assert_allclose(np.roll(xyzw[0], 1), wxyz, atol=1e-6)
+        seen.add((row, child[0]))
+    moving = {"tool", "cube", "hand", *GRIPPER.fingers, *(f"link{i}" for i in range(1, 8))}
+    instants = {row for row, _ in seen}
+    assert seen == {(row, name) for row in instants for name in moving}
+    assert max(np.diff(sorted(instants))) == 17  # 60 Hz
+
+
+def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulation) -> None:
+    arm = Arm(PANDA)
+    planner = Planner(ik=QpIk(), profile=PANDA.profile)
+    goal = tool_down([0.5, 0.1, 0.3])
+    leg = planner.plan(arm, Waypoint(name="above", target=goal), PANDA.home, TIMESTEP)
+    world.place_marker("goal", SE3.from_translation(np.array([0.1, 0.2, 0.3])))
+    log.phase(0.0, "above")
+    log.planned(0.0, leg, np.array([arm.pose(q).translation() for q in leg.trajectory.q]))
+    log.tick(world)
+    log.tick(world)
+    log.note(0.5, "lost the cube", "WARN")
+    log.finish("# Well done")
+    assert read(path, "/phases")["StateChange:state"] == [["above"]]
+    events = read(path, "/events")
+    assert events["TextLog:level"] == [["INFO"], ["WARN"]]
+    assert events["TextLog:text"][0][0].startswith("0.00 s  PTP to 'above', ")
+    assert events["TextLog:text"][1] == ["0.50 s  lost the cube"]
+    assert events["time"] == [0, 500_000_000]
+    strips = read(path, "/planned")["LineStrips3D:strips"][0]
+    np.testing.assert_allclose(strips[0][0], arm.pose(PANDA.home).translation(), atol=1e-6)
+    origins = read(path, "/goals")["Arrows3D:origins"][0]
+    np.testing.assert_allclose(origins, [goal.translation()] * 3, atol=1e-6)
+    markers = read(path, "/frames/markers")
+    np.testing.assert_allclose(markers["Transform3D:translation"], [[[0.1, 0.2, 0.3]]], atol=1e-6)
+    assert read(path, "/summary")["TextDocument:text"] == [["# Well done"]]
+
+
+def test_plots_and_views_show_what_is_recorded(
+    log: RerunLog, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log.write(block(0))
+    log.finish("done")
+    shown: list[Any] = []
+    lines = rerun_blueprint._lines
+
+    def spy(*arguments: Any) -> Any:
+        shown.append(arguments)
+        return lines(*arguments)
+
+    monkeypatch.setattr(rerun_blueprint, "_lines", spy)
+    rerun_blueprint.blueprint(PANDA)
+    held = {**read(path, "/signals"), **read(path, "/limits")}
+    assert len(shown) == 15
+    for name, labels, colours, _ in shown:
+        assert {len(row) for row in held[component(name)]} == {len(labels)} == {len(colours)}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_value_that_is_no_number_is_refused(log: RerunLog, path: Path, value: float) -> None:
+    log.write(block(0))
+    rows = block(250)
+    rows["joints/tau"][7, 2] = value
+    message = rf"'joints/tau' cannot be recorded at 0\.257 s: its joint3 is {value}"
+    with pytest.raises(RecordingError, match=message):
+        log.write(rows)
+    log.finish("done")
+    assert_holds(read(path, "/signals"), block(0))
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.001])
+def test_a_quaternion_without_unit_length_is_refused(log: RerunLog, factor: float) -> None:
+    rows = block(0)
+    rows["objects/cube"][20, 3:] *= factor
+    with pytest.raises(RecordingError, match=rf"at 0\.020 s: its quaternion has length {factor:g}"):
+        log.write(rows)
+
+
+def test_a_file_that_cannot_be_made_is_known_at_once(world: Simulation, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path, reason in (
+        (tmp_path, "Is a directory"),
+        (tmp_path / "file" / "run.rrd", "its folder is a file"),
+        (Path("/proc/nothing/run.rrd"), "No such file or directory"),
+        (Path("/dev/full"), "No space left on device"),
+    ):
+        with pytest.raises(RecordingError, match=reason):
+            RerunLog(path, world.model, PANDA, SIGNALS)
+
+
+def test_a_closed_recording_says_so(log: RerunLog) -> None:
+    log.finish("done")
+    log.close()
+    log.close()
+    with pytest.raises(RecordingError, match=r"run\.rrd is closed"):
+        log.write(block(0))
+
+
+def test_a_file_that_went_away_is_no_success(log: RerunLog, path: Path) -> None:
+    log.write(block(0))
+    path.unlink()
+    with pytest.raises(RecordingError, match=r"run\.rrd could not be written to its end"):
+        log.finish("done")
+
+
+def write_elsewhere(path: Path, last_words: str) -> subprocess.CompletedProcess[str]:
+    """Write 12 blocks in another process, with `last_words` run at its start."""
+    program = f"""
+import os, resource, signal, sys
+from pathlib import Path
+from tests.report.rerun.test_rerun_log import PANDA, SIGNALS, PickPlace, RerunLog, Simulation, block
+path = Path({str(path)!r})
+log = RerunLog(path, Simulation(PANDA, PickPlace().build_scene).model, PANDA, SIGNALS)
+{last_words}
+"""
+    root = Path(__file__).resolve().parents[3]
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def test_a_full_disk_is_reported_and_what_was_written_is_readable(path: Path) -> None:
+    ended = write_elsewhere(
+        path,
+        """
+resource.setrlimit(resource.RLIMIT_FSIZE, (17_300_000, 17_300_000))
+for first in range(0, 10_000, 250):
+    log.write(block(first))
+""",
+    )
+    assert "RecordingError: " in ended.stderr
+    assert "there is room for only 16 MB more" in ended.stderr
+    table = read(path, "/signals")
+    kept = len(table["time"])
+    assert kept >= 250
+    assert f"run.rrd was closed at {(kept - 1) * TIMESTEP:.3f} s" in ended.stderr
+    blocks = [block(first).values for first in range(0, kept, 250)]
+    assert_holds(table, Rows(SIGNALS, np.concatenate(blocks)))
+
+
+def test_a_write_that_fails_is_reported_and_the_process_ends(path: Path) -> None:
+    ended = write_elsewhere(
+        path,
+        """
+from robo47_qp import rerun_stream
+rerun_stream._RESERVE = -1e9  # as if the space went away between two looks
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_300_000, 1_300_000))
+for first in range(0, 10_000, 250):
+    log.write(block(first))
+""",
+    )
+    assert "RecordingError: " in ended.stderr
+    assert "run.rrd could not be written to its end" in ended.stderr
+
+
+def test_a_disk_that_is_full_at_the_very_end_is_reported(path: Path) -> None:
+    ended = write_elsewhere(
+        path,
+        """
+log.write(block(0))
+log._stream.flush(0.249)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+size = path.stat().st_size + 4000
+resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+log.finish("done")
+""",
+    )
+    assert "RecordingError: " in ended.stderr
+    assert "run.rrd could not be written to its end" in ended.stderr
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_killed_process_leaves_all_but_the_last_moments(path: Path) -> None:
+    ended = write_elsewhere(
+        path,
+        """
+import time
+for first in range(0, 3000, 250):
+    log.write(block(first))
+    time.sleep(0.1)
+os.kill(os.getpid(), signal.SIGKILL)
+""",
+    )
+    assert ended.returncode == -signal.SIGKILL
+    table = read(path, "/signals")
+    kept = len(table["time"])
+    assert kept >= 3000 - 250
+    blocks = [block(first).values for first in range(0, kept, 250)]
+    assert_holds(table, Rows(SIGNALS, np.concatenate(blocks)))
+
+
+SHAPES = """
+<mujoco>
+  <compiler angle="radian"/>
+  <asset>
+    <material name="red" rgba="1 0 0 1"/>
+    <mesh name="wedge" vertex="0 0 0  0.3 0 0  0 0.2 0  0 0 0.1"/>
+  </asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1" pos="0 0 -0.2" euler="0.3 0 0"/>
+    <body name="odd">
+      <geom name="box" type="box" size=".1 .2 .3" pos=".1 0 .2" euler=".3 .2 .1" material="red"/>
+      <geom name="ball" type="sphere" size=".07" rgba="0 1 0 1" material="red"/>
+      <geom name="egg" type="ellipsoid" size=".1 .2 .3" pos="0 .4 0"/>
+      <geom name="can" type="cylinder" size=".1 .3" pos="0 0 .5" euler="1 0 0"/>
+      <geom name="pill" type="capsule" fromto="0.1 0.2 0.3 -0.2 0.4 0.8" size=".05"/>
+      <geom name="wedge" type="mesh" mesh="wedge" pos=".2 .1 0" euler="0 .5 0"/>
+      <geom name="hidden" type="box" size="1 1 1" group="3"/>
+      <geom name="glass" type="box" size="1 1 1" rgba="1 1 1 0"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def values(shape: Any, name: str) -> Any:
+    return np.array(getattr(shape, name).as_arrow_array().to_pylist())
+
+
+def test_shapes_have_the_place_size_and_colour_of_their_geoms() -> None:
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shapes = dict(body_shapes(model, model.body("odd").id))
+    assert sorted(shapes) == ["boxes", "capsules", "cylinders", "ellipsoids", "meshes"]
+    assert undrawn(model) == ()
+
+    box = shapes["boxes"]
+    np.testing.assert_allclose(values(box, "half_sizes"), [[0.1, 0.2, 0.3]], atol=1e-6)
+    np.testing.assert_allclose(values(box, "centers"), [data.geom("box").xpos], atol=1e-6)
+    wxyz = np.roll(values(box, "quaternions")[0], 1)
+    np.testing.assert_allclose(wxyz, model.geom("box").quat, atol=1e-6)
+    assert values(box, "colors").tolist() == [0xFF0000FF]
+    egg = shapes["ellipsoids"]
+    np.testing.assert_allclose(values(egg, "half_sizes"), [[0.07] * 3, [0.1, 0.2, 0.3]], atol=1e-6)
+    assert values(egg, "colors").tolist()[0] == 0x00FF00FF
+    can = shapes["cylinders"]
+    np.testing.assert_allclose([values(can, "lengths"), values(can, "radii")], [[0.6], [0.1]])
+    np.testing.assert_allclose(values(can, "centers"), [data.geom("can").xpos], atol=1e-6)
+
+    # Rerun draws a capsule from its origin along its z axis.
+    start = values(shapes["capsules"], "translations")[0]
+    axis = data.geom("pill").xmat.reshape(3, 3)[:, 2]
+    end = start + values(shapes["capsules"], "lengths")[0] * axis
+    ends = sorted([start.tolist(), end.tolist()], key=lambda point: point[2])
+    np.testing.assert_allclose(ends, [[0.1, 0.2, 0.3], [-0.2, 0.4, 0.8]], atol=1e-6)
+
+    turn = np.array([[np.cos(0.5), 0, np.sin(0.5)], [0, 1, 0], [-np.sin(0.5), 0, np.cos(0.5)]])
+    corners = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])
+    placed = corners @ turn.T + [0.2, 0.1, 0.0]
+    points, triangles = (
+        values(shapes["meshes"], f) for f in ("vertex_positions", "triangle_indices")
+    )
+    found = {tuple(point) for point in np.round(points, 5).tolist()}
+    assert found == {tuple(point) for point in np.round(placed, 5).tolist()}
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - placed.mean(axis=0))
+    assert (outward > 0.0).all()
+
+    floor = dict(body_shapes(model, 0))["planes"]
+    thickness = 2 * values(floor, "half_sizes")[0, 2]
+    top = values(floor, "centers")[0] + data.geom("floor").xmat.reshape(3, 3)[:, 2] * thickness / 2
+    np.testing.assert_allclose(top, [0.0, 0.0, -0.2], atol=1e-6)
+
+
+def stand_in(folder: Path, program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a program in the place of the viewer."""
+    viewer = folder / "rerun"
+    viewer.write_text(f"#!{sys.executable}\n{program}")
+    viewer.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(folder / "python"))
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def test_a_viewer_is_started_for_this_machine_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = """
+import socket, sys, time
+host, port = (sys.argv[sys.argv.index(option) + 1] for option in ("--bind", "--port"))
+server = socket.create_server((host, int(port)))
+time.sleep(3)
+"""
+    stand_in(tmp_path, program, monkeypatch)
+    port = free_port()
+    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+    # It listens now: nothing is started a second time, so the program may go.
+    (tmp_path / "rerun").unlink()
+    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+SHORT_LIVED = """
+import socket, sys, time
+server = socket.create_server(("127.0.0.1", int(sys.argv[sys.argv.index("--port") + 1])))
+time.sleep(0.4)
+sys.exit("no window")
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("import sys; sys.exit('winit: x: DISPLAY is not set.')", "code 1: DISPLAY is not set. A"),
+        ("import time; time.sleep(5)", "did not open port"),
+        (SHORT_LIVED, "code 1: no window"),
+        (None, "cannot be started"),
+    ],
+)
+def test_a_viewer_that_does_not_come_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str | None, reason: str
+) -> None:
+    monkeypatch.setattr(live_viewer, "_PATIENCE", 2.0)
+    stand_in(tmp_path, program or "", monkeypatch)
+    if program is None:
+        (tmp_path / "rerun").unlink()
+    with pytest.raises(RenderingError, match=reason) as caught:
+        live_viewer.viewer_url(free_port())
+    assert "without the live view" in str(caught.value)

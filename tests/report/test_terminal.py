@@ -1,0 +1,101 @@
+"""What a run says in the terminal."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.metrics import metrics
+from robo47_qp.report.terminal import ProgressBar, print_summary
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.scenario import Run
+from tests.runs import Reach, carry_out, picked_and_placed
+
+
+def printed(run: Run, files: dict[str, Path]) -> str:
+    console = Console(file=io.StringIO(), width=120)
+    print_summary(console, run, metrics(run), audit(run), files)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) -> None:
+    run = picked_and_placed()
+    long = tmp_path / ("x" * 200) / "run.rrd"
+    text = printed(run, {"recording": long, "report": tmp_path / "run.json"})
+    figures = metrics(run)
+    for leg in run.legs:
+        line = next(x for x in text.splitlines() if x.strip().startswith(leg.waypoint.name))
+        assert leg.waypoint.motion.value.upper() in line
+        assert f"{leg.trajectory.duration:.2f}" in line
+    for finding in audit(run):
+        line = next(x for x in text.splitlines() if finding.signal in x)
+        assert line.rstrip().endswith("yes")
+    assert "\nsuccess\n" in text
+    assert f"place error      {1e3 * figures['place_error_m']:.2f} mm" in text
+    assert f"cycle time       {figures['cycle_time_s']:.2f} s" in text
+    assert f"joints within {1e3 * figures['max_joint_error_rad']:.3f} mrad" in text
+    assert f"{figures['step_us']:.1f} µs per step" in text
+    assert f"up to {figures['peak_contact_force_N']:.2f} N on the tool" in text
+    assert f"energy           {figures['energy_J']:.1f} J" in text
+    assert f"smoothness       {figures['smoothness_ldlj']:.2f} (" in text
+    assert f"promises         {len(audit(run))} of {len(audit(run))} kept" in text
+    assert "broken promise" not in text
+    # Paths are not broken: they are there to be copied.
+    assert f"rerun {long}\n" in text
+    assert f"{tmp_path / 'run.json'}\n" in text
+
+
+def test_the_summary_tells_a_failure_and_a_broken_promise(tmp_path: Path) -> None:
+    failure = Failure(cause=Cause.GRASP, evidence="nothing between the fingers [really]")
+    run = replace(picked_and_placed(), failure=failure)
+    console = Console(file=io.StringIO(), width=120)
+    findings = [replace(finding, ok=False) for finding in audit(run)]
+    print_summary(console, run, metrics(run), findings, {})
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    assert "failed: grasp  nothing between the fingers [really]" in text
+    assert "success" not in text
+    assert text.count(" NO") == len(findings)
+    assert f"promises         0 of {len(findings)} kept" in text
+    for finding in findings:
+        assert f"broken promise  {finding.told}" in " ".join(text.split("\n"))
+    assert "rerun" not in text
+
+
+def test_a_task_without_a_place_has_no_place_error(tmp_path: Path) -> None:
+    assert "place error" not in printed(carry_out(Reach()), {})
+
+
+def test_the_bar_follows_phase_and_time() -> None:
+    console = Console(file=io.StringIO(), width=100, force_terminal=True)
+    bar = ProgressBar(console, expected=0.1)
+    try:
+        run = carry_out(Reach(), observers=[bar])
+        bar._progress.refresh()
+        assert isinstance(console.file, io.StringIO)
+        shown = console.file.getvalue()
+    finally:
+        bar.close()
+    last = f"{len(run.rows) * 1e-3:.1f}"
+    assert "end" in shown
+    assert f"{last} of {last} s simulated" in shown
+
+
+def test_the_bar_leaves_nothing_behind_where_there_is_no_terminal() -> None:
+    console = Console(file=io.StringIO(), width=100)
+    bar = ProgressBar(console, expected=1.0)
+    carry_out(Reach(), observers=[bar])
+    bar.close()
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().strip() == ""
+
+
+@pytest.mark.parametrize("expected", [0.0, 1e3])
+def test_any_expectation_will_do(expected: float) -> None:
+    bar = ProgressBar(Console(file=io.StringIO()), expected)
+    carry_out(Reach(), observers=[bar])
+    bar.close()

@@ -1,0 +1,408 @@
+"""The runner: every row at its instant, every phase in its place, nothing moved by a rehearsal."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import PlanError, RecordingError
+from robo47_qp.model.arm import (
+    MARGIN,
+    Arm,
+    JointReference,
+    JointState,
+)
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Motion, Place
+from robo47_qp.run.control_loop import LOAD_CHANGES, TICK_ROWS, ControlLoop
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.recording import Recording, Rows
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.signals import all_signals
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.pick_place import PickPlace
+from tests.runs import Reach, Witness, carry_out, make_runner, no_objects, picked_and_placed
+
+PHASES = [
+    "approach",
+    "descend",
+    "close gripper",
+    "lift",
+    "carry",
+    "lower",
+    "release",
+    "retreat",
+    "home",
+    "end",
+]
+
+
+@dataclass
+class Eyewitness(Observer):
+    """Reads the world at every tick."""
+
+    seen: list[tuple[float, Vector, Vector, Vector, Vector, Vector]] = field(default_factory=list)
+
+    def tick(self, simulation: Simulation) -> None:
+        state = simulation.state()
+        cube = simulation.object_pose("cube").wxyz_xyz
+        tau, a = simulation.last_torque(), simulation.last_acceleration()
+        self.seen.append((simulation.time, state.q, state.v, cube, tau, a))
+
+
+@dataclass
+class Keeper:
+    blocks: list[Matrix] = field(default_factory=list)
+
+    def write(self, rows: Rows) -> None:
+        self.blocks.append(rows.values.copy())
+
+
+@pytest.fixture(scope="module")
+def witnessed() -> tuple[Run, Witness, Eyewitness, Keeper]:
+    witness, eyes, keeper = Witness(), Eyewitness(), Keeper()
+    run = carry_out(PickPlace(), sinks=[keeper], observers=[witness, eyes])
+    return run, witness, eyes, keeper
+
+
+def ends(run: Run) -> list[int]:
+    """Row after the last one of each phase."""
+    return [phase.start for phase in run.phases[1:]] + [len(run.rows)]
+
+
+# Instants
+
+
+def test_row_k_is_at_k_periods() -> None:
+    time = picked_and_placed().rows["time"][:, 0]
+    np.testing.assert_allclose(time, np.arange(len(time)) * TIMESTEP, atol=1e-12)
+
+
+def test_the_state_in_a_row_is_that_of_its_time(
+    witnessed: tuple[Run, Witness, Eyewitness, Keeper],
+) -> None:
+    run, _, eyes, _ = witnessed
+    rows = run.rows
+    assert len(eyes.seen) > len(rows) / TICK_ROWS
+    for time, q, v, cube, tau, a in eyes.seen:
+        k = round(time / TIMESTEP)
+        np.testing.assert_array_equal(rows["joints/tau"][k - 1], tau)
+        np.testing.assert_array_equal(rows["joints/a"][k - 1], a)
+        if k < len(rows):
+            np.testing.assert_array_equal(rows["joints/q"][k], q)
+            np.testing.assert_array_equal(rows["joints/v"][k], v)
+            pose = rows["objects/cube"][k]
+            np.testing.assert_array_equal(pose, np.concatenate([cube[4:], cube[:4]]))
+
+
+def test_the_reference_in_a_row_is_the_plan_for_its_time() -> None:
+    run = picked_and_placed()
+    rows, moving = run.rows, 0
+    for phase, end in zip(run.phases, ends(run), strict=True):
+        if phase.leg is None:
+            still = rows["joints/q_ref"][phase.start : end]
+            np.testing.assert_array_equal(still, np.tile(still[0], (len(still), 1)))
+            assert not rows["joints/v_ref"][phase.start : end].any()
+            continue
+        plan = phase.leg.trajectory
+        assert end - phase.start == plan.steps
+        moving += plan.steps
+        for signal, samples in (("q", plan.q), ("v", plan.v), ("a", plan.a)):
+            part = rows[f"joints/{signal}_ref"][phase.start : end]
+            np.testing.assert_array_equal(part, samples[:-1])
+    assert moving > len(rows) / 2
+
+
+def test_the_reference_never_jumps() -> None:
+    rows = picked_and_placed().rows
+    assert np.abs(np.diff(rows["joints/q_ref"], axis=0)).max() <= 2.0 * TIMESTEP
+    moved = np.diff(rows["joints/q_ref"], axis=0) - rows["joints/v_ref"][:-1] * TIMESTEP
+    assert np.abs(moved).max() < 3.0 * TIMESTEP**2
+
+
+def test_references_of_another_instant_would_show_as_a_far_larger_error() -> None:
+    rows = picked_and_placed().rows
+    error = np.abs(rows["errors/q"]).max()
+    ahead = np.abs(rows["joints/q_ref"][1:] - rows["joints/q"][:-1]).max()
+    behind = np.abs(rows["joints/q_ref"][:-1] - rows["joints/q"][1:]).max()
+    assert min(ahead, behind) > 5 * error
+    moving = np.abs(rows["joints/v_ref"]).max(axis=1) > 0.5
+    lag = np.sum((rows["errors/q"] * rows["joints/v_ref"])[moving])
+    lag /= np.sum(rows["joints/v_ref"][moving] ** 2)
+    assert abs(lag) < 0.1 * TIMESTEP
+
+
+def test_the_tool_reference_is_where_the_joints_would_put_the_tool() -> None:
+    rows, arm = picked_and_placed().rows, Arm(PANDA)
+    for k in range(0, len(rows), 97):
+        T = arm.pose(rows["joints/q_ref"][k])
+        found = SE3(rows["tool/pose_ref"][k][[3, 4, 5, 6, 0, 1, 2]])
+        np.testing.assert_allclose(found.as_matrix(), T.as_matrix(), atol=1e-12)
+        T = arm.pose(rows["joints/q"][k])
+        found = SE3(rows["tool/pose"][k][[3, 4, 5, 6, 0, 1, 2]])
+        np.testing.assert_allclose(found.as_matrix(), T.as_matrix(), atol=1e-12)
+
+
+def belief(run: Run, row: int) -> Arm:
+    """What the controller should believe: the cube is in the hand from lift to lower."""
+    index = int(run.rows["phase"][row, 0])
+    leg = run.phases[index].leg
+    return Arm(PANDA, None if leg is None else leg.waypoint.carried)
+
+
+def test_torques_follow_from_the_belief_the_reference_and_the_state_of_the_row() -> None:
+    run = picked_and_placed()
+    rows, controller = run.rows, run.scenario.controller
+    loaded = 0
+    for phase, end in zip(run.phases, ends(run), strict=True):
+        if phase.name == "close gripper":
+            continue
+        arm = belief(run, phase.start)
+        loaded += arm.payload is not None
+        settled = phase.start + round(LOAD_CHANGES / TIMESTEP)
+        for k in (settled, (phase.start + end) // 2, end - 1):
+            q, v, a = (rows[f"joints/{s}_ref"][k] for s in "qva")
+            tau = arm.inverse_dynamics(q, v, a)
+            np.testing.assert_allclose(rows["joints/tau_ref"][k], tau, atol=1e-9)
+            state = JointState(rows["joints/q"][k], rows["joints/v"][k])
+            tau = controller.torque(arm, JointReference(q, v, a), state)
+            np.testing.assert_allclose(rows["joints/tau_command"][k], tau, atol=1e-9)
+    assert loaded == 3
+
+
+def test_an_arm_that_believes_in_a_payload_pushes_against_its_weight() -> None:
+    """The payload is not there: the arm rises by what its stiffness lets it."""
+    T_tcp_com = SE3.identity()
+    payload = Payload(mass=0.5, inertia=(1e-4,) * 3, T_tcp_com=T_tcp_com)
+    plain = carry_out(Reach()).rows
+    fooled = carry_out(Reach(carried=payload)).rows
+    k = round(0.5 * plain["joints/q"].shape[0])
+    assert plain["phase"][k, 0] in (0, 1)
+    up = slice(0, int(np.argmax(fooled["phase"][:, 0] == 1)))
+    excess = (fooled["joints/tau_ref"] - plain["joints/tau_ref"])[up]
+    J = Arm(PANDA).jacobian(PANDA.home)
+    # At rest, tau = J^T f with f the weight, in the tool frame that points down.
+    np.testing.assert_allclose(excess[0], J[:3].T @ [0.0, 0.0, -0.5 * 9.81], atol=1e-6)
+    assert (fooled["tool/pose"][up][-1, 2] - plain["tool/pose"][up][-1, 2]) > 1e-3
+    # On the way home nothing is carried.
+    after = slice(up.stop, None)
+    tau = fooled["joints/tau_ref"][after] - plain["joints/tau_ref"][after]
+    assert np.abs(tau).max() < 1e-9
+
+
+# Phases, observers, sinks
+
+
+def test_phases_come_in_order_and_cover_all_rows() -> None:
+    run = picked_and_placed()
+    assert [phase.name for phase in run.phases] == PHASES
+    starts = [phase.start for phase in run.phases]
+    assert starts[0] == 0
+    assert starts == sorted(set(starts))
+    index = run.rows["phase"][:, 0]
+    for i, (start, end) in enumerate(zip(starts, ends(run), strict=True)):
+        assert (index[start:end] == i).all()
+    still = {"close gripper", "release", "end"}
+    assert [phase.name for phase in run.phases if phase.leg is None] == [
+        name for name in PHASES if name in still
+    ]
+    assert [leg.waypoint.name for leg in run.legs] == [n for n in PHASES if n not in still]
+
+
+def test_motions_start_where_the_last_one_ended() -> None:
+    run = picked_and_placed()
+    end = PANDA.home
+    arm = Arm(PANDA)
+    for leg in run.legs:
+        np.testing.assert_array_equal(leg.trajectory.q[0], end)
+        np.testing.assert_allclose(
+            leg.T_world_start.as_matrix(), arm.pose(end).as_matrix(), atol=1e-12
+        )
+        end = leg.trajectory.q[-1]
+    np.testing.assert_allclose(end, PANDA.home, atol=1e-12)
+
+
+def test_observers_hear_of_phases_legs_and_events_when_they_happen(
+    witnessed: tuple[Run, Witness, Eyewitness, Keeper],
+) -> None:
+    run, witness, _, _ = witnessed
+    assert [name for _, name in witness.phases] == PHASES
+    for (time, _), phase in zip(witness.phases, run.phases, strict=True):
+        assert time == pytest.approx(phase.start * TIMESTEP, abs=1e-9)
+    arm = Arm(PANDA)
+    assert [leg for _, leg, _ in witness.legs] == run.legs
+    moving = [phase for phase in run.phases if phase.leg is not None]
+    for (time, leg, path), phase in zip(witness.legs, moving, strict=True):
+        assert time == pytest.approx(phase.start * TIMESTEP, abs=1e-9)
+        assert path.shape == (leg.trajectory.steps + 1, 3)
+        for k in (0, leg.trajectory.steps // 2, leg.trajectory.steps):
+            expected = arm.pose(leg.trajectory.q[k]).translation()
+            np.testing.assert_allclose(path[k], expected, atol=1e-12)
+    texts = [text for _, text, _ in witness.notes]
+    assert texts[0].startswith("close gripper: 39.")
+    assert "fingers 30.0 N" in texts[0]
+    assert texts[1].startswith("release: 80.0 mm")
+    assert texts[2:] == ["program done", "success"]
+    assert {level for _, _, level in witness.notes} == {"INFO"}
+    assert witness.calls[:3] == ["phase", "planned", "tick"]
+    assert witness.calls[-1] == "note"
+
+
+def test_observers_look_at_least_every_few_periods(
+    witnessed: tuple[Run, Witness, Eyewitness, Keeper],
+) -> None:
+    run, witness, _, _ = witnessed
+    steps = np.diff([0.0, *witness.times]) / TIMESTEP
+    assert steps.min() > 0.5
+    assert steps.max() < TICK_ROWS + 0.5
+    assert witness.times[-1] == pytest.approx(len(run.rows) * TIMESTEP, abs=1e-9)
+
+
+def test_sinks_get_the_rows_of_the_run(
+    witnessed: tuple[Run, Witness, Eyewitness, Keeper],
+) -> None:
+    run, _, _, keeper = witnessed
+    np.testing.assert_array_equal(np.concatenate(keeper.blocks), run.rows.values)
+    assert max(len(block) for block in keeper.blocks) * TIMESTEP <= 0.5
+
+
+def test_an_error_of_a_sink_ends_the_run() -> None:
+    class Full:
+        def write(self, rows: Rows) -> None:
+            raise RecordingError("the disk is full")
+
+    with pytest.raises(RecordingError, match="the disk is full"):
+        carry_out(Reach(), sinks=[Full()])
+
+
+def test_the_arm_stands_still_before_the_end_is_judged() -> None:
+    run = picked_and_placed()
+    last = run.phases[-1]
+    assert (len(run.rows) - last.start) * TIMESTEP == pytest.approx(0.3)
+    assert np.abs(run.rows["joints/v"][-1]).max() < 1e-4
+
+
+def test_the_first_failure_counts_and_is_told() -> None:
+    failure = Failure(cause=Cause.GRASP, evidence="nothing between the fingers")
+    witness = Witness()
+    run = carry_out(Reach(ending=failure), observers=[witness])
+    assert run.failure is not None
+    assert run.failure == replace(failure, time=run.failure.time)
+    assert run.failure.time == pytest.approx(len(run.rows) * TIMESTEP)
+    assert [(text, level) for _, text, level in witness.notes] == [
+        ("gave up: nothing between the fingers", "ERROR"),
+        ("failed (grasp): nothing between the fingers", "ERROR"),
+    ]
+    assert run.measures == {"rise_m": 0.02}
+
+
+def test_a_waypoint_out_of_reach_while_under_way_is_a_failure_not_an_error() -> None:
+    witness = Witness()
+    run = carry_out(Reach(rise=5.0), observers=[witness])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.IK
+    assert "Waypoint 'up' cannot be planned" in run.failure.evidence
+    assert [phase.name for phase in run.phases] == ["end"]
+    assert witness.notes[-1][2] == "ERROR"
+
+
+def test_the_time_of_the_loop_is_measured() -> None:
+    run = picked_and_placed()
+    assert 0.0 < run.loop_seconds < 30.0
+
+
+# Rehearsal
+
+
+def test_a_rehearsal_plans_what_the_run_then_does() -> None:
+    runner, _ = make_runner(PickPlace())
+    rehearsed = runner.rehearse()
+    run = runner.run()
+    assert [leg.waypoint.name for leg in rehearsed] == [leg.waypoint.name for leg in run.legs]
+    for plan, leg in zip(rehearsed, run.legs, strict=True):
+        off = plan.T_world_goal.translation() - leg.T_world_goal.translation()
+        assert np.linalg.norm(off) < 1e-3
+        assert plan.waypoint.motion is leg.waypoint.motion
+        assert plan.trajectory.duration == pytest.approx(leg.trajectory.duration, abs=0.02)
+    assert rehearsed[-1].waypoint.target is Place.HOME
+    assert {leg.waypoint.motion for leg in rehearsed} == {Motion.PTP, Motion.LIN}
+
+
+def test_a_rehearsal_changes_nothing() -> None:
+    run = picked_and_placed()
+    runner, simulation = make_runner(PickPlace())
+    before = simulation.data.qpos.copy(), simulation.data.qvel.copy(), simulation.data.ctrl.copy()
+    runner.rehearse()
+    data = simulation.data
+    for old, new in zip(before, (data.qpos, data.qvel, data.ctrl), strict=True):
+        np.testing.assert_array_equal(old, new)
+    assert simulation.time == 0.0
+    np.testing.assert_array_equal(runner.run().rows.values, run.rows.values)
+
+
+@pytest.mark.parametrize(
+    ("task", "waypoint"),
+    [(PickPlace(pick=(2.0, 0.0)), "approach"), (PickPlace(place=(0.0, 1.2)), "carry")],
+)
+def test_a_rehearsal_tells_what_cannot_be_reached_and_nothing_moves(
+    task: PickPlace, waypoint: str
+) -> None:
+    runner, simulation = make_runner(task)
+    before = simulation.data.qpos.copy()
+    with pytest.raises(PlanError, match=f"Waypoint '{waypoint}' cannot be planned: .*reach"):
+        runner.rehearse()
+    assert simulation.time == 0.0
+    np.testing.assert_array_equal(simulation.data.qpos, before)
+
+
+# Repetition
+
+
+def test_the_same_seed_gives_the_same_bits() -> None:
+    first = picked_and_placed(seed=3).rows.values
+    second = carry_out(PickPlace(), seed=3).rows.values
+    assert first.tobytes() == second.tobytes()
+
+
+def test_a_used_world_gives_the_same_bits_as_a_new_one() -> None:
+    first = picked_and_placed().rows.values
+    runner, simulation = make_runner(PickPlace())
+    for _ in range(50):
+        simulation.step(np.full(7, 5.0))
+    again = Runner(runner.scenario, simulation)
+    assert again.run().rows.values.tobytes() == first.tobytes()
+
+
+def test_different_seeds_give_different_runs() -> None:
+    starts = {picked_and_placed(seed=s).rows["objects/cube"][0].tobytes() for s in range(5)}
+    goals = {picked_and_placed(seed=s).rows["objects/cube"][-1].tobytes() for s in range(5)}
+    assert len(starts) == len(goals) == 5
+
+
+def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
+    scenario, simulation = RunOptions().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
+    recording = Recording(all_signals(PANDA, simulation.objects))
+    loop, arm = ControlLoop(scenario, simulation, recording), Arm(PANDA)
+    room = MARGIN * (arm.q_max - arm.q_min)
+    inner = loop.planning_arm(arm.home)
+    np.testing.assert_allclose(inner.q_min, arm.q_min + room)
+    np.testing.assert_allclose(inner.q_max, arm.q_max - room)
+    whole = loop.planning_arm(arm.q_max - 0.5 * room)
+    np.testing.assert_array_equal(whole.q_max, arm.q_max)
+
+
+def test_an_arm_that_starts_next_to_a_limit_can_leave_it_and_come_back() -> None:
+    arm = Arm(PANDA)
+    home = np.array(PANDA.home)
+    home[6] = arm.q_max[6] - 0.3 * MARGIN * (arm.q_max[6] - arm.q_min[6])
+    robot = replace(PANDA, home=home)
+    scenario = RunOptions().scenario(robot, Reach())
+    simulation = Simulation(robot, Reach().build_scene)
+    assert Runner(scenario, simulation).run().failure is None

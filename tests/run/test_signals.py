@@ -1,0 +1,209 @@
+"""Signals: what stands where, and what follows from what."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mink import SE3, SO3
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.gripper import Grip
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run import signals
+from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.pick_place import PickPlace
+from tests.robots import GRIPPER
+from tests.runs import Holder
+
+FINGERS = GRIPPER.fingers
+OBJECTS = ("cube", "die")
+ALL = signals.all_signals(PANDA, OBJECTS)
+WIDTH = sum(len(signal.labels) for signal in ALL)
+
+
+def block(count: int, seed: int = 0) -> Rows:
+    """Random rows with unit quaternions, torques as commanded, and nothing derived."""
+    rows = Rows(ALL, np.random.default_rng(seed).normal(size=(count, WIDTH)))
+    for signal in ALL:
+        if signal.labels[-4:] == ("qw", "qx", "qy", "qz"):
+            q = rows[signal.name][:, -4:]
+            q /= np.linalg.norm(q, axis=1, keepdims=True)
+    rows["joints/tau"][:] = rows["joints/tau_command"]
+    for signal in signals.derived(PANDA):
+        rows[signal.name][:] = np.nan
+    return rows
+
+
+def wxyz(rotation: Rotation) -> Matrix:
+    q: Matrix = np.atleast_2d(rotation.as_quat())[:, [3, 0, 1, 2]]
+    return q
+
+
+def test_names_are_unique_and_every_column_has_a_label() -> None:
+    names = [signal.name for signal in ALL]
+    assert len(set(names)) == len(names)
+    assert all(signal.labels and signal.unit for signal in ALL)
+    assert names[:2] == ["time", "phase"]
+
+
+def test_nothing_is_left_for_derive_to_forget() -> None:
+    rows = block(5)
+    signals.derive(rows, FINGERS)
+    assert np.isfinite(rows.values).all()
+
+
+def test_derive_leaves_what_was_recorded_alone() -> None:
+    rows, before = block(5), block(5)
+    signals.derive(rows, FINGERS)
+    derived = {signal.name for signal in signals.derived(PANDA)}
+    for signal in ALL:
+        if signal.name not in derived:
+            np.testing.assert_array_equal(rows[signal.name], before[signal.name])
+
+
+def test_the_joint_error_is_reference_minus_measurement() -> None:
+    rows = block(1)
+    rows["joints/q_ref"][:], rows["joints/q"][:] = 0.3, 0.1
+    signals.derive(rows, FINGERS)
+    np.testing.assert_allclose(rows["errors/q"], 0.2)
+
+
+def test_the_tool_error_is_a_distance() -> None:
+    rows = block(2)
+    rows["tool/pose"][:, :3] = [1.0, 2.0, 3.0]
+    rows["tool/pose_ref"][:, :3] = [[1.0, 2.0, 3.0], [1.3, 2.0, 2.6]]
+    signals.derive(rows, FINGERS)
+    np.testing.assert_allclose(rows["errors/tool_position"][:, 0], [0.0, 0.5], atol=1e-15)
+
+
+ANGLES = st.one_of(
+    st.floats(0.0, np.pi),
+    st.floats(0.0, 1e-6),
+    st.sampled_from([0.0, 1e-9, 1e-12, np.pi, np.pi - 1e-9, np.pi - 1e-6, np.pi / 2]),
+)
+
+
+@given(ANGLES, st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_the_tool_angle_is_that_between_the_orientations(
+    angle: float, seed: int, flip_a: bool, flip_b: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    first = Rotation.random(random_state=rng)
+    second = first * Rotation.from_rotvec(angle * axis)
+    rows = block(1)
+    # A quaternion and its opposite are the same orientation.
+    rows["tool/pose"][:, 3:] = wxyz(first) * (-1 if flip_a else 1)
+    rows["tool/pose_ref"][:, 3:] = wxyz(second) * (-1 if flip_b else 1)
+    signals.derive(rows, FINGERS)
+    found = float(rows["errors/tool_angle"][0, 0])
+    assert found == pytest.approx((first.inv() * second).magnitude(), abs=1e-14, rel=1e-7) or (
+        abs(found - angle) < 1e-14 + 1e-7 * angle
+    )
+    assert found == pytest.approx(angle, abs=1e-14 + 1e-7 * angle)
+
+
+def test_saturated_motors_are_counted_on_both_sides() -> None:
+    rows = block(3)
+    rows["joints/tau"][1, 2] += 1e-9
+    rows["joints/tau"][2, [0, 3, 6]] += [5.0, -5.0, 1e-3]
+    signals.derive(rows, FINGERS)
+    np.testing.assert_array_equal(rows["joints/saturated"][:, 0], [0, 1, 3])
+
+
+def test_width_and_force_of_the_gripper() -> None:
+    rows = block(1)
+    rows["gripper/fingers"][:] = [0.01, 0.02]
+    rows["gripper/left_finger_contact"][:] = [3.0, 0.0, -4.0]
+    rows["gripper/right_finger_contact"][:] = [0.0, 5.0, 12.0]
+    signals.derive(rows, FINGERS)
+    np.testing.assert_allclose(rows["gripper/width"], [[0.03]])
+    np.testing.assert_allclose(rows["gripper/force"], [[5.0, 13.0]])
+
+
+# What the simulation writes is what the columns say.
+
+
+def two_objects(spec: mujoco.MjSpec) -> None:
+    PickPlace().build_scene(spec)
+    die = spec.worldbody.add_body(name="die", pos=[0.5, 0.3, 0.05])
+    die.add_freejoint()
+    die.add_geom(name="die", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01] * 3, mass=0.05)
+
+
+@pytest.fixture(scope="module")
+def busy() -> Simulation:
+    """A world in which every signal has its own value: all moves, the fingers touch."""
+    simulation = Simulation(PANDA, two_objects)
+    tool = simulation.tool_pose().translation()
+    simulation.command_grip(Grip(width=0.0, force=30.0))
+    holder = Holder(simulation)
+    holder.hold(380)
+    lean = SO3.from_z_radians(0.05) @ SO3.from_x_radians(0.03)
+    simulation.place_object("cube", SE3.from_rotation_and_translation(lean, tool))
+    holder.hold(40)
+    for _ in range(7):
+        simulation.step(np.array([3.0, -20.0, 4.0, 25.0, 1.0, -1.0, 2.0]))
+    return simulation
+
+
+def filled(group: tuple[Signal, ...], values: Vector) -> Rows:
+    return Rows(group, values[None, :])
+
+
+def test_what_is_written_for_now_is_what_the_model_says_by_name(busy: Simulation) -> None:
+    group = signals.now(PANDA, busy.objects)
+    row = np.full(sum(len(signal.labels) for signal in group), np.nan)
+    busy.write_now(row)
+    rows, data = filled(group, row), busy.data
+    for i, joint in enumerate(PANDA.joints):
+        assert rows["joints/q"][0, i] == data.joint(joint).qpos[0]
+        assert rows["joints/v"][0, i] == data.joint(joint).qvel[0]
+    site = data.site(PANDA.tcp)
+    np.testing.assert_array_equal(rows["tool/pose"][0, :3], site.xpos)
+    turn = Rotation.from_quat(rows["tool/pose"][0, [4, 5, 6, 3]])
+    np.testing.assert_allclose(turn.as_matrix().ravel(), site.xmat, atol=1e-12)
+    for i, joint in enumerate(GRIPPER.joints):
+        assert rows["gripper/fingers"][0, i] == data.joint(joint).qpos[0]
+    assert rows["gripper/width_command"][0, 0] == data.actuator("gripper").ctrl[0]
+    for name in ("cube", "die"):
+        body = data.body(name)
+        np.testing.assert_allclose(rows[f"objects/{name}"][0, :3], body.xpos, atol=1e-12)
+        np.testing.assert_allclose(rows[f"objects/{name}"][0, 3:], body.xquat, atol=1e-12)
+    assert len(np.unique(row)) > len(row) - 4
+
+
+def test_what_is_written_for_the_last_period_is_what_the_model_says_by_name(
+    busy: Simulation,
+) -> None:
+    group = signals.last(PANDA)
+    row = np.full(sum(len(signal.labels) for signal in group), np.nan)
+    busy.write_last(row)
+    rows, data = filled(group, row), busy.data
+    for i, (joint, motor) in enumerate(zip(PANDA.joints, PANDA.motors, strict=True)):
+        assert rows["joints/a"][0, i] == data.joint(joint).qacc[0]
+        assert rows["joints/tau"][0, i] == data.actuator(motor).force[0]
+    np.testing.assert_array_equal(rows["contact/tool"][0], busy.last_tool_force())
+    assert rows["contact/links"][0, 0] == busy.last_links_force()
+    assert rows["contact/tool"].any()
+    for finger in FINGERS:
+        force = rows[f"gripper/{finger}_contact"][0]
+        np.testing.assert_array_equal(force, data.sensor(f"{finger}_contact").data)
+        assert force.any()
+
+
+def test_the_order_of_a_row_is_reference_now_command_last_derived() -> None:
+    parts = (
+        *ALL[:2],
+        *signals.reference(PANDA),
+        *signals.now(PANDA, OBJECTS),
+        *signals.command(PANDA),
+        *signals.last(PANDA),
+        *signals.derived(PANDA),
+    )
+    assert parts == ALL

@@ -1,0 +1,355 @@
+"""Steps in a program: conditions are looked at when they should be, failures reach the program."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import (
+    Compliance,
+    Condition,
+    Follow,
+    Grasp,
+    Guarded,
+    Move,
+    Release,
+    Step,
+    Wait,
+    as_action,
+)
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from tests.examples import shifted
+from tests.runs import Reach, Witness, carry_out
+
+Writes = Callable[[Simulation], Program]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Written(Reach):
+    """A job whose program is that of a test."""
+
+    writes: Writes
+    name: str = "written"
+
+    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
+        return []
+
+    def program(self, simulation: Simulation) -> Program:
+        return self.writes(simulation)
+
+
+def run_program(writes: Writes) -> Run:
+    return carry_out(Written(writes=writes))
+
+
+def up(simulation: Simulation, height: float = 0.05, name: str = "up") -> Waypoint:
+    target = shifted(simulation.tool_pose(), np.array([0.0, 0.0, height]))
+    return Waypoint(name=name, target=target, motion=Motion.LIN)
+
+
+def names(run: Run) -> list[str]:
+    return [phase.name for phase in run.phases]
+
+
+@dataclass
+class Told:
+    """A condition that follows a script and counts how often it was looked at."""
+
+    answers: Sequence[str | None] = (None,)
+    """What speaks against it at each look; the last answer stays."""
+    cause: Cause = Cause.SLIP
+    looks: list[int] = field(default_factory=list)
+
+    def condition(self) -> Condition:
+        return Condition(name="as told", cause=self.cause, against=self._against)
+
+    def _against(self) -> str | None:
+        self.looks.append(len(self.looks))
+        return self.answers[min(len(self.looks), len(self.answers)) - 1]
+
+
+def test_a_condition_before_a_step_keeps_it_from_beginning() -> None:
+    told = Told(["not now"])
+
+    def program(simulation: Simulation) -> Program:
+        yield Move(waypoints=(up(simulation),), before=(told.condition(),))
+        return None
+
+    run = run_program(program)
+    assert names(run) == ["end"]
+    assert run.failure == Failure(
+        cause=Cause.SLIP, evidence="not now", step="up", condition="as told", time=0.0
+    )
+
+
+def test_a_condition_after_a_step_is_looked_at_once_it_is_done() -> None:
+    heights: list[float] = []
+
+    def program(simulation: Simulation) -> Program:
+        start = simulation.tool_pose().translation()[2]
+
+        def against() -> str:
+            heights.append(simulation.tool_pose().translation()[2] - start)
+            return "too high"
+
+        high = Condition(name="low", cause=Cause.PLACE, against=against)
+        yield Move(waypoints=(up(simulation),), after=(high,))
+        return None
+
+    run = run_program(program)
+    assert heights == [pytest.approx(0.05, abs=1e-4)]
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.PLACE, "up")
+    assert run.failure.time == pytest.approx(run.phases[-1].start * TIMESTEP)
+
+
+def test_a_condition_during_a_motion_stops_it_within_the_limits() -> None:
+    told = Told([None] * 10 + ["gone"], cause=Cause.DROP)
+
+    def program(simulation: Simulation) -> Program:
+        yield Move(waypoints=(up(simulation, 0.1),), during=(told.condition(),))
+        return None
+
+    run = run_program(program)
+    assert names(run) == ["up", "stop", "end"]
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.evidence) == (Cause.DROP, "gone")
+    assert len(told.looks) == 11
+    assert all(finding.ok for finding in audit(run))
+    rise = np.ptp(run.rows["tool/pose_ref"][:, 2])
+    assert 1e-3 < rise < 0.08
+    assert not run.rows["joints/v_ref"][-1].any()
+
+
+def test_a_program_may_catch_a_failure_and_go_on() -> None:
+    told, caught = Told(["no"]), list[Failure]()
+
+    def program(simulation: Simulation) -> Program:
+        try:
+            yield Move(waypoints=(up(simulation, name="first"),), after=(told.condition(),))
+        except StepFailed as error:
+            caught.append(error.failure)
+            yield Waypoint(name="home", target=Place.HOME)
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    assert names(run) == ["first", "home", "end"]
+    assert caught[0].evidence == "no"
+    assert caught[0].time == pytest.approx(run.phases[1].start * TIMESTEP)
+
+
+def test_a_waypoint_out_of_reach_and_a_way_that_is_blocked_have_their_own_causes() -> None:
+    failures: list[Failure] = []
+
+    def program(simulation: Simulation) -> Program:
+        far = SE3.from_translation(np.array([3.0, 0.0, 0.5]))
+        turned = simulation.tool_pose() @ SE3.from_rotation(SO3.from_z_radians(3.1))
+        for waypoint in (
+            Waypoint(name="far", target=far),
+            Waypoint(name="turned", target=turned, motion=Motion.LIN),
+        ):
+            try:
+                yield waypoint
+            except StepFailed as error:
+                failures.append(error.failure)
+        return None
+
+    assert run_program(program).failure is None
+    assert [(f.cause, f.step) for f in failures] == [(Cause.IK, "far"), (Cause.PLAN, "turned")]
+    assert "'far'" in failures[0].evidence
+    assert "'turned'" in failures[1].evidence
+
+
+def test_waiting_ends_as_soon_as_the_condition_holds() -> None:
+    def program(simulation: Simulation) -> Program:
+        def against() -> str | None:
+            return None if simulation.time >= 0.1 - 1e-9 else "too early"
+
+        late = Condition(name="late", cause=Cause.TIMEOUT, against=against)
+        yield Wait(seconds=5.0, until=late)
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    assert run.phases[1].start == pytest.approx(0.1 / TIMESTEP, abs=21)
+
+
+def test_waiting_in_vain_fails_with_the_cause_of_the_condition() -> None:
+    def program(_: Simulation) -> Program:
+        never = Told(["still nothing"], cause=Cause.TIMEOUT).condition()
+        yield Wait(name="patience", seconds=0.25, until=never)
+        return None
+
+    run = run_program(program)
+    assert run.failure is not None
+    assert run.failure.time == pytest.approx(0.25)
+    assert replace(run.failure, time=None) == Failure(
+        cause=Cause.TIMEOUT, evidence="still nothing", step="patience", condition="as told"
+    )
+
+
+@pytest.mark.parametrize("seconds", [0.013, 0.3])
+def test_waiting_for_nothing_takes_the_time_asked_for(seconds: float) -> None:
+    def program(_: Simulation) -> Program:
+        yield Wait(seconds=seconds)
+        return None
+
+    run = run_program(program)
+    assert run.phases[1].start == round(seconds / TIMESTEP)
+
+
+def test_the_fingers_close_and_open() -> None:
+    widths: list[float] = []
+
+    def program(simulation: Simulation) -> Program:
+        yield Grasp(force=20.0, width=0.03)
+        widths.append(simulation.width())
+        yield Release(width=0.05)
+        widths.append(simulation.width())
+        yield Release()
+        widths.append(simulation.width())
+        return None
+
+    assert run_program(program).failure is None
+    assert widths == pytest.approx([0.03, 0.05, 0.08], abs=1e-3)
+
+
+def circling(simulation: Simulation) -> Callable[[float], SE3]:
+    """A target on a circle of 5 cm at 0.1 m/s that starts at the tool, from rest."""
+    start, begun = simulation.tool_pose(), simulation.time
+
+    def target(time: float) -> SE3:
+        t = time - begun
+        angle = 2.0 * (t - 0.5 * (1 - np.exp(-2 * t)))
+        return shifted(start, 0.05 * np.array([0.0, np.sin(angle), 1 - np.cos(angle)]))
+
+    return target
+
+
+def at_time(simulation: Simulation, time: float) -> Condition:
+    return Condition(
+        name=f"{time} s are over",
+        cause=Cause.TIMEOUT,
+        against=lambda: None if simulation.time >= time else f"only {simulation.time:.2f} s",
+    )
+
+
+def test_a_moving_target_is_followed_and_the_arm_comes_to_rest_after_it() -> None:
+    def program(simulation: Simulation) -> Program:
+        target = circling(simulation)
+        yield Follow(target=target, until=at_time(simulation, 1.0), seconds=2.0)
+        yield Follow(target=target, until=at_time(simulation, 2.0), seconds=2.0, name="on")
+        yield Wait(seconds=0.1)
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    assert names(run) == ["follow", "on", "stop", "wait", "end"]
+    assert [phase.streamed for phase in run.phases] == [True, True, False, False, False]
+    rows, stop = run.rows, run.phases[2].start
+    time = rows["time"][:stop, 0]
+    angle = 2.0 * (time - 0.5 * (1 - np.exp(-2 * time)))
+    path = rows["tool/pose"][0, :3] + 0.05 * np.column_stack(
+        [0 * angle, np.sin(angle), 1 - np.cos(angle)]
+    )
+    off = np.linalg.norm(rows["tool/pose"][:stop, :3] - path, axis=1)
+    assert off.max() < 0.5e-3
+    # From step to step and into the stop nothing jumps.
+    v, a = rows["joints/v_ref"], rows["joints/a_ref"]
+    q = rows["joints/q_ref"]
+    np.testing.assert_allclose(np.diff(q, axis=0), TIMESTEP * 0.5 * (v[1:] + v[:-1]), atol=2e-6)
+    profile = run.scenario.planner.profile
+    assert (np.abs(v) <= profile.v_max * (1 + 1e-9)).all()
+    assert (np.abs(a) <= profile.a_max * (1 + 1e-9)).all()
+    assert not v[-1].any()
+
+
+def test_following_in_vain_fails_in_time() -> None:
+    def program(simulation: Simulation) -> Program:
+        never = Told(["not there"], cause=Cause.TIMEOUT).condition()
+        yield Follow(target=circling(simulation), until=never, seconds=0.2, name="chase")
+        return None
+
+    run = run_program(program)
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.TIMEOUT, "chase")
+    assert run.failure.time == pytest.approx(0.2, abs=0.021)
+    assert names(run) == ["chase", "stop", "end"]
+
+
+def test_no_target_brakes_the_arm() -> None:
+    def program(simulation: Simulation) -> Program:
+        target = circling(simulation)
+        yield Follow(target=target, until=at_time(simulation, 1.0), seconds=2.0)
+        yield Follow(target=lambda _: None, until=at_time(simulation, 1.5), seconds=2.0)
+        return None
+
+    run = run_program(program)
+    assert np.abs(run.rows["joints/v_ref"][1480]).max() < 1e-6
+
+
+def test_the_observers_are_told_of_a_step_that_failed() -> None:
+    witness = Witness()
+
+    def program(simulation: Simulation) -> Program:
+        yield Move(waypoints=(up(simulation),), before=(Told(["no way"]).condition(),))
+        return None
+
+    carry_out(Written(writes=program), observers=[witness])
+    assert witness.notes[0][1:] == ("step failed: up: no way", "ERROR")
+
+
+def test_what_a_step_stands_for() -> None:
+    waypoint = Waypoint(name="home", target=Place.HOME)
+    for step in (waypoint, (waypoint,), Move(waypoints=(waypoint,))):
+        action = as_action(step)
+        assert isinstance(action, Move)
+        assert action.waypoints == (waypoint,)
+        assert action.name == "home"
+    wait: Step = Wait(seconds=1.0)
+    assert as_action(wait) is wait
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Move(waypoints=()), "waypoints of a move must be at least one waypoint"),
+        (
+            lambda: Guarded(waypoint=Waypoint(name="a", target=Place.HOME), force=1.0),
+            "guarded motion must be LIN; found PTP",
+        ),
+        (
+            lambda: Guarded(
+                waypoint=Waypoint(name="a", target=Place.HOME, motion=Motion.LIN), force=0.0
+            ),
+            r"force must be positive and finite; found 0\.0",
+        ),
+        (lambda: Compliance(stiffness=np.full(6, -1.0)), "stiffness must be six numbers, none neg"),
+        (lambda: Compliance(axis=np.array([0.0, 0.0, 2.0]), force=1.0), "axis must be of length 1"),
+        (lambda: Compliance(force=1.0), "force must be above 0 with an axis, or neither"),
+        (
+            lambda: Compliance(frame="hand"),  # type: ignore[arg-type]
+            "frame must be 'world' or 'tool'",
+        ),
+        (lambda: Compliance(speed=np.nan), "speed must be finite and not negative"),
+    ],
+)
+def test_steps_without_sense_are_refused(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        make()
+
+
+def test_every_cause_is_named_once() -> None:
+    assert [cause.value for cause in Cause] == [
+        *("ik", "plan", "track", "grasp", "slip", "drop", "place", "collision", "timeout", "limit")
+    ]

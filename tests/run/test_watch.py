@@ -1,0 +1,115 @@
+"""The watch: what ends a run at once, and that nothing else does."""
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Place, Waypoint
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.watchdog import Watch
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from tests.examples import shifted
+from tests.runs import Meddler, Reach, Witness, carry_out
+
+
+def failure_of(task: Reach, *meddlers: Meddler) -> Failure:
+    run = carry_out(task, observers=list(meddlers))
+    assert run.failure is not None
+    assert run.failure.time is not None
+    return run.failure
+
+
+def test_an_arm_held_back_is_a_failure_to_track() -> None:
+    def pull(simulation: Simulation) -> None:
+        joint = simulation.model.joint(PANDA.joints[0])
+        simulation.data.qfrc_applied[joint.dofadr[0]] = 80.0
+
+    failure = failure_of(Reach(rise=0.2), Meddler("up", pull, after=0.2))
+    assert failure.cause is Cause.TRACK
+    assert "joint1 is 0.2" in failure.evidence
+    assert "from its reference; allowed are 0.200" in failure.evidence
+    assert failure.time is not None
+    assert 0.2 < failure.time < 1.0
+
+
+def test_a_joint_outside_its_limits_ends_the_run() -> None:
+    def bend(simulation: Simulation) -> None:
+        joint = simulation.model.joint("joint4")
+        simulation.data.qpos[joint.qposadr[0]] = joint.range[1] + 0.01
+
+    witness = Witness()
+    run = carry_out(Reach(), observers=[Meddler("up", bend, after=0.2), witness])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.LIMIT
+    assert "joint4 is at -0.0" in run.failure.evidence
+    assert "outside its limits" in run.failure.evidence
+    assert [text.split(":")[0] for _, text, _ in witness.notes] == ["stopped", "failed (limit)"]
+    # What was recorded up to then is there.
+    assert len(run.rows) == pytest.approx(1e3 * (run.failure.time or 0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Past(Reach):
+    """To the side, where a thin post may stand in the way of the forearm or of the hand."""
+
+    where: tuple[float, float, float] | None = None
+    name: str = "past"
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        super().build_scene(spec)
+        if self.where is not None:
+            # What a program may move is no part of the scene that motions are planned in.
+            body = spec.worldbody.add_body(name="post", pos=self.where, mocap=True)
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0.1, 0.0])
+
+    def outlook(self, simulation: Simulation) -> list[Waypoint]:
+        aside = shifted(simulation.tool_pose(), np.array([-0.1, 0.35, 0.0]))
+        assert isinstance(aside, SE3)
+        return [
+            Waypoint(name="aside", target=aside),
+            Waypoint(name="home", target=Place.HOME),
+        ]
+
+
+def test_a_free_way_is_no_collision() -> None:
+    assert carry_out(Past()).failure is None
+
+
+@pytest.mark.parametrize(
+    ("where", "found"),
+    [((0.3, 0.2, 0.45), "the tool is pressed with"), ((0.2, 0.1, 0.85), "the links before")],
+)
+def test_touching_is_a_collision(where: tuple[float, float, float], found: str) -> None:
+    run = carry_out(Past(where=where, force_max=5.0))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.COLLISION
+    assert found in run.failure.evidence
+    pressed = max(
+        float(np.linalg.norm(run.rows["contact/tool"], axis=1).max()) / 5.0,
+        float(run.rows["contact/links"].max()),
+    )
+    assert pressed > 1.0
+
+
+def test_a_run_takes_no_longer_than_allowed() -> None:
+    task = Reach(rise=0.1)
+    scenario = replace(RunOptions().scenario(PANDA, task), watch=Watch(time_limit=0.3))
+    run = Runner(scenario, Simulation(PANDA, task.build_scene)).run()
+    assert run.failure is not None
+    assert run.failure.cause is Cause.TIMEOUT
+    assert run.failure.evidence == "the run has taken 0.3 s; allowed are 0.3 s"
+    assert len(run.rows) == pytest.approx(300, abs=21)
+
+
+@pytest.mark.parametrize("name", ["joint_error_max", "links_force_max", "time_limit"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_bounds_without_sense_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InvalidValueError, match=f"{name} must be positive"):
+        replace(Watch(), **{name: value})

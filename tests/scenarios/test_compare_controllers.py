@@ -1,0 +1,92 @@
+import json
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from rich.console import Console
+
+from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.evaluation.benchmarks.control.settled import settled_after
+from robo47_qp.evaluation.benchmarks.control.trial import Bench, Condition
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.sim.disturbance import Disturbance
+from scenarios import compare_controllers as scenario
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    log = tmp_path_factory.mktemp("compared") / "c.rrd"
+    options = scenario.ControllersOptions(log=log, only=("free", "payload 0.5 kg, told"))
+    assert scenario.run(options, Console(quiet=True)) == 0
+    return log
+
+
+def test_every_term_of_the_feed_forward_is_worth_something(written: Path) -> None:
+    free = json.loads(written.with_suffix(".json").read_text())["trials"]["free"]
+    errors = [free[name]["max_joint_error_rad"] for name in scenario.CONTROLLERS]
+    assert errors[0] > 1.3 * errors[1] > 2.0 * errors[2] > 10 * errors[3]
+    assert free["PD"]["last_tool_error_m"] > 1e3 * free["+ gravity"]["last_tool_error_m"]
+    assert all(trial["stable"] for trial in free.values())
+
+
+def test_joint_impedance_keeps_its_promises_in_free_motion(written: Path) -> None:
+    free = json.loads(written.with_suffix(".json").read_text())["trials"]["free"]
+    assert free["+ acceleration"]["max_joint_error_rad"] <= 0.2e-3
+    assert free["+ acceleration"]["max_tool_error_m"] <= 0.15e-3
+
+
+def test_a_payload_that_it_is_told_of_is_held_ten_times_better(written: Path) -> None:
+    told = json.loads(written.with_suffix(".json").read_text())["trials"]["payload 0.5 kg, told"]
+    for name in ("+ acceleration", "Cartesian", "operational"):
+        before, after = (told[name][k] for k in ("tool_error_before_told_m", "last_tool_error_m"))
+        assert before > 10 * after
+
+
+def test_recording_and_plot_hold_every_controller(written: Path) -> None:
+    assert written.with_suffix(".png").stat().st_size > 10_000
+    paths = {str(chunk.entity_path) for chunk in RrdReader(written).stream().to_chunks()}
+    assert {"/free/tool_error", "/free/torque_use", "/figures"} <= paths
+
+
+def test_a_condition_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    options = scenario.ControllersOptions(log=tmp_path / "c.rrd", only=("rain",))
+    with pytest.raises(
+        UnknownNameError, match=r"No condition is called 'rain'; known: 'free', 'payload"
+    ):
+        scenario.run(options, Console(quiet=True))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_controller_that_is_too_late_is_called_unstable() -> None:
+    bench = Bench(PANDA, [0.1] * 7)
+    stiff = JointImpedance(stiffness_scale=4.0)
+    late = Condition(name="late", disturbance=Disturbance(delay=25))
+    assert not bench.run("stiff", stiff, late).stable
+    assert bench.run("stiff", stiff, Condition(name="free")).stable
+
+
+def test_the_same_noise_for_everyone_and_the_same_result_twice() -> None:
+    bench = Bench(PANDA, [0.1] * 7)
+    noise = Condition(name="noise", disturbance=Disturbance(noise_q=1e-4), seed=3)
+    plain = JointImpedance(feed_forward=FeedForward.GRAVITY)
+    first, second = (bench.run("g", plain, noise) for _ in range(2))
+    assert first.joint_errors.tolist() == second.joint_errors.tolist()
+    assert np.abs(first.joint_errors[-200:]).max() > 1e-6
+
+
+@pytest.mark.parametrize("decay", [4.0, 8.0])
+def test_settling_is_that_of_an_exponential(decay: float) -> None:
+    t = 1e-3 * np.arange(4000)
+    errors = np.zeros((4000, 3))
+    errors[1000:, 0] = 0.02 * np.exp(-decay * t[:3000])
+    assert settled_after(errors, 1000, 1300, 200) == pytest.approx(np.log(50) / decay, rel=0.02)
+    pushed = np.zeros((4000, 3))
+    pushed[1500:, 1] = 0.02 * np.exp(-decay * t[:2500])
+    assert settled_after(pushed, 1000, 1300, 200) == pytest.approx(np.log(50) / decay, rel=0.03)
+    assert settled_after(np.zeros((4000, 3)), 1000, 1300, 200) == 0.0
+    ringing = np.zeros((4000, 3))
+    ringing[:, 2] = 0.01 * np.sin(60 * t)
+    assert settled_after(ringing, 1000, 1300, 200) == inf

@@ -1,0 +1,90 @@
+"""Demonstrations: state, action and picture of one instant, written and read back by LeRobot."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rich.console import Console
+
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.errors import InvalidValueError, MissingExtraError, UnknownNameError
+from scenarios.record_demos import DemoOptions, Frames, columns, run
+from tests.report.test_video import opengl  # noqa: F401  # a fixture
+from tests.runs import Reach, carry_out, picked_and_placed
+
+
+class Counter:
+    """A camera whose pictures say how many it has taken."""
+
+    taken = 0
+
+    def picture(self, data: object) -> NDArray[np.uint8]:
+        self.taken += 1
+        return np.full((2, 2, 3), self.taken, dtype=np.uint8)
+
+
+def test_pictures_are_taken_when_they_are_due() -> None:
+    frames = Frames(Counter())  # type: ignore[arg-type]
+    done = carry_out(Reach(), observers=[frames])
+    assert len(frames.pictures) == len(frames.rows)
+    late = np.array(frames.rows) * TIMESTEP - np.arange(len(frames.rows)) / 30.0
+    assert late.min() >= 0.0
+    assert late.max() <= 0.020 + 1e-9
+    assert len(frames.rows) == pytest.approx(len(done.rows) * TIMESTEP * 30, abs=1)
+    assert [int(picture[0, 0, 0]) for picture in frames.pictures[:3]] == [1, 2, 3]
+
+
+def test_the_action_is_what_is_commanded_for_the_next_frame() -> None:
+    done = picked_and_placed()
+    rows = [10, 50, 4000, 4033]
+    state, action = columns(done, rows)
+    assert state.shape == action.shape == (3, 8)
+    for k in range(3):
+        np.testing.assert_array_equal(state[k, :7], done.rows["joints/q"][rows[k]])
+        assert state[k, 7] == done.rows["gripper/width"][rows[k], 0]
+        np.testing.assert_array_equal(action[k, :7], done.rows["joints/q_ref"][rows[k + 1]])
+        assert action[k, 7] == done.rows["gripper/width_command"][rows[k + 1], 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"episodes": 0}, "--episodes must be 1 or more; found 0"),
+        ({"attempts": 3}, "--attempts must be no less than --episodes; found 3"),
+        ({"seed": -1}, "--seed must be 0 or more"),
+        ({"size": (241, 320)}, "--size must be two even numbers from 32 to 1080"),
+        ({"size": (16, 320)}, "--size must be two even numbers from 32 to 1080"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        DemoOptions(**change)  # type: ignore[arg-type]
+
+
+def test_a_folder_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match="--out must be a folder that is not there yet"):
+        DemoOptions(out=tmp_path)
+
+
+def test_before_anything_runs_it_says_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "demos"
+    with pytest.raises(UnknownNameError, match="No task is called 'nothing'"):
+        run(DemoOptions(task="nothing", out=out), Console())
+    monkeypatch.setitem(sys.modules, "lerobot", None)
+    monkeypatch.delitem(sys.modules, "lerobot.datasets.lerobot_dataset", raising=False)
+    with pytest.raises(MissingExtraError, match=r"needs the package lerobot.*robo47_qp\[lerobot\]"):
+        run(DemoOptions(out=out), Console())
+    assert not out.exists()
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("images", [True, False])
+def test_lerobot_reads_what_was_written(tmp_path: Path, images: bool) -> None:
+    pytest.importorskip("lerobot", reason="LeRobot has an environment of its own")
+    options = DemoOptions(out=tmp_path / "demos", episodes=2, size=(64, 96), images=images)
+    # It reads the dataset back itself, and raises where that is not what was written.
+    assert run(options, Console()) == 0

@@ -1,0 +1,272 @@
+import mujoco
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
+from robo47_qp.sim.simulation import Simulation
+from tests.controlled import DT, LOAD
+from tests.runs import no_objects
+
+
+def held(arm: Arm) -> np.ndarray:
+    return arm.inverse_dynamics(arm.home, np.zeros(arm.n), np.zeros(arm.n))
+
+
+def test_nothing_wrong_is_the_simulation_itself(robot: Robot, rng: np.random.Generator) -> None:
+    plain = Simulation(robot, no_objects)
+    other = DisturbedSimulation(robot, no_objects, Disturbance(), rng)
+    for _ in range(50):
+        tau = plain.motor_torque() + rng.uniform(-0.5, 0.5, len(robot.joints))
+        plain.step(tau)
+        other.step(tau)
+    assert plain.state().q.tolist() == other.state().q.tolist()
+    assert plain.state().v.tolist() == other.state().v.tolist()
+
+
+@pytest.mark.parametrize("delay", [1, 5])
+def test_a_command_arrives_so_many_periods_later(robot: Robot, delay: int) -> None:
+    sim = DisturbedSimulation(robot, no_objects, Disturbance(delay=delay))
+    for _ in range(2):
+        start, step = sim.motor_torque(), 0.5 * robot.tau_rate_max * DT
+        for k in range(delay + 2):
+            sim.step(start + step)
+            arrived = sim.last_torque() - start
+            assert arrived == pytest.approx(step if k >= delay else 0 * step, abs=1e-9)
+        sim.reset()
+
+
+def test_sensors_are_noisy_and_the_recording_tells_the_truth(robot: Robot) -> None:
+    noise = Disturbance(noise_q=1e-3, noise_v=2e-2)
+    sim = DisturbedSimulation(robot, no_objects, noise, np.random.default_rng(1))
+    again = DisturbedSimulation(robot, no_objects, noise, np.random.default_rng(1))
+    seen = [sim.state() for _ in range(2000)]
+    assert seen[7].q.tolist() == [again.state() for _ in range(8)][7].q.tolist()
+    q, v = np.array([s.q for s in seen]), np.array([s.v for s in seen])
+    assert np.std(q, axis=0) == pytest.approx(1e-3 * np.ones(q.shape[1]), rel=0.1)
+    assert np.std(v, axis=0) == pytest.approx(2e-2 * np.ones(q.shape[1]), rel=0.1)
+    assert np.mean(q, axis=0) == pytest.approx(robot.home, abs=1.5e-4)
+    row = np.empty(sum(map(len, sim._views_now)))
+    sim.write_now(row)
+    assert row[: len(robot.joints)].tolist() == robot.home.tolist()
+
+
+def test_noise_needs_a_generator(robot: Robot) -> None:
+    with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
+        DisturbedSimulation(robot, no_objects, Disturbance(noise_q=1e-3))
+    with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
+        DisturbedSimulation(robot, no_objects, Disturbance(noise_force=0.1))
+    for camera in ("pose_noise", "heading_noise", "pose_bias"):
+        with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
+            DisturbedSimulation(robot, no_objects, Disturbance(**{camera: 0.1}))  # type: ignore[arg-type]
+
+
+def test_an_unknown_payload_pulls_as_one_that_the_arm_knows(robot: Robot, arm: Arm) -> None:
+    sim = DisturbedSimulation(robot, no_objects, Disturbance(payload=LOAD))
+    loaded = arm.carrying(LOAD)
+    if robot.gripper is None:
+        assert sim.motor_torque() == pytest.approx(held(loaded), abs=1e-6)
+    assert sim.motor_torque() - Simulation(robot, no_objects).motor_torque() == pytest.approx(
+        held(loaded) - held(arm), abs=1e-6
+    )
+
+
+def test_heavier_links_take_torque_in_proportion(robot: Robot, arm: Arm) -> None:
+    torque = {
+        factor: DisturbedSimulation(
+            robot, no_objects, Disturbance(inertia_factor=factor, payload=LOAD)
+        ).motor_torque()
+        for factor in (0.8, 1.0, 1.2)
+    }
+    brick = held(arm.carrying(LOAD)) - held(arm)
+    for factor in (0.8, 1.2):
+        own = torque[1.0] - brick
+        assert torque[factor] == pytest.approx(factor * own + brick, abs=1e-6)
+
+
+def test_a_push_is_a_force_at_the_tool_for_its_time(robot: Robot, arm: Arm) -> None:
+    force = np.array([3.0, -4.0, 5.0])
+    push = Push(force=force, start=0.01, duration=0.02)
+    sim = DisturbedSimulation(robot, no_objects, Disturbance(pushes=[push]))
+    free = Simulation(robot, no_objects)
+    R, J = arm.pose(arm.home).rotation().as_matrix(), arm.jacobian(arm.home)
+    felt = []
+    for k in range(50):
+        sim.step(sim.motor_torque())
+        free.step(free.motor_torque())
+        applied = sim.data.qfrc_applied[: arm.n]
+        felt.append(bool(applied.any()))
+        if k == 10:
+            assert applied == pytest.approx(J[:3].T @ (R.T @ force), abs=1e-4)
+    assert felt == [10 <= k < 30 for k in range(50)]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"delay": -1}, "delay must be finite and not negative"),
+        ({"noise_q": np.nan}, "noise_q must be finite and not negative"),
+        ({"noise_force": -0.1}, "noise_force must be finite and not negative"),
+        ({"inertia_factor": 0.0}, "inertia_factor must be above 0"),
+        ({"object_mass_factor": 0.0}, "object_mass_factor must be above 0"),
+        ({"friction_factor": -1.0}, "friction_factor must be finite and not negative"),
+        ({"pose_noise": np.inf}, "pose_noise must be finite and not negative"),
+        ({"heading_noise": -1.0}, "heading_noise must be finite and not negative"),
+        ({"pose_bias": -1.0}, "pose_bias must be finite and not negative"),
+        ({"camera_rate": 0.0}, "camera_rate must be above 0"),
+    ],
+)
+def test_another_disturbance_is_refused(setting: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        Disturbance(**setting)  # type: ignore[arg-type]
+
+
+def test_another_push_is_refused() -> None:
+    with pytest.raises(InvalidValueError, match="force must be a vector of 3"):
+        Push(force=np.array([1.0, np.nan, 0.0]), start=0.0)
+    with pytest.raises(InvalidValueError, match="duration must be finite and not negative"):
+        Push(force=np.zeros(3), start=0.0, duration=-1.0)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_heavier_links_are_harder_to_turn_in_proportion(robot: Robot, factor: float) -> None:
+    matrices, weights = [], []
+    for sim in (
+        Simulation(robot, no_objects),
+        DisturbedSimulation(robot, no_objects, Disturbance(inertia_factor=factor)),
+    ):
+        m, M = sim.model, np.zeros((sim.model.nv, sim.model.nv))
+        mujoco.mj_fullM(m, sim.data, M)
+        matrices.append(M - np.diag(m.dof_armature))
+        weights.append(m.body_subtreemass[0])
+    assert np.abs(matrices[1] - factor * matrices[0]).max() < 1e-9
+    assert weights[1] == pytest.approx(factor * weights[0])
+
+
+def two_bricks(spec: mujoco.MjSpec) -> None:
+    """A table with two loose bricks, and a third that is fixed to it."""
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    table = spec.worldbody.add_geom(name="table", type=box, pos=[0.5, 0, -0.02], size=[0.3] * 3)
+    table.size = [0.3, 0.3, 0.02]
+    for name, x in (("left", 0.4), ("right", 0.6), ("fixed", 0.5)):
+        brick = spec.worldbody.add_body(name=name, pos=[x, 0.0, 0.02])
+        brick.add_geom(name=name, type=box, size=[0.02] * 3, mass=0.2)
+        if name != "fixed":
+            brick.add_freejoint()
+
+
+def hold(sim: Simulation, seconds: float) -> None:
+    for _ in range(round(seconds / DT)):
+        sim.step(sim.motor_torque())
+
+
+def errors_seen(sim: DisturbedSimulation, name: str, frames: int) -> np.ndarray:
+    """What the camera says less the truth: position and turn, (frames, 4)."""
+    found = []
+    for _ in range(frames):
+        truth, seen = sim.object_pose(name), sim.seen_pose(name)
+        turn = (seen.rotation() @ truth.rotation().inverse()).log()
+        assert turn[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+        found.append([*(seen.translation() - truth.translation()), turn[2]])
+        hold(sim, 0.034)
+    return np.array(found)
+
+
+CAMERA = Disturbance(pose_noise=5e-3, heading_noise=0.05, pose_bias=3e-3)
+
+
+def test_the_camera_takes_thirty_frames_in_a_second_and_holds_each() -> None:
+    sim = DisturbedSimulation(PANDA, two_bricks, CAMERA, np.random.default_rng(3))
+    seen: list[list[float]] = []
+    new: list[int] = []
+    for k in range(1000):
+        pose = sim.seen_pose("left").wxyz_xyz.tolist()
+        if not seen or pose != seen[-1]:
+            seen.append(pose)
+            new.append(k)
+        hold(sim, DT)
+    assert len(seen) == 30
+    assert new == [-(-k * 100 // 3) for k in range(30)]
+    assert sim.camera_noise == 5e-3
+
+
+def test_a_frame_shows_where_things_were_when_it_was_taken() -> None:
+    tiny = Disturbance(pose_noise=1e-12)
+    sim = DisturbedSimulation(PANDA, two_bricks, tiny, np.random.default_rng(3))
+    turned = SE3.from_rotation_and_translation(SO3.from_z_radians(0.3), np.array([0.4, 0, 0.5]))
+    sim.place_object("left", turned)
+    assert sim.seen_pose("left").as_matrix() == pytest.approx(turned.as_matrix(), abs=1e-9)
+    hold(sim, 0.033)
+    assert sim.object_pose("left").translation()[2] < 0.496
+    assert sim.seen_pose("left").translation()[2] == pytest.approx(0.5)
+    hold(sim, DT)
+    assert sim.seen_pose("left").translation()[2] == pytest.approx(
+        sim.object_pose("left").translation()[2], abs=1e-9
+    )
+    with pytest.raises(UnknownNameError, match="No object is called 'none'"):
+        sim.seen_pose("none")
+
+
+def test_what_is_seen_depends_on_seed_and_frame_and_not_on_who_asks() -> None:
+    def sim(seed: int) -> DisturbedSimulation:
+        return DisturbedSimulation(PANDA, two_bricks, CAMERA, np.random.default_rng(seed))
+
+    curious, lazy, other = sim(1), sim(1), sim(2)
+    for _ in range(70):
+        curious.seen_pose("right"), curious.state()
+        for one in (curious, lazy, other):
+            hold(one, DT)
+    seen = [one.seen_pose("left").wxyz_xyz.tolist() for one in (curious, lazy, other)]
+    assert seen[0] == seen[1] != seen[2]
+    lazy.reset()
+    again = lazy.seen_pose("left").wxyz_xyz.tolist()
+    assert again == sim(1).seen_pose("left").wxyz_xyz.tolist() != seen[1]
+
+
+def test_a_bias_without_noise_stays(rng: np.random.Generator) -> None:
+    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(pose_bias=5e-3), rng)
+    errors = errors_seen(sim, "left", 5)
+    # The brick sinks by a part of a µm into the table meanwhile.
+    assert np.ptp(errors, axis=0) == pytest.approx(np.zeros(4), abs=1e-6)
+    assert np.linalg.norm(errors[0, :3]) > 1e-4
+
+
+def test_the_truth_is_not_touched_by_the_camera(rng: np.random.Generator) -> None:
+    plain = Simulation(PANDA, two_bricks)
+    sim = DisturbedSimulation(PANDA, two_bricks, CAMERA, rng)
+    for one in (plain, sim):
+        hold(one, 0.1)
+    assert sim.data.qpos.tolist() == plain.data.qpos.tolist()
+    assert sim.object_pose("left").wxyz_xyz.tolist() == plain.object_pose("left").wxyz_xyz.tolist()
+    assert plain.seen_pose("left").wxyz_xyz.tolist() == plain.object_pose("left").wxyz_xyz.tolist()
+
+
+def test_without_a_camera_that_errs_things_are_seen_as_they_are() -> None:
+    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(), np.random.default_rng(0))
+    sim.place_object("left", SE3.from_translation(np.array([0.4, 0.0, 0.5])))
+    hold(sim, 0.05)
+    assert sim.seen_pose("left").wxyz_xyz.tolist() == sim.object_pose("left").wxyz_xyz.tolist()
+
+
+def test_only_what_moves_freely_gets_heavier() -> None:
+    plain = Simulation(PANDA, two_bricks).model
+    heavy = DisturbedSimulation(PANDA, two_bricks, Disturbance(object_mass_factor=1.3)).model
+    for i in range(plain.nbody):
+        factor = 1.3 if plain.body(i).name in ("left", "right") else 1.0
+        assert heavy.body_mass[i] == pytest.approx(factor * plain.body_mass[i])
+        assert heavy.body_inertia[i] == pytest.approx(factor * plain.body_inertia[i])
+    assert heavy.body_subtreemass[0] == pytest.approx(plain.body_subtreemass[0] + 0.3 * 0.4)
+
+
+@pytest.mark.parametrize(("factor", "slides"), [(0.6, True), (1.6, False)])
+def test_friction_decides_what_slides(factor: float, slides: bool) -> None:
+    """On a slope of tan 0.95, with a friction of 1.0 in the model."""
+    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(friction_factor=factor))
+    sim.model.opt.gravity[:] = [0.95 * 5.0, 0.0, -5.0]
+    start = sim.object_pose("right").translation()[0]
+    hold(sim, 0.2)
+    assert bool(sim.object_pose("right").translation()[0] - start > 0.01) is slides

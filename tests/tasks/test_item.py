@@ -1,0 +1,103 @@
+"""Items: how they are held, what looks alike, and how they lie."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.item import Item, standing
+
+ANGLES = st.floats(-np.pi, np.pi)
+BAR = Item(name="bar", size=(0.03, 0.05, 0.04), mass=0.2)
+LONG = Item(name="long", size=(0.03, 0.12, 0.04))
+ROD = Item(name="rod", size=(0.04, 0.04, 0.06), round=True)
+CUBE = Item(name="cube", size=(0.04, 0.04, 0.04))
+WIDTH_MAX = 0.08
+
+
+def corners(item: Item) -> np.ndarray:
+    """Of the box around it (8, 3) [m]."""
+    signs = np.array(np.meshgrid(*3 * [[-1, 1]])).reshape(3, -1).T
+    found: np.ndarray = 0.5 * signs * np.array(item.size)
+    return found
+
+
+@pytest.mark.parametrize("item", [BAR, LONG, ROD, CUBE], ids=lambda item: item.name)
+@given(turn=ANGLES)
+@settings(max_examples=10)
+def test_the_fingers_close_across_a_side_that_fits(item: Item, turn: float) -> None:
+    T_world_item = upright([0.4, 0.1, 0.5 * item.height], turn)
+    grasp = item.grasp(T_world_item, WIDTH_MAX)
+    closing = grasp.rotation().as_matrix()[:, 1]
+    across = T_world_item.rotation().as_matrix().T @ closing
+    if not item.round:
+        assert np.abs(across).max() == pytest.approx(1.0, abs=1e-9)
+    width = item.width(grasp, T_world_item)
+    assert width < WIDTH_MAX
+    # The extent of its corners along the line on which the fingers close.
+    extent = np.ptp(corners(item) @ across) if not item.round else item.size[0]
+    assert width == pytest.approx(extent, abs=1e-9)
+    assert abs(heading(grasp)) <= np.pi / 2 + 1e-9
+
+
+@pytest.mark.parametrize("item", [BAR, ROD, CUBE], ids=lambda item: item.name)
+def test_the_payload_is_what_mujoco_computes(item: Item) -> None:
+    spec = mujoco.MjSpec()
+    item.add(spec, (0.0, 0.0, 1.0))
+    model = spec.compile()
+    payload = item.payload(SE3.identity())
+    body = model.body(item.name)
+    assert payload.mass == pytest.approx(body.mass[0])
+    turned = SO3(body.iquat).as_matrix()
+    inertia = turned @ np.diag(body.inertia) @ turned.T
+    np.testing.assert_allclose(np.diag(payload.inertia), inertia, atol=1e-12)
+
+
+@pytest.mark.parametrize("item", [BAR, ROD, CUBE], ids=lambda item: item.name)
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (1, 1, 0)])
+@pytest.mark.parametrize("quarters", range(4))
+@given(turn=ANGLES)
+@settings(max_examples=10)
+def test_an_item_that_tipped_over_stands_by_other_names(
+    item: Item, axis: tuple[int, int, int], quarters: int, turn: float
+) -> None:
+    tip = np.array(axis) / np.linalg.norm(axis) * quarters * np.pi / 2
+    if axis == (1, 1, 0) and quarters % 2:
+        return  # On a corner: no side is down.
+    T_world_item = SE3.from_rotation(SO3.from_z_radians(turn) @ SO3.exp(tip))
+    found, T_item_standing = standing(item, T_world_item)
+    T_world_standing = T_world_item @ T_item_standing
+    np.testing.assert_allclose(T_world_standing.rotation().as_matrix()[:, 2], [0, 0, 1], atol=1e-9)
+    # The same corners in the world: nothing but the names of the axes has changed.
+    before = T_world_item.rotation().as_matrix() @ corners(item).T
+    after = T_world_standing.rotation().as_matrix() @ corners(found).T
+    order = [np.linalg.norm(after.T - corner, axis=1).argmin() for corner in before.T]
+    assert sorted(order) == list(range(8))
+    np.testing.assert_allclose(after[:, order], before, atol=1e-9)
+    assert found.round == (item.round and quarters % 2 == 0)
+    assert (found.name, found.mass, found.rgba) == (item.name, item.mass, item.rgba)
+
+
+def test_an_item_that_stands_is_left_as_it_is() -> None:
+    found, T_item_standing = standing(BAR, upright([0.1, 0.2, 0.3], 2.0))
+    assert found is BAR
+    np.testing.assert_array_equal(T_item_standing.wxyz_xyz, SE3.identity().wxyz_xyz)
+
+
+@pytest.mark.parametrize(
+    ("size", "round_", "mass", "message"),
+    [
+        ((0.0, 0.1, 0.1), False, 0.1, r"sizes and mass of 'x' must be positive; found 0.0"),
+        ((0.1, 0.1, 0.1), False, np.nan, r"sizes and mass of 'x' must be positive; found nan"),
+        ((0.1, 0.2, 0.1), True, 0.1, r"diameter of 'x' must be one number twice"),
+    ],
+)
+def test_what_is_no_item_is_refused(
+    size: tuple[float, float, float], round_: bool, mass: float, message: str
+) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        Item(name="x", size=size, round=round_, mass=mass)

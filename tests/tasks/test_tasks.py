@@ -1,0 +1,98 @@
+"""Every task, found by looking: rehearsed, scripted, and judged the same whoever moves the arm."""
+
+import pkgutil
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenarios
+from robo47_qp.errors import PlanError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.runner import Runner
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from scenarios.evaluate import known_tasks
+from scenarios.policies.random_targets import RandomTargets
+from tests.policies import follow
+
+FOUND = known_tasks()
+SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
+
+
+def test_all_tasks_are_found() -> None:
+    assert set(FOUND) == {
+        *("pick_place", "reach", "stack", "sort", "wipe"),
+        *("peg_insert", "obstacle_reach", "conveyor_pick"),
+    }
+
+
+@pytest.mark.parametrize("name", FOUND)
+@pytest.mark.parametrize("seed", [None, 0])
+def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str, seed: int | None) -> None:
+    if name == "obstacle_reach":
+        pytest.importorskip("ompl", reason="the extra planning is not installed")
+    task: Any = FOUND[name]()
+    if seed is not None:
+        task = task.variant(np.random.default_rng([seed, 2]))
+    simulation = Simulation(PANDA, task.build_scene)
+    runner = Runner(RunOptions(seed=seed).scenario(PANDA, task), simulation)
+    before = simulation.data.qpos.copy()
+    try:
+        legs = runner.rehearse()
+    except PlanError as error:
+        pytest.fail(str(error))
+    np.testing.assert_array_equal(simulation.data.qpos, before)
+    # Where a task starts is home; what it foresees ends there, or is told as it goes.
+    assert not legs or len(legs) >= 2
+    assert task.force_max > 0.0
+    assert task.name == name
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_task_has_a_script_of_its_own(name: str) -> None:
+    assert name.replace("pick_place", "pickplace") in SCRIPTS
+
+
+def state(simulation: Simulation, kinds: int) -> np.ndarray:
+    found = np.zeros(mujoco.mj_stateSize(simulation.model, kinds))
+    mujoco.mj_getState(simulation.model, simulation.data, found, kinds)
+    return found
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str) -> None:
+    task = FOUND[name]()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, np.random.default_rng(0))
+    start = task.verdict(simulation)
+    assert start is not None
+    assert start.cause in Cause
+    assert start.evidence
+    kinds = mujoco.mjtState
+    own = int(kinds.mjSTATE_USERDATA | kinds.mjSTATE_MOCAP_POS | kinds.mjSTATE_MOCAP_QUAT)
+    rest = int(kinds.mjSTATE_INTEGRATION) & ~own
+    before, notes = state(simulation, rest), state(simulation, own)
+    # The arm is where its goals are, so that there is something to notice.
+    for marker in simulation.markers:
+        simulation.place_marker(marker, simulation.tool_pose())
+    for _ in range(3):
+        task.notice(simulation)
+    np.testing.assert_array_equal(state(simulation, rest), before)
+    # A reset forgets it all.
+    simulation.reset()
+    task.reset(simulation, np.random.default_rng(0))
+    np.testing.assert_array_equal(state(simulation, own), notes)
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_policy_may_try_every_task_and_fails_with_a_cause(name: str) -> None:
+    if name == "obstacle_reach":
+        pytest.importorskip("ompl", reason="the extra planning is not installed")
+    run = follow(RandomTargets(), task=FOUND[name](), pace=Pace(seconds=0.4), seed=0)
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert len(run.rows) >= 400
