@@ -40,7 +40,7 @@ def run(options: EvaluateOptions, console: Console) -> int:
     task = known[options.task]()
     if any(contender.ik is None for contender in options.contenders):
         check_judged(task, Simulation(PANDA, task.build_scene))
-    return evaluate(task, PANDA, options, console, partial(PolicyRunner, pace=options.pace))
+    return evaluate(task, PANDA, options, console, partial(PolicyRunner, timing=options.timing))
 
 
 if __name__ == "__main__":

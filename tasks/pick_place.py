@@ -9,7 +9,7 @@ import numpy as np
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Failure, StepFailed
-from robo47_qp.run.steps import Step
+from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
@@ -102,7 +102,7 @@ class PickPlace:
         simulation.place_object(self.item.name, upright(self._on_table(start), turn_start))
         place_goal(simulation, goal, turn_goal)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         hand, goal = self._handling(simulation), self._goal(simulation).pose()
         T_world_item = simulation.object_pose(self.item.name)

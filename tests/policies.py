@@ -7,7 +7,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.policy.policy import Action, Observation, Policy
-from robo47_qp.run.policy.runner import Pace, PolicyRunner
+from robo47_qp.run.policy.runner import PolicyRunner, PolicyTiming
 from robo47_qp.run.recording import Sink
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Task
@@ -36,7 +36,7 @@ def follow(
     policy: Policy,
     *,
     task: Task | None = None,
-    pace: Pace | None = None,
+    timing: PolicyTiming | None = None,
     robot: Robot = PANDA,
     simulation: Simulation | None = None,
     seed: int | None = None,
@@ -48,5 +48,7 @@ def follow(
     if simulation is None:
         simulation = Simulation(robot, task.build_scene)
     scenario = RunOptions(seed=seed).scenario(robot, task)
-    runner = PolicyRunner(scenario, simulation, policy, Pace(seconds=1.0) if pace is None else pace)
+    runner = PolicyRunner(
+        scenario, simulation, policy, PolicyTiming(seconds=1.0) if timing is None else timing
+    )
     return runner.run(sinks=sinks, observers=observers)

@@ -189,16 +189,16 @@ def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Pa
 GENTLE = STRICT.replace("place_tolerance=1e-9", "force_max=0.5").replace(
     "sys.exit(main(RunOptions,",
     """from dataclasses import dataclass, replace
-from robo47_qp.watch import Watch
+from robo47_qp.run.watchdog import Watchdog
 
-class Blind(Watch):
+class Blind(Watchdog):
     def seen(self, *_, **__):
         return None
 
 @dataclass(frozen=True, kw_only=True)
 class Unwatched(RunOptions):
     def scenario(self, robot, task):
-        return replace(super().scenario(robot, task), watch=Blind())
+        return replace(super().scenario(robot, task), watchdog=Blind())
 
 sys.exit(main(Unwatched,""",
 )

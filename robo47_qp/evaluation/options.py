@@ -8,7 +8,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
-from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.stack import LOGS, IkName, RunOptions
 
 _MILLI = 1e-3
@@ -73,9 +73,9 @@ class EvaluateOptions(PerturbOptions):
     :dls, :qp-single, :lm-single or :dls-single. Or module:Class or file.py:Class of a policy: a
     class with reset(observation) and act(observation). Given more than once, each one runs on
     the same seeds, and the first is the baseline that each other one is compared with."""
-    rate: float = Pace.rate
+    rate: float = PolicyTiming.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
-    time_limit: float = Pace.seconds
+    time_limit: float = PolicyTiming.seconds
     """Simulated time of an episode of another policy, if it does not end it before [s]."""
     episodes: int = 100
     """How many; episode i has the seed `seed` + i."""
@@ -125,7 +125,7 @@ class EvaluateOptions(PerturbOptions):
                 option = f"--{name.replace('_', '-')}"
                 raise InvalidValueError(option, found, "above 0 and finite")
         try:
-            Pace(rate=self.rate)
+            PolicyTiming(rate=self.rate)
         except InvalidValueError as error:
             raise InvalidValueError("--rate", self.rate, error.expected) from error
         self._check_policies()
@@ -137,7 +137,10 @@ class EvaluateOptions(PerturbOptions):
     def _check_policies(self) -> None:
         contenders = self.contenders
         check_different(contenders)
-        if all(contender.ik is not None for contender in contenders) and self.pace != Pace():
+        if (
+            all(contender.ik is not None for contender in contenders)
+            and self.timing != PolicyTiming()
+        ):
             found = f"{self.rate:g} and {self.time_limit:g}"
             expected = f"left out with --policy {CLASSICAL}, which has no use for them"
             raise InvalidValueError("--rate and --time-limit", found, expected)
@@ -174,21 +177,21 @@ class EvaluateOptions(PerturbOptions):
                 self,
                 policy=(contender.name,),
                 ik=self.ik if contender.name == CLASSICAL else EvaluateOptions.ik,
-                rate=self.rate if contender.ik is None else Pace.rate,
-                time_limit=self.time_limit if contender.ik is None else Pace.seconds,
+                rate=self.rate if contender.ik is None else PolicyTiming.rate,
+                time_limit=self.time_limit if contender.ik is None else PolicyTiming.seconds,
                 log=self.log.with_name(f"{self.log.stem}.{label}.rrd"),
             )
             for contender, label in zip(contenders, labels(contenders), strict=True)
         ]
 
     @property
-    def pace(self) -> Pace:
+    def timing(self) -> PolicyTiming:
         """How often and for how long another policy decides.
 
         Raises:
             InvalidValueError: A number is out of range.
         """
-        return Pace(rate=self.rate, seconds=self.time_limit)
+        return PolicyTiming(rate=self.rate, seconds=self.time_limit)
 
     @property
     def perturbation(self) -> Perturbation:

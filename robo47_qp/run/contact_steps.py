@@ -24,7 +24,7 @@ _STILL = 2e-3
 """Joint speed below which the arm counts as at rest [rad/s]."""
 
 
-class Touching:
+class ContactSteps:
     """Carries out guarded and compliant motions."""
 
     def __init__(self, loop: ControlLoop) -> None:
@@ -102,7 +102,7 @@ class Touching:
         """
         loop, control = self._loop, self._loop.control
         loop.rest(np.clip(loop.sim.state().q, loop.arm.q_min, loop.arm.q_max))
-        control.switch(_Held(control.asked.copy()), seconds=0.0)
+        control.switch(_ConstantTorque(control.asked.copy()), seconds=0.0)
         control.switch(controller)
 
     def _lead(self, step: Comply, looking: "_Looking") -> None:
@@ -147,7 +147,7 @@ class Touching:
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
+class _ConstantTorque:
     """A torque that stays as it was."""
 
     tau: Vector

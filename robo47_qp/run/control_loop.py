@@ -159,7 +159,7 @@ class ControlLoop:
 
     def _look(self) -> None:
         stiff = not self.phases[-1].compliant
-        seen = self.scenario.watch.seen(
+        seen = self.scenario.watchdog.seen(
             self.sim,
             self.arm,
             self.reference,

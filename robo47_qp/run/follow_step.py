@@ -15,7 +15,7 @@ _GAIN = 15.0
 this only takes away what is left, and taking it away at once would ask too much of the motors."""
 
 
-class Following:
+class FollowSteps:
     """Follows targets by differential inverse kinematics; several steps go on from each other."""
 
     def __init__(self, loop: ControlLoop) -> None:

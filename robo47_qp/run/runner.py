@@ -15,14 +15,14 @@ from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Recording, Rows, Sink
 from robo47_qp.run.scenario import Run, Scenario
-from robo47_qp.run.step_executor import Actions
+from robo47_qp.run.step_executor import StepExecutor
 from robo47_qp.run.steps import (
     Comply,
     Grasp,
     Guarded,
     Move,
     Release,
-    Step,
+    StepLike,
 )
 from robo47_qp.sim.simulation import Simulation
 
@@ -108,9 +108,9 @@ class Runner:
         """Run the program, come to rest, and tell why it gave up, if so."""
         loop = self._loop
         try:
-            actions = Actions(loop)
-            failure = self._programmed(actions)
-            actions.finish()
+            executor = StepExecutor(loop)
+            failure = self._programmed(executor)
+            executor.finish()
             loop.note(f"gave up: {failure.evidence}" if failure else "program done", failure)
             loop.halt()
             loop.begin("end")
@@ -120,7 +120,7 @@ class Runner:
             loop.note(f"stopped: {failure.evidence}", failure)
         return failure
 
-    def _programmed(self, actions: Actions) -> Failure | None:
+    def _programmed(self, executor: StepExecutor) -> Failure | None:
         program = self.scenario.task.program(self._sim)
         failed: StepFailed | None = None
         try:
@@ -128,7 +128,7 @@ class Runner:
                 step = next(program) if failed is None else program.throw(failed)
                 failed = None
                 try:
-                    actions.perform(step)
+                    executor.perform(step)
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=self._sim.time))
                     self._loop.note(f"step failed: {failed}", failed.failure)
@@ -139,7 +139,7 @@ class Runner:
             return error.failure
 
 
-def _waypoints(step: Step) -> Iterator[Waypoint]:
+def _waypoints(step: StepLike) -> Iterator[Waypoint]:
     """The waypoints that a step visits, as far as they are known."""
     match step:
         case Waypoint():

@@ -9,7 +9,7 @@ from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.task import Task
-from robo47_qp.run.watchdog import Watch
+from robo47_qp.run.watchdog import Watchdog
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,7 +22,7 @@ class Scenario:
     controller: Controller
     seed: int | None = None
     """Seed of the task's random start; None takes the task's default start."""
-    watch: Watch = Watch()
+    watchdog: Watchdog = Watchdog()
     """What ends the run at once."""
 
 

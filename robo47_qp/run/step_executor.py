@@ -3,9 +3,9 @@
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.gripper import Grip
 from robo47_qp.run.conditions import Broken, demand, planned
-from robo47_qp.run.contact_steps import Touching
+from robo47_qp.run.contact_steps import ContactSteps
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
-from robo47_qp.run.follow_step import Following
+from robo47_qp.run.follow_step import FollowSteps
 from robo47_qp.run.steps import (
     Compliance,
     Comply,
@@ -14,9 +14,9 @@ from robo47_qp.run.steps import (
     Guarded,
     Move,
     Release,
-    Step,
+    StepLike,
     Wait,
-    as_action,
+    as_step,
 )
 
 _GRIP_STILL = 0.05
@@ -25,45 +25,45 @@ _GRIP_TIMEOUT = 3.0
 """When a grip is over whether or not the fingers stand still [s]."""
 
 
-class Actions:
+class StepExecutor:
     """Carries out steps, each from where the one before has left the arm."""
 
     def __init__(self, loop: ControlLoop) -> None:
         """Keep the loop to act with."""
         self._loop = loop
-        self._touching = Touching(loop)
-        self._following = Following(loop)
+        self._touching = ContactSteps(loop)
+        self._following = FollowSteps(loop)
 
-    def perform(self, step: Step) -> None:
+    def perform(self, step: StepLike) -> None:
         """Carry out one step.
 
         Raises:
             StepFailed: It cannot be planned, or one of its conditions does not hold.
             Aborted: See `ControlLoop.track`.
         """
-        action = as_action(step)
-        demand(action.name, action.before)
-        if not isinstance(action, Comply):
+        step = as_step(step)
+        demand(step.name, step.before)
+        if not isinstance(step, Comply):
             self.finish()
-        if not isinstance(action, Follow):
+        if not isinstance(step, Follow):
             self._loop.halt()
-        match action:
+        match step:
             case Move():
-                self._move(action)
+                self._move(step)
             case Grasp():
-                grip = Grip(width=action.width, force=action.force, speed=action.speed)
-                self._grip(action.name, grip, action.compliance)
+                grip = Grip(width=step.width, force=step.force, speed=step.speed)
+                self._grip(step.name, grip, step.compliance)
             case Release():
-                self._release(action)
+                self._release(step)
             case Wait():
-                self._wait(action)
+                self._wait(step)
             case Guarded():
-                self._touching.guarded(action)
+                self._touching.guarded(step)
             case Comply():
-                self._touching.comply(action)
+                self._touching.comply(step)
             case Follow():
-                self._following.follow(action)
-        demand(action.name, action.after)
+                self._following.follow(step)
+        demand(step.name, step.after)
 
     def finish(self) -> None:
         """Make an arm stiff that has been left yielding.

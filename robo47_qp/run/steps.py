@@ -237,12 +237,12 @@ class Follow(_Conditions):
     name: str = "follow"
 
 
-Action = Move | Grasp | Release | Wait | Guarded | Comply | Follow
-Step = Waypoint | tuple[Waypoint, ...] | Action
+Step = Move | Grasp | Release | Wait | Guarded | Comply | Follow
+StepLike = Waypoint | tuple[Waypoint, ...] | Step
 """One entry of a program: a waypoint, or several known together, stand for a `Move`."""
 
 
-def as_action(step: Step) -> Action:
+def as_step(step: StepLike) -> Step:
     """What a step stands for."""
     if isinstance(step, Waypoint):
         return Move(waypoints=(step,))

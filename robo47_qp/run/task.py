@@ -8,10 +8,10 @@ import numpy as np
 
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.steps import Step
+from robo47_qp.run.steps import StepLike
 from robo47_qp.sim.simulation import Simulation
 
-Program = Generator[Step, None, Failure | None]
+Program = Generator[StepLike, None, Failure | None]
 """Yields steps, each when the one before is done, and returns why it gave up, if so. A step that
 fails raises `StepFailed` where it was yielded; a program that does not catch it ends with it."""
 
@@ -46,7 +46,7 @@ class Task(Protocol):
         """Put the objects at their start; the defaults where rng is None."""
         ...
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """The motions foreseen from here, so that they can be checked before moving."""
         ...
 

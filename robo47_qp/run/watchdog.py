@@ -11,7 +11,7 @@ from robo47_qp.sim.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch:
+class Watchdog:
     """Bounds that are looked at every few control periods. Going on beyond them helps nobody."""
 
     joint_error_max: float = 0.2

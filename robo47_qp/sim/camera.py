@@ -23,7 +23,7 @@ class CameraNoise:
     """Frames per second [1/s]."""
 
 
-class Camera:
+class ObjectCamera:
     """Sees the poses of objects, as they were at its last frame.
 
     What it sees of an object depends on the seed, the object and the frame, and not on how

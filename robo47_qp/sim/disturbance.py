@@ -15,7 +15,7 @@ from robo47_qp.model.arm import JointState
 from robo47_qp.model.mjcf import add_payload
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
-from robo47_qp.sim.camera import Camera, CameraNoise
+from robo47_qp.sim.camera import CameraNoise, ObjectCamera
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 
@@ -123,7 +123,7 @@ class DisturbedSimulation(Simulation):
         self.disturbance = disturbance
         self._rng = rng
         self._on_the_way: deque[Vector] = deque()
-        self._camera: Camera | None = None
+        self._camera: ObjectCamera | None = None
         super().__init__(robot, _carrying(robot, build_scene, disturbance.payload))
         self._scale_world()
         noise = CameraNoise(
@@ -133,7 +133,7 @@ class DisturbedSimulation(Simulation):
             rate=disturbance.camera_rate,
         )
         if rng is not None and (noise.position or noise.heading or noise.bias):
-            self._camera = Camera(self.objects, noise, int(rng.integers(2**63)))
+            self._camera = ObjectCamera(self.objects, noise, int(rng.integers(2**63)))
             self._camera.take(self.time, self.object_pose)
 
     def reset(self) -> None:

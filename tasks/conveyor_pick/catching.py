@@ -13,7 +13,7 @@ from robo47_qp.run.failure import Cause
 from robo47_qp.run.steps import (
     Condition,
     Follow,
-    Step,
+    StepLike,
     Wait,
 )
 from robo47_qp.sim.simulation import Simulation
@@ -51,7 +51,7 @@ class Catching:
     force: float
     """Of one finger [N]."""
 
-    def watch(self) -> Generator[Step, None, None]:
+    def watch(self) -> Generator[StepLike, None, None]:
         """Look until the item's motion is known."""
         yield from self.sightings.watch()
 
@@ -63,7 +63,7 @@ class Catching:
         """Where the tool waits for an item that will come to a pose."""
         return Waypoint(name="meet", target=_raised(self._grasp(T_world_item), self.rise))
 
-    def catch(self, first: float) -> Generator[Step, None, None]:
+    def catch(self, first: float) -> Generator[StepLike, None, None]:
         """Meet it, go with it, close the fingers on it and lift it.
 
         It fails with TIMEOUT where the tool does not keep up, with GRASP where the fingers do

@@ -9,7 +9,7 @@ import numpy as np
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Release, Step, Wait
+from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.conveyor_pick.catching import Catching
@@ -114,7 +114,7 @@ class ConveyorPick:
         simulation.place_object(self.item.name, upright(self._on_belt(lateral), turn_start))
         place_goal(simulation, goal, turn_goal)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         hand, goal = self._handling(simulation), self._goal(simulation).pose()
         x, _, z = simulation.object_pose(self.item.name).translation()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from mink import SE3
 
-from robo47_qp.run.steps import Compliance, Grasp, Step
+from robo47_qp.run.steps import Compliance, Grasp, StepLike
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 
@@ -23,7 +23,7 @@ close, 2 mm take 0.1 N: a slender peg tips over at 0.3 N."""
 
 def close(
     simulation: Simulation, item: Item, T_world_item: SE3, grasp: Grasp
-) -> Generator[Step, None, None]:
+) -> Generator[StepLike, None, None]:
     """Close the fingers on an item; gently where the camera only nearly knows its place.
 
     Fingers that close beside the middle push the item and the arm aside. So the arm gives way,

@@ -14,7 +14,7 @@ from robo47_qp.run.steps import (
     Grasp,
     Move,
     Release,
-    Step,
+    StepLike,
 )
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.closing import close
@@ -59,7 +59,7 @@ class Handling:
     T_item_standing: SE3 | None = None
     """Turn of an item that has tipped over: from its own frame to that of `item`, with z up."""
 
-    def pick(self) -> Generator[Step, None, Held]:
+    def pick(self) -> Generator[StepLike, None, Held]:
         """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up."""
         T_world_item = yield from self._look(self.resting)
         yield from self.approach(T_world_item)
@@ -76,7 +76,7 @@ class Handling:
         """With what is known of the item since it was picked."""
         return self if held is None else replace(self, item=replace(self.item, mass=held.mass))
 
-    def place(self, T_world_goal: SE3, held: Held | None = None) -> Generator[Step, None, None]:
+    def place(self, T_world_goal: SE3, held: Held | None = None) -> Generator[StepLike, None, None]:
         """Carry the item to a pose and let go of it; fails with DROP on the way.
 
         Args:
@@ -101,7 +101,7 @@ class Handling:
             yield lower
         yield self.release()
 
-    def look_held(self, held: Held | None) -> Generator[Step, None, SE3]:
+    def look_held(self, held: Held | None) -> Generator[StepLike, None, SE3]:
         """Where the item is, as one that stands, while it is held; `held` as in `place`."""
         height = None
         if held is not None and held.above is not None:
@@ -109,7 +109,7 @@ class Handling:
         T_world_item = yield from self._look(height)
         return T_world_item
 
-    def _weighed(self) -> Generator[Step, None, Self]:
+    def _weighed(self) -> Generator[StepLike, None, Self]:
         """With the mass that the item has, where that is not known."""
         sim = self.simulation
         if sim.weights_known:
@@ -118,7 +118,7 @@ class Handling:
         mass = yield from weigh(sim, self.item.name, payload, self._held(Cause.GRASP))
         return self.holding(Held(above=None, mass=mass))
 
-    def _look(self, height: float | None) -> Generator[Step, None, SE3]:
+    def _look(self, height: float | None) -> Generator[StepLike, None, SE3]:
         T_world_item = yield from look(self.simulation, self.item.name, height)
         return self.stood(T_world_item)
 
@@ -129,7 +129,7 @@ class Handling:
         widest = self.simulation.gripper.width_max
         return Release(width=min(self.simulation.width() + self.opening, widest))
 
-    def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[Step]:
+    def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[StepLike]:
         """The steps from above the item at one pose to above it at another."""
         *approach, descend = self.approach(T_world_item)
         grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
@@ -147,7 +147,7 @@ class Handling:
         """Straight up from a pose."""
         return self._line("retreat", self._up(T_world_tcp))
 
-    def back_off(self) -> Generator[Step, None, None]:
+    def back_off(self) -> Generator[StepLike, None, None]:
         """Up and away from what went wrong, gripper open for the next time."""
         yield self._line("back off", self._up(self.simulation.tool_pose()))
         yield Release(name="open gripper")

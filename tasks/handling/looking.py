@@ -6,7 +6,7 @@ import numpy as np
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
-from robo47_qp.run.steps import Step, Wait
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 
 _GOOD_ENOUGH = 1e-3
@@ -17,7 +17,7 @@ _FRAME = 1.0 / 30.0
 
 def look(
     simulation: Simulation, name: str, height: float | None = None
-) -> Generator[Step, None, SE3]:
+) -> Generator[StepLike, None, SE3]:
     """Stand still and look at an object that stands still; with a noisy camera, for a while.
 
     Args:
@@ -34,7 +34,9 @@ def look(
     return SE3.from_rotation_and_translation(T_world_object.rotation(), np.array([x, y, height]))
 
 
-def look_all(simulation: Simulation, names: Sequence[str]) -> Generator[Step, None, dict[str, SE3]]:
+def look_all(
+    simulation: Simulation, names: Sequence[str]
+) -> Generator[StepLike, None, dict[str, SE3]]:
     """Look at several objects in the same frames; see `look`.
 
     Independent errors of n frames leave σ/√n in their mean.

@@ -6,7 +6,7 @@ import numpy as np
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
-from robo47_qp.run.steps import Step, Wait
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 
 _FRAME = 1.0 / 30.0
@@ -29,7 +29,7 @@ class Sightings:
         self._times: list[float] = []
         self._seen: list[SE3] = []
 
-    def watch(self) -> Generator[Step, None, None]:
+    def watch(self) -> Generator[StepLike, None, None]:
         """Look for as long as the camera's noise calls for.
 
         The line through n positions with independent errors σ is known to 2σ/√n at its end

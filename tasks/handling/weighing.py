@@ -12,7 +12,7 @@ from robo47_qp.run.steps import (
     Compliance,
     Comply,
     Condition,
-    Step,
+    StepLike,
 )
 from robo47_qp.sim.simulation import Simulation
 
@@ -29,7 +29,7 @@ _GRAVITY = 9.81
 
 def weigh(
     simulation: Simulation, name: str, expected: Payload, held: Condition
-) -> Generator[Step, None, float]:
+) -> Generator[StepLike, None, float]:
     """Lift what the fingers hold a little and read its weight; fails with GRASP.
 
     The arm yields meanwhile: one that is stiff would be bent by a weight that it does not know,

@@ -12,7 +12,7 @@ from robo47_qp.run.steps import (
     Compliance,
     Comply,
     Condition,
-    Step,
+    StepLike,
 )
 from robo47_qp.tasks.handling.handling import Handling
 from robo47_qp.tasks.handling.looking import look
@@ -41,7 +41,7 @@ class Inserter(Handling):
     insert_force: float
     """What it is pressed with on the way down [N]."""
 
-    def offset(self) -> Generator[Step, None, np.ndarray]:
+    def offset(self) -> Generator[StepLike, None, np.ndarray]:
         """Where the peg's axis is in the plane of the tool (2,) [m].
 
         Along the tool's x it is looked at; along y the fingers have centred it.
@@ -52,7 +52,7 @@ class Inserter(Handling):
 
     def insert(
         self, offset: np.ndarray, radius: float, pitch: float
-    ) -> Generator[Step, None, None]:
+    ) -> Generator[StepLike, None, None]:
         """Touch the block, feel for the hole, and go down; fails with TIMEOUT or DROP.
 
         Args:
@@ -95,7 +95,7 @@ class Inserter(Handling):
         """Into the hole as it is known. What is free to move is slowed by force / speed."""
         return Compliance(stiffness=stiffness, axis=-self._axis, force=force, speed=speed)
 
-    def draw_out(self) -> Generator[Step, None, None]:
+    def draw_out(self) -> Generator[StepLike, None, None]:
         """Straight up, giving way."""
         up = self._line("draw out", self._up(self.simulation.tool_pose()))
         springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))

@@ -10,7 +10,7 @@ from mink import SE3, SO3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Release, Step
+from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.handling import HOME, LOST, unfinished
@@ -113,7 +113,7 @@ class PegInsert:
         simulation.place_marker("hole", hole)
         simulation.place_marker("hole seen", hole @ error)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         hand = self._inserter(simulation)
         T_world_peg = simulation.object_pose(self.peg.name)

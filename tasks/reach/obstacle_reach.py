@@ -11,7 +11,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.steps import Step, Wait
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.handling import HOME
@@ -159,7 +159,7 @@ class ObstacleReach:
         for name, pose in zip(self._targets, (down, under), strict=True):
             simulation.place_marker(name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         return [*(self._reach(simulation, name) for name in self._targets), HOME]
 

@@ -12,7 +12,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.steps import Move, Step, Wait
+from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.held import Held
@@ -114,7 +114,7 @@ class Reach:
                 pose = _reachable(simulation, rng)
             simulation.place_marker(name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         return [step for step in self._steps(simulation) if isinstance(step, Move)]
 

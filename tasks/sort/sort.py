@@ -10,7 +10,7 @@ from mink import SE3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Release, Step
+from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.handling import (
@@ -132,9 +132,9 @@ class Sort:
             pose = upright([x, y, TABLE_TOP + 0.5 * item.height], turn)
             simulation.place_object(item.name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
-        steps: list[Step] = []
+        steps: list[StepLike] = []
         taken: list[tuple[float, float]] = []
         for item in self.items:
             T_world_item = simulation.object_pose(item.name)
@@ -196,7 +196,7 @@ class Sort:
 
     def _sort(
         self, hand: Handling, simulation: Simulation, others: Sequence[SE3]
-    ) -> Generator[Step, None, None]:
+    ) -> Generator[StepLike, None, None]:
         """Pick one and let it fall into a free slot of its bin."""
         held = yield from hand.pick()
         T_world_item = yield from hand.look_held(held)

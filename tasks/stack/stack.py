@@ -10,7 +10,7 @@ from mink import SE3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Step
+from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import (
@@ -136,9 +136,9 @@ class Stack:
             height = TABLE_TOP + 0.5 * self.edge
             simulation.place_object(cube.name, upright([x, y, height], turn))
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
-        steps: list[Step] = []
+        steps: list[StepLike] = []
         tower = self._tower(simulation)
         for level, cube in enumerate(self.cubes):
             T_world_cube = simulation.object_pose(cube.name)
@@ -201,7 +201,7 @@ class Stack:
 
     def _add(
         self, hand: Handling, tower: Tower, seen: dict[str, SE3]
-    ) -> Generator[Step, None, None]:
+    ) -> Generator[StepLike, None, None]:
         """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
         held = yield from hand.pick()
         before = tower.standing(seen)

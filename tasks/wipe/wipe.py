@@ -9,7 +9,7 @@ from mink import SE3
 
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Step
+from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.handling import HOME, LOST
@@ -89,7 +89,7 @@ class Wipe:
             place = SE3.from_translation(np.array([x, y, 0.0]))
             simulation.place_marker(mark(i), board @ place)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.outlook`."""
         hand = self._wiper(simulation)
         T_world_sponge = simulation.object_pose(self.sponge.name)

@@ -13,7 +13,7 @@ from robo47_qp.run.steps import (
     Comply,
     Condition,
     Move,
-    Step,
+    StepLike,
 )
 from robo47_qp.tasks.handling.handling import Handling
 from robo47_qp.tasks.headings import heading
@@ -37,7 +37,7 @@ class Wiper(Handling):
     wish: Wish
     notes: Notes
 
-    def wipe(self) -> Generator[Step, None, None]:
+    def wipe(self) -> Generator[StepLike, None, None]:
         """To the board, down on it, along the strokes, and up; fails with DROP or TIMEOUT."""
         yield Move(
             waypoints=self.to_board(),

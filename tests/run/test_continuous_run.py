@@ -9,7 +9,7 @@ from mink import SE3
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
-from robo47_qp.run.steps import Step
+from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from tests.examples import shifted
@@ -22,7 +22,7 @@ class Round(Reach):
 
     name: str = "round"
 
-    def outlook(self, simulation: Simulation) -> Sequence[Step]:  # type: ignore[override]
+    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:  # type: ignore[override]
         start = simulation.tool_pose()
 
         def at(x: float, y: float, z: float) -> SE3:

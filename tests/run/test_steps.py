@@ -21,9 +21,9 @@ from robo47_qp.run.steps import (
     Guarded,
     Move,
     Release,
-    Step,
+    StepLike,
     Wait,
-    as_action,
+    as_step,
 )
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
@@ -312,12 +312,12 @@ def test_the_observers_are_told_of_a_step_that_failed() -> None:
 def test_what_a_step_stands_for() -> None:
     waypoint = Waypoint(name="home", target=Place.HOME)
     for step in (waypoint, (waypoint,), Move(waypoints=(waypoint,))):
-        action = as_action(step)
+        action = as_step(step)
         assert isinstance(action, Move)
         assert action.waypoints == (waypoint,)
         assert action.name == "home"
-    wait: Step = Wait(seconds=1.0)
-    assert as_action(wait) is wait
+    wait: StepLike = Wait(seconds=1.0)
+    assert as_step(wait) is wait
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
-from robo47_qp.sim.camera import Camera, CameraNoise
+from robo47_qp.sim.camera import CameraNoise, ObjectCamera
 
 NOISE = CameraNoise(position=5e-3, heading=0.05, bias=3e-3, rate=30.0)
 T = {
@@ -15,7 +15,7 @@ T = {
 
 def errors(seed: int, frames: int = 5) -> np.ndarray:
     """What is seen less the truth: position and turn, (objects, frames, 4)."""
-    camera = Camera(tuple(T), NOISE, seed)
+    camera = ObjectCamera(tuple(T), NOISE, seed)
     found = []
     for k in range(frames):
         camera.watch(k / 30.0, T.__getitem__)
@@ -53,7 +53,7 @@ def test_errors_are_independent_of_each_other() -> None:
 
 
 def test_a_frame_that_is_taken_again_shows_the_new_place_with_the_same_error() -> None:
-    camera = Camera(("left",), NOISE, 1)
+    camera = ObjectCamera(("left",), NOISE, 1)
     camera.take(0.0, T.__getitem__)
     before = camera.seen("left").translation() - T["left"].translation()
     camera.watch(0.03, lambda _: T["right"])

@@ -9,7 +9,7 @@ from mink import SE3
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Move, Step, as_action
+from robo47_qp.run.steps import Move, StepLike, as_step
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.handling import Handling
 from robo47_qp.tasks.headings import upright
@@ -38,13 +38,13 @@ def _failed(cause: Cause) -> StepFailed:
     return StepFailed(Failure(cause=cause, evidence="as a test"))
 
 
-def _name(step: Step) -> str:
-    action = as_action(step)
+def _name(step: StepLike) -> str:
+    action = as_step(step)
     assert isinstance(action, Move)
     return action.waypoints[0].name
 
 
-def _place() -> Generator[Step, None, None]:
+def _place() -> Generator[StepLike, None, None]:
     world = Simulation(PANDA, PickPlace().build_scene)
     hand = Handling(simulation=world, item=PickPlace().item, above=0.2)
     return hand.place(upright([0.4, -0.2, 0.02], 0.0))

@@ -10,7 +10,7 @@ from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.steps import Step, Wait
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.looking import look, look_all
@@ -31,7 +31,7 @@ def looked(simulation: Simulation, height: float | None = None) -> tuple[SE3, fl
     return watched(simulation, look(simulation, "cube", height))
 
 
-def watched(simulation: Simulation, program: Generator[Step, None, Seen]) -> tuple[Seen, float]:
+def watched(simulation: Simulation, program: Generator[StepLike, None, Seen]) -> tuple[Seen, float]:
     """What a program returns, and how long it waits [s]."""
     waited = 0.0
     try:

@@ -19,7 +19,7 @@ from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Move, as_action
+from robo47_qp.run.steps import Move, as_step
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.pick_place import PickPlace
@@ -38,7 +38,7 @@ def motions(task: PickPlace, simulation: Simulation) -> dict[str, Waypoint]:
     """The foreseen waypoints by name."""
     found = {}
     for step in task.outlook(simulation):
-        action = as_action(step)
+        action = as_step(step)
         for waypoint in action.waypoints if isinstance(action, Move) else ():
             found[waypoint.name] = waypoint
     return found
@@ -251,7 +251,7 @@ def test_fingers_that_do_not_press_do_not_hold() -> None:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     program = task.program(simulation)
-    steps = [as_action(next(program)) for _ in range(3)]
+    steps = [as_step(next(program)) for _ in range(3)]
     assert [step.name for step in steps] == ["approach", "descend", "close gripper"]
     simulation.command_grip(Grip(width=task.item.height, force=30.0))
     for _ in range(600):

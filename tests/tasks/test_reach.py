@@ -20,7 +20,7 @@ from robo47_qp.motion.branch_choice import Chain
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
-from robo47_qp.run.steps import Move, Step, Wait
+from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from robo47_qp.tasks.memory import put_away
@@ -209,14 +209,14 @@ class Displaced:
         shifted = SE3.from_translation(np.array(self.shift)) @ here
         target = shifted @ SE3.from_rotation(SO3.from_x_radians(self.turn))
         self.simulation.place_marker("pose 1", target)
-        steps: Sequence[Step] = list(_program(self.simulation))
+        steps: Sequence[StepLike] = list(_program(self.simulation))
         (step,) = (s for s in steps if isinstance(s, Wait) and s.name == "hold pose 1")
         (condition,) = step.after
         assert condition.cause is Cause.TRACK
         return condition.against()
 
 
-def _program(simulation: Simulation) -> list[Step]:
+def _program(simulation: Simulation) -> list[StepLike]:
     return list(Reach(count=1).program(simulation))
 
 

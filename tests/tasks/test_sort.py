@@ -16,7 +16,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Move, as_action
+from robo47_qp.run.steps import Move, as_step
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.headings import heading, upright
 from robo47_qp.tasks.item import GREEN, RED, Item
@@ -189,7 +189,7 @@ def test_items_are_let_go_across_the_bin_just_above_its_ground(seed: int) -> Non
     """The fingers open along y, where there is room, whatever they hold and however."""
     simulation = _world()
     ALL.reset(simulation, np.random.default_rng(seed))
-    steps = [as_action(step) for step in ALL.outlook(simulation)]
+    steps = [as_step(step) for step in ALL.outlook(simulation)]
     moves = [step.waypoints[0] for step in steps if isinstance(step, Move)]
     slots = set()
     for item, grasp, lower in zip(

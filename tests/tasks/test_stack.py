@@ -15,7 +15,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Move, as_action
+from robo47_qp.run.steps import Move, as_step
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.headings import upright
 from robo47_qp.tasks.stack.stack import Stack
@@ -257,7 +257,7 @@ def test_variants_are_cubes_that_fit_the_hand(seed: int) -> None:
 
 def test_the_cube_is_carried_above_the_tower() -> None:
     task = Stack()
-    steps = [as_action(step) for step in task.outlook(_world())]
+    steps = [as_step(step) for step in task.outlook(_world())]
     carries = [step for step in steps if isinstance(step, Move) and step.name == "carry"]
     lowers = [step for step in steps if isinstance(step, Move) and step.name == "lower"]
     for level, (carry, lower) in enumerate(zip(carries, lowers, strict=True)):

@@ -11,7 +11,7 @@ import scenarios
 from robo47_qp.errors import PlanError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause
-from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
@@ -92,7 +92,7 @@ def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str)
 def test_a_policy_may_try_every_task_and_fails_with_a_cause(name: str) -> None:
     if name == "obstacle_reach":
         pytest.importorskip("ompl", reason="the extra planning is not installed")
-    run = follow(RandomTargets(), task=FOUND[name](), pace=Pace(seconds=0.4), seed=0)
+    run = follow(RandomTargets(), task=FOUND[name](), timing=PolicyTiming(seconds=0.4), seed=0)
     assert run.failure is not None
     assert run.failure.cause is Cause.PLACE
     assert len(run.rows) >= 400

@@ -12,7 +12,7 @@ from robo47_qp.run.conditions import demand
 from robo47_qp.run.failure import Cause, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Comply, Condition, as_action
+from robo47_qp.run.steps import Comply, Condition, as_step
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
@@ -95,7 +95,7 @@ class UpToTheHole(PegInsert):
 
     def program(self, simulation: Simulation) -> Program:
         for step in super().program(simulation):
-            if as_action(step).name == "touch":
+            if as_step(step).name == "touch":
                 break
             yield step
         return None

@@ -13,7 +13,7 @@ from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
-from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.headings import upright
@@ -287,7 +287,7 @@ def test_marks_vanish_under_whoever_presses_the_sponge_on_them(turn: float, gone
             height -= 2e-4
         return ToolTarget(pose=vector_of(tool_down([x, y, height], 0.0)), width=0.0)
 
-    run = follow(Scripted(press), task=task, pace=Pace(rate=100.0, seconds=2.6))
+    run = follow(Scripted(press), task=task, timing=PolicyTiming(rate=100.0, seconds=2.6))
     assert run.failure is not None
     assert run.failure.cause is Cause.PLACE
     assert run.failure.evidence.startswith(f"{MARKS - gone} of 8 marks are left")

@@ -20,7 +20,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import Camera
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.policy.runner import Pace, Stepwise, check_judged
+from robo47_qp.run.policy.runner import PolicyTiming, Stepwise, check_judged
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
@@ -55,7 +55,7 @@ class TaskEnv(_Base):
         task: Task | str,
         *,
         mode: Mode = "joints",
-        pace: Pace | None = None,
+        timing: PolicyTiming | None = None,
         vary: bool = False,
         robot: Robot = PANDA,
         render_mode: str | None = None,
@@ -66,7 +66,7 @@ class TaskEnv(_Base):
             task: What is to be done, or where its class is: "tasks.pick_place:PickPlace".
             mode: What actions are: joint positions, tool poses or torques, each with the width;
                 see `ActionScale`.
-            pace: Actions per second and length of an episode.
+            timing: Actions per second and length of an episode.
             vary: Whether every episode has a scene of its own (`Task.variant`), as in evaluations.
             robot: Who does it.
             render_mode: "rgb_array" for pictures, which need OpenGL.
@@ -76,7 +76,7 @@ class TaskEnv(_Base):
             RenderingError: Pictures are wanted, and the machine cannot draw.
         """
         self._task: Task = pkgutil.resolve_name(task)() if isinstance(task, str) else task
-        self._pace, self._vary, self._robot = pace or Pace(), vary, robot
+        self._timing, self._vary, self._robot = timing or PolicyTiming(), vary, robot
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode
@@ -89,7 +89,7 @@ class TaskEnv(_Base):
         """Between actions in SI units and vectors of the action space."""
         self.action_space = self.scale.space
         sizes = len(self._simulation.objects), len(self._simulation.markers)
-        self._space = observation_space(self._arm, *sizes, self._pace.seconds)
+        self._space = observation_space(self._arm, *sizes, self._timing.seconds)
         space: Any = self._space
         self.observation_space = space
 
@@ -104,7 +104,7 @@ class TaskEnv(_Base):
             task = task.variant(np.random.default_rng([drawn, 2]))
             self._build(task)
         scenario = RunOptions(seed=drawn).scenario(self._robot, task)
-        self._episode = Stepwise(scenario, self._simulation, self._pace)
+        self._episode = Stepwise(scenario, self._simulation, self._timing)
         self._good = 0
         return self._observed(self._episode), {"seed": drawn, "success": False}
 
@@ -115,7 +115,7 @@ class TaskEnv(_Base):
             raise gymnasium.error.ResetNeeded("The episode is over: call reset() first.")
         failure = episode.step(self.scale.action(action))
         self._good = self._good + 1 if failure is None and episode.done else 0
-        confirmed = self._good > _CONFIRMED * self._pace.rate
+        confirmed = self._good > _CONFIRMED * self._timing.rate
         terminated = failure is not None or confirmed
         truncated = episode.over and not terminated
         info: dict[str, Any] = {"success": False}

@@ -13,13 +13,13 @@ from robo47_qp.run.policy.guard import Guard
 from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario
-from robo47_qp.run.step_executor import Actions
+from robo47_qp.run.step_executor import StepExecutor
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pace:
+class PolicyTiming:
     """How often a policy decides, and for how long."""
 
     rate: float = 30.0
@@ -67,7 +67,11 @@ class PolicyRunner(Runner):
     """
 
     def __init__(
-        self, scenario: Scenario, simulation: Simulation, policy: Policy, pace: Pace | None = None
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        policy: Policy,
+        timing: PolicyTiming | None = None,
     ) -> None:
         """Put the world at the start of the scenario.
 
@@ -75,13 +79,13 @@ class PolicyRunner(Runner):
             scenario: What to run; its planner gives the bounds of all motions.
             simulation: The world, built from the scenario's robot and task.
             policy: What decides.
-            pace: How often and for how long; by default `Pace()`.
+            timing: How often and for how long; by default `PolicyTiming()`.
         """
         super().__init__(scenario, simulation)
-        self._policy, self._pace = policy, Pace() if pace is None else pace
+        self._policy, self._timing = policy, PolicyTiming() if timing is None else timing
         self._cell = PolicyCell(self._loop)
 
-    def _programmed(self, actions: Actions) -> Failure | None:
+    def _programmed(self, executor: StepExecutor) -> Failure | None:
         """The episode, in place of the task's program."""
         failure = self._episode()
         try:
@@ -91,12 +95,12 @@ class PolicyRunner(Runner):
         return failure
 
     def _episode(self) -> Failure | None:
-        cell, pace = self._cell, self._pace
+        cell, timing = self._cell, self._timing
         with Guard() as guard:
             self._policy.reset(cell.observe())
         if guard.error is not None:
             return self._raised("reset", guard.error)
-        k, now, end = 0, 0, round(pace.seconds / TIMESTEP)
+        k, now, end = 0, 0, round(timing.seconds / TIMESTEP)
         while now < end:
             answer = self._answer(cell.observe())
             if answer is None:
@@ -105,13 +109,13 @@ class PolicyRunner(Runner):
             if isinstance(answer, Failure):
                 return answer
             k += 1
-            due = pace.decision(k)
+            due = timing.decision(k)
             try:
                 cell.carry_out(answer, due - now)
             except (PlanError, InvalidValueError) as error:
                 return self._amiss(str(error))
             now = due
-        self._loop.note(f"the episode's {pace.seconds:g} s are over")
+        self._loop.note(f"the episode's {timing.seconds:g} s are over")
         return None
 
     def _answer(self, observation: Observation) -> Action | Failure | None:
@@ -136,16 +140,16 @@ class PolicyRunner(Runner):
 class Stepwise(Runner):
     """A scenario under actions from outside; judged as `PolicyRunner` judges."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, pace: Pace) -> None:
+    def __init__(self, scenario: Scenario, simulation: Simulation, timing: PolicyTiming) -> None:
         """Put the world at the start of the scenario."""
         super().__init__(scenario, simulation)
-        self._pace, self._decisions, self._periods = pace, 0, 0
+        self._timing, self._decisions, self._periods = timing, 0, 0
         self._cell = PolicyCell(self._loop)
 
     @property
     def over(self) -> bool:
         """True once its time is over."""
-        return self._periods >= round(self._pace.seconds / TIMESTEP)
+        return self._periods >= round(self._timing.seconds / TIMESTEP)
 
     @property
     def done(self) -> bool:
@@ -159,7 +163,7 @@ class Stepwise(Runner):
     def step(self, action: object) -> Failure | None:
         """Carry out an action until the next one is due; what ended the episode, if anything."""
         self._decisions += 1
-        due = self._pace.decision(self._decisions)
+        due = self._timing.decision(self._decisions)
         try:
             self._cell.carry_out(self._cell.checked(action), due - self._periods)
         except (PlanError, InvalidValueError) as error:
@@ -177,7 +181,7 @@ class Stepwise(Runner):
         """The task's figures of the world now."""
         return self.scenario.task.measures(self._sim)
 
-    def _programmed(self, actions: Actions) -> Failure | None:
+    def _programmed(self, executor: StepExecutor) -> Failure | None:
         """What is left of the program: coming to rest."""
         try:
             self._cell.rest()

@@ -20,7 +20,7 @@ from robo47_qp.run.policy.policy import (
     Torques,
     vector_of,
 )
-from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
@@ -59,7 +59,9 @@ class Turn(Reach):
 
 
 def env(seconds: float = 3.0, mode: Mode = "joints", **more: Any) -> TaskEnv:
-    return TaskEnv(more.pop("task", Turn()), mode=mode, pace=Pace(seconds=seconds), **more)
+    return TaskEnv(
+        more.pop("task", Turn()), mode=mode, timing=PolicyTiming(seconds=seconds), **more
+    )
 
 
 def made_or_skip(name: str, **more: Any) -> Any:
@@ -110,7 +112,7 @@ def test_every_kind_of_action_is_as_gymnasium_wants_it(mode: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_standing_still_is_no_success(name: str) -> None:
-    made = made_or_skip(name, pace=Pace(seconds=0.5))
+    made = made_or_skip(name, timing=PolicyTiming(seconds=0.5))
     made.reset(seed=0)
     still = made.unwrapped.scale.numbers(HOME)
     for _ in range(14):

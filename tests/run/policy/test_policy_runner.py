@@ -23,7 +23,7 @@ from robo47_qp.run.policy.policy import (
     Torques,
     vector_of,
 )
-from robo47_qp.run.policy.runner import Pace
+from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
@@ -38,7 +38,7 @@ from tests.runs import Witness
 
 ARM = Arm(PANDA)
 HOME = ARM.home
-SHORT = Pace(seconds=0.2)
+SHORT = PolicyTiming(seconds=0.2)
 
 
 def stay(observation: Observation) -> Action | None:
@@ -60,16 +60,16 @@ def names(run: Run) -> list[str]:
 
 @cache
 def solved() -> Run:
-    return follow(PickAndPlace(), task=PickPlace(), pace=Pace(), seed=1)
+    return follow(PickAndPlace(), task=PickPlace(), timing=PolicyTiming(), seed=1)
 
 
-# Pace
+# Timing
 
 
 @pytest.mark.parametrize("rate", [30.0, 7.0, 1000.0, 333.0])
 def test_it_decides_at_its_rate(rate: float) -> None:
     policy = Scripted(stay)
-    run = follow(policy, pace=Pace(rate=rate, seconds=0.2))
+    run = follow(policy, timing=PolicyTiming(rate=rate, seconds=0.2))
     times = [observation.time for observation in policy.seen]
     expected = np.arange(np.ceil(0.2 * rate - 1e-9)) / rate
     assert len(times) == len(expected)
@@ -90,9 +90,9 @@ def test_it_decides_at_its_rate(rate: float) -> None:
         ({"seconds": np.inf}, "seconds must be above 0 and finite; found inf"),
     ],
 )
-def test_a_pace_that_is_none_is_refused(change: dict[str, float], message: str) -> None:
+def test_a_timing_out_of_range_is_refused(change: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
-        Pace(**change)
+        PolicyTiming(**change)
 
 
 # Observations
@@ -139,7 +139,9 @@ def test_what_it_scribbles_on_is_its_own() -> None:
             array[:] = 7.0
         return JointTarget(q=HOME)
 
-    tidy, other = (follow(Scripted(act), task=PickPlace(), pace=SHORT) for act in (stay, scribble))
+    tidy, other = (
+        follow(Scripted(act), task=PickPlace(), timing=SHORT) for act in (stay, scribble)
+    )
     assert tidy.rows.values.tobytes() == other.rows.values.tobytes()
 
 
@@ -149,7 +151,8 @@ def test_what_it_scribbles_on_is_its_own() -> None:
 def test_joint_targets_are_reached_within_the_bounds_of_the_profile() -> None:
     goals = [HOME + 0.1, HOME - 0.15]
     run = follow(
-        Scripted(lambda seen: JointTarget(q=goals[seen.time > 0.3])), pace=Pace(seconds=1.6)
+        Scripted(lambda seen: JointTarget(q=goals[seen.time > 0.3])),
+        timing=PolicyTiming(seconds=1.6),
     )
     assert run.failure is None
     assert broken(run) == []
@@ -192,7 +195,7 @@ def test_torques_go_to_the_motors_and_nothing_else_does() -> None:
         wanted.append(action.tau + np.array([3.0, 0, 0, 0, 0, 0, 0]))
         return Torques(tau=wanted[-1])
 
-    run = follow(Scripted(push), pace=Pace(rate=1000.0, seconds=0.3))
+    run = follow(Scripted(push), timing=PolicyTiming(rate=1000.0, seconds=0.3))
     rows = run.rows
     # Once the motors have got there (3 N·m at 1 N·m per period), they deliver what is asked for.
     np.testing.assert_allclose(rows["joints/tau"][10:300], wanted[10:300], atol=1e-9)
@@ -219,7 +222,7 @@ def test_the_controller_takes_over_without_a_bump() -> None:
         assert isinstance(action, Torques)
         return Torques(tau=action.tau + np.array([6.0, 0, 0, 0, 0, 0, 0]))
 
-    run = follow(Scripted(push), pace=Pace(rate=100.0, seconds=0.1))
+    run = follow(Scripted(push), timing=PolicyTiming(rate=100.0, seconds=0.1))
     assert run.rows["joints/tau_command"][99, 0] > 3.0
     assert broken(run) == []
 
@@ -249,7 +252,7 @@ def test_torques_between_targets_change_hands_without_a_bump() -> None:
             return ToolTarget(pose=vector_of(pose))
         return JointTarget(q=HOME)
 
-    run = follow(Scripted(mixed), pace=Pace(rate=100.0, seconds=1.0))
+    run = follow(Scripted(mixed), timing=PolicyTiming(rate=100.0, seconds=1.0))
     assert run.failure is None
     assert broken(run) == []
     assert names(run)[:4] == ["joint targets", "torques", "joint targets", "tool targets"]
@@ -268,7 +271,7 @@ def test_targets_of_all_kinds_in_turn_keep_all_promises(rng: np.random.Generator
             held[:] = [ToolTarget(pose=pose) if rng.random() < 0.5 else JointTarget(q=near)]
         return held[0]
 
-    run = follow(Scripted(wild), pace=Pace(seconds=4.0))
+    run = follow(Scripted(wild), timing=PolicyTiming(seconds=4.0))
     assert run.failure is None
     assert broken(run) == []
     assert {"joint targets", "tool targets"} <= set(names(run))
@@ -279,7 +282,7 @@ def test_targets_of_all_kinds_in_turn_keep_all_promises(rng: np.random.Generator
 def test_a_joint_may_be_sent_to_its_very_limit(side: float) -> None:
     q = HOME.copy()
     q[6] = ARM.q_max[6] if side > 0.0 else ARM.q_min[6]
-    run = follow(Scripted(lambda _: JointTarget(q=q)), pace=Pace(seconds=3.2))
+    run = follow(Scripted(lambda _: JointTarget(q=q)), timing=PolicyTiming(seconds=3.2))
     assert run.failure is None
     assert broken(run) == []
     assert abs(run.rows["joints/q"][-1, 6] - q[6]) < 0.01
@@ -297,7 +300,7 @@ def test_a_width_that_wobbles_still_holds_the_cube() -> None:
                 return ToolTarget(pose=answer.pose, width=0.037 + rng.uniform(-1e-3, 1e-3))
             return answer
 
-    run = follow(Shaky(), task=PickPlace(), pace=Pace(seconds=4.5))
+    run = follow(Shaky(), task=PickPlace(), timing=PolicyTiming(seconds=4.5))
     lifted = run.rows["objects/cube"][:4500, 2] > 0.03
     assert lifted.sum() > 500
     assert run.rows["gripper/force"][:4500][lifted].min() > 20.0
@@ -307,7 +310,7 @@ def test_a_robot_without_a_gripper_is_driven_too() -> None:
     robot = robot_named("hinge6")
     home = Arm(robot).home
     policy = Scripted(lambda _: JointTarget(q=home + 0.02))
-    run = follow(policy, robot=robot, pace=SHORT)
+    run = follow(policy, robot=robot, timing=SHORT)
     assert policy.seen[0].width is None
     assert run.failure is None
     assert run.rows["joints/q_ref"][-1, 0] > home[0]
@@ -329,7 +332,7 @@ def test_it_ends_when_the_policy_says_so() -> None:
 
 def test_it_ends_when_its_time_is_over() -> None:
     witness = Witness()
-    follow(Scripted(stay), pace=SHORT, observers=[witness])
+    follow(Scripted(stay), timing=SHORT, observers=[witness])
     assert witness.notes[0][1] == "the episode's 0.2 s are over"
 
 
@@ -424,7 +427,7 @@ def test_a_policy_that_fails_while_the_arm_is_fast_leaves_it_at_rest() -> None:
 
 def test_the_watch_ends_what_must_not_go_on() -> None:
     down = vector_of(tool_down([0.45, 0.0, -0.05]))
-    run = follow(Scripted(lambda _: ToolTarget(pose=down)), pace=Pace(seconds=4.0))
+    run = follow(Scripted(lambda _: ToolTarget(pose=down)), timing=PolicyTiming(seconds=4.0))
     assert failed(run).cause is Cause.COLLISION
     assert "the tool is pressed with" in failed(run).evidence
     assert names(run) == ["tool targets"]
@@ -432,7 +435,7 @@ def test_the_watch_ends_what_must_not_go_on() -> None:
 
 
 def test_torques_that_throw_the_arm_are_ended_with_what_happened() -> None:
-    run = follow(Scripted(lambda _: Torques(tau=PANDA.tau_max)), pace=Pace(seconds=2.0))
+    run = follow(Scripted(lambda _: Torques(tau=PANDA.tau_max)), timing=PolicyTiming(seconds=2.0))
     assert failed(run).cause in (Cause.LIMIT, Cause.COLLISION)
     assert run.rows["joints/v"].max() > 1.0
 
@@ -459,7 +462,7 @@ def test_the_example_holds_poses_in_turn() -> None:
             return super().act(observation)
 
     task = judged_reach.Reach(count=2)
-    run = follow(Watched(), task=task, pace=Pace(), seed=3)
+    run = follow(Watched(), task=task, timing=PolicyTiming(), seed=3)
     assert run.failure is None
     assert broken(run) == []
     assert run.measures["poses_left"] == 0.0
@@ -475,8 +478,8 @@ def test_the_example_holds_poses_in_turn() -> None:
 
 
 def test_the_example_without_a_plan_fails_by_the_verdict() -> None:
-    pace = Pace(seconds=2.0)
-    runs = [follow(RandomTargets(), task=PickPlace(), pace=pace, seed=s) for s in (1, 1, 2)]
+    timing = PolicyTiming(seconds=2.0)
+    runs = [follow(RandomTargets(), task=PickPlace(), timing=timing, seed=s) for s in (1, 1, 2)]
     assert failed(runs[0]).cause is Cause.PLACE
     assert broken(runs[0]) == []
     first, again, other = (run.rows["joints/q"].tobytes() for run in runs)

@@ -1,4 +1,4 @@
-"""The watch: what ends a run at once, and that nothing else does."""
+"""The watchdog: what ends a run at once, and that nothing else does."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.watchdog import Watch
+from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from tests.examples import shifted
@@ -100,7 +100,7 @@ def test_touching_is_a_collision(where: tuple[float, float, float], found: str) 
 
 def test_a_run_takes_no_longer_than_allowed() -> None:
     task = Reach(rise=0.1)
-    scenario = replace(RunOptions().scenario(PANDA, task), watch=Watch(time_limit=0.3))
+    scenario = replace(RunOptions().scenario(PANDA, task), watchdog=Watchdog(time_limit=0.3))
     run = Runner(scenario, Simulation(PANDA, task.build_scene)).run()
     assert run.failure is not None
     assert run.failure.cause is Cause.TIMEOUT
@@ -112,4 +112,4 @@ def test_a_run_takes_no_longer_than_allowed() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_bounds_without_sense_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be positive"):
-        replace(Watch(), **{name: value})
+        replace(Watchdog(), **{name: value})
