@@ -22,7 +22,7 @@ from robo47_qp.errors import (
 )
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.video import Camera
+from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
@@ -80,7 +80,7 @@ class Frames(Observer):
     State and action of a frame are those of the picture's own instant.
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: OffscreenCamera) -> None:
         self._camera = camera
         self.pictures: list[NDArray[np.uint8]] = []
         self.rows: list[int] = []
@@ -207,7 +207,7 @@ def run(options: DemoOptions, console: Console) -> int:
     kind, task = lerobot_dataset(), known[options.task]()
     simulation = Simulation(PANDA, task.build_scene)
     simulation.model.vis.quality.shadowsize = 0  # shadows take most of the time
-    camera = Camera(simulation.model, "overview", options.size[1], options.size[0])
+    camera = OffscreenCamera(simulation.model, "overview", options.size[1], options.size[0])
     dataset, done = Dataset(kind, options, PANDA), 0
     attempts = 2 * options.episodes if options.attempts is None else options.attempts
     for seed in range(options.seed, options.seed + attempts):

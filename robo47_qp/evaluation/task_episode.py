@@ -1,7 +1,7 @@
 """TaskEpisode: an episode of a task in its own world, driven by the stack or by a policy."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
@@ -106,14 +106,7 @@ class TaskEpisode:
     def scenario(self, seed: int) -> Scenario:
         """The scenario of an episode."""
         task = self.task.variant(np.random.default_rng([seed, 2]))
-        scenario = self.options.scenario(self.robot, task)
-        return Scenario(
-            robot=scenario.robot,
-            task=scenario.task,
-            planner=scenario.planner,
-            controller=scenario.controller,
-            seed=seed,
-        )
+        return replace(self.options.scenario(self.robot, task), seed=seed)
 
     def simulation(self, scenario: Scenario, seed: int) -> DisturbedSimulation:
         """The world of an episode."""

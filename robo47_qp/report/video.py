@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT, _FRAMES_PER_SECOND = 1280, 720, 30
 
 
-class Camera:
+class OffscreenCamera:
     """Renders pictures of a simulation."""
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
@@ -77,7 +77,7 @@ class Video(Observer):
         self._frames = 0
         # Shadows would take three quarters of the time: 8 instead of 34 frames a second.
         simulation.model.vis.quality.shadowsize = 0
-        self._camera = Camera(simulation.model, "overview", _WIDTH, _HEIGHT)
+        self._camera = OffscreenCamera(simulation.model, "overview", _WIDTH, _HEIGHT)
         try:
             self._writer = imageio.get_writer(
                 path, format="FFMPEG", fps=_FRAMES_PER_SECOND, macro_block_size=8

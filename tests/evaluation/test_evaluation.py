@@ -99,7 +99,7 @@ def test_a_killed_evaluation_loses_nothing_that_was_finished(
         # Who runs the tests in the background may have told them to ignore Ctrl-C.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from robo47_qp.evaluation.evaluation import Evaluation\n"
-        "from robo47_qp.evaluation.executor import LocalProcesses\n"
+        "from robo47_qp.evaluation.workers.executor import LocalProcesses\n"
         "from tests.toy_episodes import SETTINGS, Toy\n"
         "e = Evaluation(episode=Toy(pause=0.4), settings=SETTINGS, episodes=12, seed=40)\n"
         "e.run(LocalProcesses(workers=2, timeout=60.0), Path(sys.argv[1]), print, resume=False)\n"

@@ -25,6 +25,7 @@ from robo47_qp.evaluation.task_episode import TaskEpisode, classical
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.watchdog import Watch
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from robo47_qp.tasks.table import add_table
@@ -183,6 +184,18 @@ def test_a_bug_of_ours_is_no_failure_of_the_robot(way: str, last: str) -> None:
     assert result.error is not None
     assert result.error.startswith("Traceback")
     assert last in result.error.splitlines()[-1]
+
+
+def test_an_episode_keeps_the_scenario_it_was_given_but_for_the_seed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bounds = Watch(time_limit=5.0, links_force_max=3.0)
+    given = RunOptions.scenario
+    monkeypatch.setattr(
+        RunOptions, "scenario", lambda *chosen: replace(given(*chosen), seed=99, watch=bounds)
+    )
+    scenario = episode().scenario(7)
+    assert (scenario.seed, scenario.watch) == (7, bounds)
 
 
 def test_the_classical_stack_drives_by_default() -> None:

@@ -30,9 +30,9 @@ encoder = pytest.mark.skipif(
 def why_nothing_is_drawn() -> str | None:
     """Tried in a process of its own: a broken OpenGL can end a process."""
     draw = (
-        "import mujoco; from robo47_qp.video import Camera\n"
+        "import mujoco; from robo47_qp.report.video import OffscreenCamera\n"
         "spec = mujoco.MjSpec(); spec.worldbody.add_camera(name='c'); m = spec.compile()\n"
-        "d = mujoco.MjData(m); mujoco.mj_forward(m, d); Camera(m, 'c', 64, 64).picture(d)"
+        "d = mujoco.MjData(m); mujoco.mj_forward(m, d); OffscreenCamera(m, 'c', 64, 64).picture(d)"
     )
     done = subprocess.run([sys.executable, "-c", draw], capture_output=True, text=True, check=False)
     return None if done.returncode == 0 else done.stderr.strip().splitlines()[-1]

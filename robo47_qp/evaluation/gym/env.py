@@ -18,7 +18,7 @@ from robo47_qp.evaluation.gym.spaces import (
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.video import Camera
+from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.policy.runner import PolicyTiming, Stepwise, check_judged
 from robo47_qp.run.task import Task
@@ -81,7 +81,7 @@ class TaskEnv(_Base):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode
         self._arm = Arm(robot)
-        self._camera: Camera | None = None
+        self._camera: OffscreenCamera | None = None
         self._episode: Stepwise | None = None
         self._build(self._task)
         check_judged(self._task, self._simulation)
@@ -131,7 +131,7 @@ class TaskEnv(_Base):
         if self.render_mode is None:
             return None
         if self._camera is None:
-            self._camera = Camera(self._simulation.model, "overview", _WIDTH, _HEIGHT)
+            self._camera = OffscreenCamera(self._simulation.model, "overview", _WIDTH, _HEIGHT)
         return self._camera.picture(self._simulation.data)
 
     def close(self) -> None:

@@ -68,7 +68,7 @@ def test_a_worker_ends_with_its_parent_and_keeps_quiet() -> None:
     code = (
         "import os, pickle, sys, time\n"
         "from robo47_qp.evaluation.episode import EpisodeSpec\n"
-        "from robo47_qp.evaluation.worker import Worker, wait_for\n"
+        "from robo47_qp.evaluation.workers.worker import Worker, wait_for\n"
         "from tests.toy_episodes import Toy\n"
         "w = Worker(pickle.dumps(Toy(does={1: 'print', 2: 'hang'})), 60.0)\n"
         "while not w.ready:\n    wait_for([w]); w.heard()\n"
