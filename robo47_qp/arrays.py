@@ -1,7 +1,21 @@
-"""Array types, and the check that every array from outside passes."""
+"""Array types, and the rules that values from outside are checked against."""
 
-from math import isfinite
-from typing import TypeAlias
+from dataclasses import dataclass
+from functools import cache
+from math import inf, isfinite
+from operator import index
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from mink import SE3
@@ -11,6 +25,134 @@ from robo47_qp.errors import InvalidValueError
 
 Vector: TypeAlias = NDArray[np.float64]
 Matrix: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range:
+    """A rule for numbers: the range they lie in. Infinity counts only where `infinite` is set."""
+
+    above: float = -inf
+    at_least: float = -inf
+    below: float = inf
+    at_most: float = inf
+    whole: bool = False
+    infinite: bool = False
+
+    def accepts(self, value: Any) -> bool:
+        """Return whether a number, or every number of an array, is in the range."""
+        try:
+            numbers = np.ravel(index(value) if self.whole else value).astype(float).tolist()
+        except (TypeError, ValueError):
+            return False
+        return all(map(self._accepts, numbers))
+
+    def _accepts(self, x: float) -> bool:
+        if not (self.above < x and self.at_least <= x <= self.at_most):
+            return False
+        return x < self.below or self.infinite
+
+    def __str__(self) -> str:
+        bounded = min(self.below, self.at_most) < inf
+        lower = f"at least {self.at_least:g}" if bounded else f"{self.at_least:g} or more"
+        words = [f"above {self.above:g}" if self.above > -inf else lower]
+        if bounded:
+            words += [f"below {self.below:g}" if self.below < inf else f"at most {self.at_most:g}"]
+        elif not (self.whole or self.infinite):
+            words += ["finite"]
+        return f"a whole number, {words[0]}" if self.whole else " and ".join(words)
+
+
+@dataclass(frozen=True)
+class Suffix:
+    """A rule for files: the suffix of their names."""
+
+    suffix: str
+
+    def accepts(self, value: Path) -> bool:
+        """Return whether a file has the suffix."""
+        return value.suffix == self.suffix
+
+    def __str__(self) -> str:
+        return f"a file that ends with {self.suffix}"
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """A rule for names: those that are known. `Literal` stands for it."""
+
+    names: tuple[object, ...]
+
+    def accepts(self, value: object) -> bool:
+        """Return whether a name is known."""
+        return value in self.names
+
+    def __str__(self) -> str:
+        return " or ".join(map(repr, self.names))
+
+
+@dataclass(frozen=True)
+class Size:
+    """A rule for vectors: how many finite numbers they have. The field gets a frozen copy."""
+
+    size: int
+
+
+Positive: TypeAlias = Annotated[float, Range(above=0.0)]
+NotNegative: TypeAlias = Annotated[float, Range(at_least=0.0)]
+Ratio: TypeAlias = Annotated[float, Range(above=0.0, at_most=1.0)]
+Count: TypeAlias = Annotated[int, Range(at_least=1, whole=True)]
+CountOrZero: TypeAlias = Annotated[int, Range(at_least=0, whole=True)]
+
+
+class Checked:
+    """A dataclass whose annotations state the rules that its values are checked against.
+
+    `mass: Positive` or `margin: Annotated[float, Range(above=0.0, below=0.5)]`; where a field
+    is `Positive | None`, None passes.
+    """
+
+    def __post_init__(self) -> None:
+        """Check every field, and freeze those of a `Size`.
+
+        Raises:
+            InvalidValueError: A value breaks a rule of its field.
+        """
+        for field, rule, optional in self._rules():
+            value, label = getattr(self, field), self._label(field)
+            if value is None and optional:
+                continue
+            if isinstance(rule, Size):
+                object.__setattr__(self, field, frozen_vector(label, value, rule.size))
+            elif not rule.accepts(value):
+                found = repr(value) if isinstance(value, str) else value
+                raise InvalidValueError(label, found, str(rule))
+
+    def _label(self, field: str) -> str:
+        """Return what messages call a field."""
+        return field
+
+    @classmethod
+    @cache
+    def _rules(cls) -> list[tuple[str, Range | Suffix | OneOf | Size, bool]]:
+        """Return fields with their rules, and whether None passes."""
+        rules = []
+        for field, hint in get_type_hints(cls, include_extras=True).items():
+            choices = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+            for choice in choices:
+                stated = getattr(choice, "__metadata__", ())
+                if get_origin(choice) is Literal:
+                    stated = (OneOf(get_args(choice)),)
+                for rule in stated:
+                    if isinstance(rule, Range | Suffix | OneOf | Size):
+                        rules.append((field, rule, NoneType in choices))
+        return rules
+
+
+class CheckedOptions(Checked):
+    """A dataclass of options of the command line: messages name the option."""
+
+    def _label(self, field: str) -> str:
+        return f"--{field.replace('_', '-')}"
 
 
 def checked_vector(name: str, value: ArrayLike, size: int) -> Vector:

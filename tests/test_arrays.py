@@ -1,4 +1,7 @@
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
@@ -6,7 +9,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Vector, checked_vector, frozen_vector
+from robo47_qp.arrays import (
+    Checked,
+    CheckedOptions,
+    Count,
+    CountOrZero,
+    NotNegative,
+    Positive,
+    Range,
+    Ratio,
+    Size,
+    Suffix,
+    Vector,
+    checked_vector,
+    frozen_vector,
+)
 from robo47_qp.errors import InvalidValueError
 
 Check = Callable[[str, ArrayLike, int], Vector]
@@ -94,3 +111,68 @@ def test_a_wrong_shape_is_refused(check: Check, value: ArrayLike, shape: str) ->
 def test_what_is_no_number_is_refused(check: Check, value: ArrayLike) -> None:
     with pytest.raises(InvalidValueError, match="q must be a vector of 2 finite numbers; found"):
         check("q", value, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Checked):
+    mass: Positive = 1.0
+    gain: NotNegative = 0.0
+    pace: Ratio = 1.0
+    margin: Annotated[float, Range(at_least=0.0, below=0.5)] = 0.0
+    seconds: Annotated[float, Range(above=0.0, infinite=True)] = np.inf
+    count: Count = 1
+    retries: CountOrZero = 0
+    frame: Literal["world", "tool"] = "world"
+    clearance: NotNegative | None = None
+    force: Annotated[ArrayLike, Size(3), Range(at_least=0.0)] = (0.0, 1.0, 2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CheckedOptions):
+    time_limit: Positive = 1.0
+    log: Annotated[Path, Suffix(".rrd")] | None = None
+
+
+@pytest.mark.parametrize(
+    ("field", "good", "bad", "expected"),
+    [
+        ("mass", [1e-9, 3], [0.0, -1.0, np.nan, np.inf, "a"], "above 0 and finite"),
+        ("gain", [0.0, [0.0, 2.0]], [-1e-9, np.nan, np.inf, [1.0, -1.0]], "0 or more and finite"),
+        ("pace", [1e-9, 1.0], [0.0, 1.0 + 1e-9, np.nan], "above 0 and at most 1"),
+        ("margin", [0.0, 0.4], [-1e-9, 0.5, np.nan], "at least 0 and below 0.5"),
+        ("seconds", [1.0, np.inf], [0.0, np.nan], "above 0"),
+        ("count", [1, np.int64(2)], [0, 1.5, np.nan, None], "a whole number, 1 or more"),
+        ("retries", [0], [-1, "0"], "a whole number, 0 or more"),
+        ("frame", ["tool"], ["base", None], "'world' or 'tool'"),
+        ("clearance", [None, 0.0], [-1.0, np.inf], "0 or more and finite"),
+        ("force", [[0.0, 0.0, 3.0]], [[0.0, 0.0, -3.0]], "0 or more and finite"),
+        ("force", [], [[0.0, 3.0], [0.0, np.nan, 1.0], None], "a vector of 3 finite numbers"),
+    ],
+)
+def test_a_field_that_breaks_its_rule_is_refused(
+    field: str, good: list[Any], bad: list[Any], expected: str
+) -> None:
+    for value in good:
+        Settings(**{field: value})
+    for value in bad:
+        with pytest.raises(InvalidValueError, match=f"^{field} must be {expected}; found ") as told:
+            Settings(**{field: value})
+        assert told.value.name == field
+
+
+def test_a_vector_of_a_stated_size_is_frozen() -> None:
+    force = np.ones(3)
+    settings = Settings(force=force)
+    force[0] = 5.0
+    assert settings.force.tolist() == [1.0, 1.0, 1.0]  # type: ignore[union-attr]
+    with pytest.raises(ValueError, match="read-only"):
+        settings.force[0] = 5.0  # type: ignore[index]
+
+
+def test_options_are_called_as_they_are_typed() -> None:
+    assert Options().log is None
+    assert Options(log=Path("a.rrd")).log == Path("a.rrd")
+    with pytest.raises(InvalidValueError, match=r"^--time-limit must be above 0 and finite; found"):
+        Options(time_limit=0.0)
+    with pytest.raises(InvalidValueError, match=r"^--log must be a file that ends with \.rrd;"):
+        Options(log=Path("a.png"))

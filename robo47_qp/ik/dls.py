@@ -6,9 +6,7 @@ from time import process_time
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Vector
-from robo47_qp.collision.pairs import check_clearance
-from robo47_qp.ik.settings import check_steps, check_weight
+from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
 from robo47_qp.ik.solver import (
     IkResult,
     Tolerance,
@@ -20,7 +18,7 @@ from robo47_qp.model.arm import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
-class DlsIk:
+class DlsIk(Checked):
     """Damped least squares on the tool pose.
 
     dq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, with e the way to the target in the tool frame, a displacement
@@ -36,25 +34,14 @@ class DlsIk:
     """Ask for the tool's position alone."""
     clip: bool = True
     """Clamp every step to the joint limits."""
-    damping: float = 0.05
+    damping: NotNegative = 0.05
     """λ: the larger, the slower and the calmer near singularities [m or rad per rad]."""
-    max_iterations: int = 200
+    max_iterations: CountOrZero = 200
     """Steps before giving up."""
-    clearance: float | None = None
+    clearance: NotNegative | None = None
     """Distance that an answer must keep from itself and from obstacles [m]; looked at in the end
     only, no step avoids anything. None looks at none."""
     tolerance: Tolerance = Tolerance()
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: A number is negative or not finite.
-        """
-        check_steps("max_iterations", self.max_iterations)
-        check_weight("damping", self.damping)
-        if self.clearance is not None:
-            check_clearance(self.clearance)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""

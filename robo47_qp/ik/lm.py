@@ -6,12 +6,11 @@ from functools import lru_cache, partial
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.pairs import check_clearance
+from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Vector
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.search import Limits, attempted, searched
-from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall, check_steps, check_weight
+from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.solver import (
     Attempt,
     IkResult,
@@ -27,7 +26,7 @@ _FLOOR = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class LmIk:
+class LmIk(Checked):
     """Levenberg-Marquardt steps on the tool pose, each a QP inside the joint limits.
 
     min over dq of ½ ‖J dq - e‖² + ½ λ ‖dq‖² subject to q_min <= q + dq <= q_max,
@@ -43,27 +42,16 @@ class LmIk:
     """Ask for the tool's position alone."""
     within_limits: bool = True
     """Keep to the joint limits; without them, each step is the textbook's."""
-    max_iterations: int = 100
+    max_iterations: CountOrZero = 100
     """QPs before giving up."""
-    damping: float = 0.03
+    damping: NotNegative = 0.03
     """λ per squared error."""
     stall: Stall | None = None
     """When a start is given up early; never by default."""
-    clearance: float | None = None
+    clearance: NotNegative | None = None
     """Distance to be kept by the arm from itself and from its obstacles [m]; None lets it go
     through them."""
     tolerance: Tolerance = Tolerance()
-
-    def __post_init__(self) -> None:
-        """Check the clearance.
-
-        Raises:
-            InvalidValueError: The clearance is negative or not finite.
-        """
-        check_steps("max_iterations", self.max_iterations)
-        check_weight("damping", self.damping)
-        if self.clearance is not None:
-            check_clearance(self.clearance)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""

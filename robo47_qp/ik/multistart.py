@@ -8,8 +8,7 @@ from time import process_time
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Vector
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.seeds import feature_of, library_of
 from robo47_qp.ik.solver import (
@@ -27,30 +26,22 @@ from robo47_qp.model.arm import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preference:
+class Preference(Checked):
     """Weights of what makes an answer good; each quality runs from 0 to 1."""
 
-    seed: float = 1.0
+    seed: NotNegative = 1.0
     """Being close to the seed: one minus the root mean square of the joints' ways, each as a
     share of its range."""
-    limits: float = 0.5
+    limits: NotNegative = 0.5
     """Room to the nearest joint limit, as a share of half the joint's range."""
-    manipulability: float = 0.2
+    manipulability: NotNegative = 0.2
     """√det(J Jᵀ), as a share of the best answer's (Yoshikawa, "Manipulability of robotic
     mechanisms", 1985)."""
-    clearance: float = 0.2
+    clearance: NotNegative = 0.2
     """Distance to the nearest obstacle, as a share of the best answer's, where it is known."""
 
-    def __post_init__(self) -> None:
-        """Check the weights.
-
-        Raises:
-            InvalidValueError: A weight is negative or not finite.
-        """
-        for name in ("seed", "limits", "manipulability", "clearance"):
-            weight = getattr(self, name)
-            if not (np.isfinite(weight) and weight >= 0.0):
-                raise InvalidValueError(f"preference for {name}", weight, "finite, 0 or more")
+    def _label(self, field: str) -> str:
+        return f"preference for {field}"
 
     def ranked(self, arm: Arm, answers: Sequence[IkResult], q_seed: Vector) -> tuple[IkResult, ...]:
         """The answers, best first; equal ones in the order given."""
@@ -94,7 +85,7 @@ _SAME = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiStart:
+class MultiStart(Checked):
     """Try the seed, then the nearest of a library of configurations, then others of it.
 
     The library spreads configurations evenly over the joint limits; those whose tool poses
@@ -104,30 +95,20 @@ class MultiStart:
 
     solver: IkSolver
     """What runs from each start; best with few iterations and a stall test of its own."""
-    max_restarts: int = 100
+    max_restarts: CountOrZero = 100
     """Starts after the first before giving up."""
     seed_first: bool = True
     """Start from the seed; without it, the nearest of the library goes first, which is faster
     for targets far from the seed and forgets where the arm is."""
-    library: int = 3000
+    library: Count = 3000
     """Configurations to choose from."""
-    near: int = 40
+    near: Count = 40
     """Starts chosen for their nearness, before those chosen for their spread."""
-    answers: int = 1
+    answers: Count = 1
     """Answers to collect, where there are so many, before the preferred one is taken."""
     apart: float = 0.3
     """Two answers differ where a joint differs by this [rad or m]."""
     preference: Preference = Preference()
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: A count is too small.
-        """
-        for name, least in (("max_restarts", 0), ("library", 1), ("near", 1), ("answers", 1)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(name, getattr(self, name), f"{least} or more")
 
     @property
     def tolerance(self) -> Tolerance:

@@ -7,13 +7,12 @@ import numpy as np
 from mink import SE3
 from mujoco import mju_addToScl
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.pairs import check_clearance
+from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Vector
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.pose_log import Twist
 from robo47_qp.ik.search import Limits, attempted, searched
-from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall, check_steps, check_weight
+from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall
 from robo47_qp.ik.solver import (
     Attempt,
     IkResult,
@@ -29,7 +28,7 @@ _FLOOR = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class QpIk:
+class QpIk(Checked):
     """Gauss-Newton steps on the logarithm of the tool pose, each a QP inside the joint limits.
 
     min over dq of ½ ‖J_e dq - e‖² + ½ (ε ‖e‖)² ‖dq - (q_seed - q)‖² + ½ μ ‖dq‖²
@@ -43,32 +42,28 @@ class QpIk:
 
     backend: str = "daqp"
     """QP solver, one of `box_qp.backends()`."""
-    max_iterations: int = 100
+    max_iterations: CountOrZero = 100
     """QPs before giving up."""
-    lm_damping: float = 0.03
+    lm_damping: NotNegative = 0.03
     """Damping per squared error; none at all loses a quarter of the targets."""
-    posture_cost: float = 1e-2
+    posture_cost: NotNegative = 1e-2
     """ε, per error."""
     stall: Stall | None = None
     """When a start is given up early; never by default."""
-    clearance: float | None = None
+    clearance: NotNegative | None = None
     """Distance to be kept by the arm from itself and from its obstacles [m]; None lets it go
     through them."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
-        """Check the name of the QP solver and the clearance.
+        """Check the settings.
 
         Raises:
-            InvalidValueError: The clearance is negative or not finite.
+            InvalidValueError: A number is out of its range.
             UnknownNameError: The QP solver is not one of `backends()`.
         """
-        check_steps("max_iterations", self.max_iterations)
-        check_weight("lm_damping", self.lm_damping)
-        check_weight("posture_cost", self.posture_cost)
+        super().__post_init__()
         box_qp(self.backend, 1)
-        if self.clearance is not None:
-            check_clearance(self.clearance)
 
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""

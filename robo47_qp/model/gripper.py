@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from math import inf
+from typing import Annotated
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Checked, Range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,21 +28,15 @@ class Gripper:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grip:
+class Grip(Checked):
     """Bring the fingers to an opening width, pushing no harder than a force."""
 
     width: float
     """Opening width to move to [m]; a smaller one than the object's squeezes it."""
     force: float
     """Force of one finger at most [N]."""
-    speed: float = inf
+    speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
     """Rate of the opening width at most, beside that of the gripper [m/s]."""
 
-    def __post_init__(self) -> None:
-        """Check what does not depend on the gripper.
-
-        Raises:
-            InvalidValueError: The speed is not positive.
-        """
-        if not self.speed > 0.0:
-            raise InvalidValueError("grip speed", self.speed, "above 0 [m/s]")
+    def _label(self, field: str) -> str:
+        return f"grip {field}"

@@ -171,7 +171,7 @@ def test_answers_are_left_alone(arm: Arm, plain: PlainArm, rng: np.random.Genera
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("weight", [-0.1, float("nan"), float("inf"), float("-inf")])
 def test_a_weight_is_finite_and_not_negative(name: str, weight: float) -> None:
-    message = rf"preference for {name} must be finite, 0 or more; found {weight}\."
+    message = rf"preference for {name} must be 0 or more and finite; found {weight}\."
     with pytest.raises(InvalidValueError, match=message):
         Preference(**{name: weight})
     assert getattr(Preference(**{name: 0.0}), name) == 0.0

@@ -36,7 +36,7 @@ def test_steps_are_a_whole_number(kind: Callable[..., Any], steps: object) -> No
 def test_weights_are_finite_and_not_negative(
     kind: Callable[..., Any], name: str, bad: float
 ) -> None:
-    with pytest.raises(InvalidValueError, match=f"{name} must be finite, 0 or more"):
+    with pytest.raises(InvalidValueError, match=f"{name} must be 0 or more and finite"):
         kind(**{name: bad})
     assert getattr(kind(**{name: 0.0}), name) == 0.0
 

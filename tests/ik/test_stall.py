@@ -48,13 +48,13 @@ def test_by_default_a_fall_of_a_fifth_in_three_steps_is_asked_for() -> None:
 
 @pytest.mark.parametrize("steps", [0, -1])
 def test_there_must_be_a_step(steps: int) -> None:
-    with pytest.raises(InvalidValueError, match=rf"stall steps must be 1 or more; found {steps}\."):
+    with pytest.raises(InvalidValueError, match=r"stall steps must be a whole number, 1 or more;"):
         Stall(steps=steps)
 
 
 @pytest.mark.parametrize("fall", [0.0, 1.0, -0.1, 1.5, float("nan"), float("inf")])
 def test_the_fall_is_a_share(fall: float) -> None:
     with pytest.raises(
-        InvalidValueError, match=rf"stall fall must be between 0 and 1; found {fall}"
+        InvalidValueError, match=rf"stall fall must be above 0 and below 1; found {fall}"
     ):
         Stall(fall=fall)

@@ -116,7 +116,7 @@ def test_a_waypoint_cannot_be_changed() -> None:
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, np.nan, np.inf])
 def test_a_mass_that_no_body_has_is_refused(mass: float) -> None:
-    message = r"payload mass must be positive and finite \[kg\]; found"
+    message = r"payload mass must be above 0 and finite; found"
     with pytest.raises(InvalidValueError, match=message):
         payload(mass=mass)
 

@@ -3,40 +3,38 @@
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, NotNegative, Positive, Ratio, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamSettings:
+class StreamSettings(Checked):
     """How a target is followed, and what is kept on the way."""
 
-    dt: float = 1e-3
+    dt: Positive = 1e-3
     """Length of a tick [s]."""
-    gain: float = 50.0
+    gain: Positive = 50.0
     """Part of a short remaining way that is gone per second; lower is softer [1/s]."""
-    reserve: float = 0.6
+    reserve: Ratio = 0.6
     """Part of v_max and a_max that the way to a target is planned with; the rest is left for
     curved motion and for what the target itself does."""
-    lever: float = 0.3
+    lever: Positive = 0.3
     """Distance that weighs as much as a radian [m]."""
-    longest_way: float = 0.5
+    longest_way: Positive = 0.5
     """Distance ahead that is looked at in one tick [m]."""
-    joint_weight: float = 1e-3
+    joint_weight: Positive = 1e-3
     """μ: weight of joint velocities beside those of the tool [m²]."""
-    singular: float = 0.02
+    singular: Positive = 0.02
     """Directions of the tool with less than this part of the largest singular value are
     damped."""
-    homing: float = 1.0
+    homing: NotNegative = 1.0
     """Pace of the return home in the null space; 0 for none [1/s]."""
     margin: float = 1e-6
     """Part of every joint limit that is left unused, against rounding."""
     clearance: float | None = None
     """Distance to keep between links and from obstacles [m]; None to look at no collisions."""
-    buffer: float = 0.002
+    buffer: NotNegative = 0.002
     """More than the clearance is aimed at, by this, against curved motion [m]."""
     share: float = 0.5
     """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
@@ -53,16 +51,7 @@ class StreamSettings:
         Raises:
             InvalidValueError: A setting is out of range.
         """
-        for name in ("dt", "gain", "reserve", "lever", "longest_way", "joint_weight", "singular"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise InvalidValueError(name, value, "positive and finite")
-        for name in ("homing", "buffer"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidValueError(name, value, "finite and 0 or more")
-        if self.reserve > 1.0:
-            raise InvalidValueError("reserve", self.reserve, "at most 1")
+        super().__post_init__()
         if self.gain * self.dt > 0.3:
             most = f"at most {0.3 / self.dt:g} at a tick of {self.dt:g} s, or it oscillates"
             raise InvalidValueError("gain", self.gain, most)

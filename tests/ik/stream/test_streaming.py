@@ -322,13 +322,13 @@ def test_returned_arrays_are_the_callers_own(arm: Arm) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("dt", 0.0, "dt must be positive and finite"),
-        ("gain", np.nan, "gain must be positive and finite"),
+        ("dt", 0.0, "dt must be above 0 and finite"),
+        ("gain", np.nan, "gain must be above 0 and finite"),
         ("gain", 500.0, r"gain must be at most 300 at a tick of 0.001 s, or it oscillates"),
-        ("reserve", 1.5, "reserve must be at most 1"),
-        ("buffer", -1.0, "buffer must be finite and 0 or more"),
-        ("homing", -1.0, "homing must be finite and 0 or more"),
-        ("lever", -1.0, "lever must be positive and finite"),
+        ("reserve", 1.5, "reserve must be above 0 and at most 1"),
+        ("buffer", -1.0, "buffer must be 0 or more and finite"),
+        ("homing", -1.0, "homing must be 0 or more and finite"),
+        ("lever", -1.0, "lever must be above 0 and finite"),
     ],
 )
 def test_settings_without_sense_are_refused(name: str, value: float, message: str) -> None:
