@@ -70,8 +70,8 @@ class NoGripperError(Robo47Error):
         self.robot = robot
 
 
-class Obstacle(Enum):
-    """What stands in the way of a motion."""
+class RefusalReason(Enum):
+    """Why a motion is refused."""
 
     REACH = "out of reach"
     """No configuration inside the joint limits puts the tool there."""
@@ -95,7 +95,7 @@ class Obstacle(Enum):
 class Rejection:
     """Why a motion was refused, in terms that a second check can confirm."""
 
-    obstacle: Obstacle
+    reason: RefusalReason
     segment: str
     """Name of the waypoint on the way to which it is."""
     fraction: float
@@ -106,7 +106,7 @@ class Rejection:
     joint: str | None = None
     """The joint at its limit, or the one that would move most."""
     q: tuple[float, ...] | None = None
-    """The last configuration before the obstacle, or the one in it."""
+    """The last configuration that is possible, or the first that is not."""
     pose: tuple[float, ...] | None = None
     """T_world_tcp that is not reached from there: wxyz, then xyz [m]."""
 
@@ -116,15 +116,15 @@ class PlanError(Robo47Error):
 
     Attributes:
         waypoint: Name of the waypoint.
-        reason: What stands in the way.
+        explanation: Why it cannot be planned.
         rejection: The same for programs; None where the waypoint itself is not reached.
     """
 
-    def __init__(self, waypoint: str, reason: str, rejection: Rejection | None = None) -> None:
+    def __init__(self, waypoint: str, explanation: str, rejection: Rejection | None = None) -> None:
         """Tell which waypoint is out and why."""
-        super().__init__(f"Waypoint {waypoint!r} cannot be planned: {reason}")
+        super().__init__(f"Waypoint {waypoint!r} cannot be planned: {explanation}")
         self.waypoint = waypoint
-        self.reason = reason
+        self.explanation = explanation
         self.rejection = rejection
 
 

@@ -17,7 +17,7 @@ from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.branch_choice import Chain
+from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions, Surroundings
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.planner import Planner
@@ -140,7 +140,7 @@ class RunOptions:
         Raises:
             MissingExtraError: There are obstacles and what plans around them is not installed.
         """
-        planner = Planner(ik=self.solver(), profile=robot.profile, speed=self.speed)
+        planner = Planner(ik=self.solver(), profile=robot.profile, pace=self.speed)
         if task.obstacles:
             around = _around(task.obstacles)
             collisions = Collisions(robot, around, clearance=_WAY_CLEARANCE)
@@ -148,7 +148,7 @@ class RunOptions:
                 planner,
                 ik=self.solver(_IK_CLEARANCE),
                 collisions=collisions,
-                chain=Chain(collisions=collisions),
+                branch_choice=BranchChoice(collisions=collisions),
                 detour=Detour(roomy=Collisions(robot, around, clearance=_SEARCH_CLEARANCE)),
             )
         else:
@@ -157,7 +157,7 @@ class RunOptions:
                 planner,
                 collisions=itself,
                 surroundings=Collisions(robot, task.build_scene, clearance=_LEAST_CLEARANCE),
-                chain=Chain(collisions=itself),
+                branch_choice=BranchChoice(collisions=itself),
             )
         return Scenario(
             robot=robot,

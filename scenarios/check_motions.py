@@ -115,7 +115,7 @@ def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tall
         except PlanError as error:
             tally.seconds.append(process_time() - began)
             found = error.rejection
-            name = "pose not reached" if found is None else found.obstacle.value
+            name = "pose not reached" if found is None else found.reason.value
             tally.refused[name] = tally.refused.get(name, 0) + 1
             doubt = refusals.doubt(q, waypoints, error)
             if doubt is not None:

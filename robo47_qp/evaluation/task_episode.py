@@ -11,8 +11,8 @@ import numpy as np
 
 from robo47_qp.errors import (
     InvalidValueError,
-    Obstacle,
     PlanError,
+    RefusalReason,
     Robo47Error,
 )
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
@@ -164,5 +164,5 @@ def _cause(error: Robo47Error) -> Cause:
     if not isinstance(error, PlanError):
         return Cause.LIMIT
     rejection = error.rejection
-    unreached = rejection is None or rejection.obstacle is Obstacle.REACH
+    unreached = rejection is None or rejection.reason is RefusalReason.REACH
     return Cause.IK if unreached else Cause.PLAN

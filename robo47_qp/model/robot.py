@@ -40,21 +40,21 @@ class MotionProfile:
         """The same bounds for each of n joints [rad/s, rad/s², rad/s³]."""
         return cls(v_max=np.full(n, v), a_max=np.full(n, a), j_max=np.full(n, j))
 
-    def slowed(self, speed: float) -> "MotionProfile":
-        """The profile of the same paths run at `speed` times the pace.
+    def slowed(self, pace: float) -> "MotionProfile":
+        """The profile of the same paths run at `pace` times the full speed.
 
         Stretching time by 1/s scales velocity by s, acceleration by s² and jerk by s³.
 
         Args:
-            speed: Pace in (0, 1].
+            pace: Ratio of the speeds, in (0, 1].
 
         Raises:
-            InvalidValueError: `speed` is outside (0, 1].
+            InvalidValueError: `pace` is outside (0, 1].
         """
-        if not 0.0 < speed <= 1.0:
-            raise InvalidValueError("speed", speed, "above 0 and at most 1")
+        if not 0.0 < pace <= 1.0:
+            raise InvalidValueError("pace", pace, "above 0 and at most 1")
         return MotionProfile(
-            v_max=self.v_max * speed, a_max=self.a_max * speed**2, j_max=self.j_max * speed**3
+            v_max=self.v_max * pace, a_max=self.a_max * pace**2, j_max=self.j_max * pace**3
         )
 
 

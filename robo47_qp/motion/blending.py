@@ -12,7 +12,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.continuous import Pace
+from robo47_qp.motion.continuous import PacedProfile
 from robo47_qp.motion.paths.arc import Arc
 from robo47_qp.motion.paths.blended import BlendError
 from robo47_qp.motion.paths.speed_limits import PathProfile
@@ -84,7 +84,7 @@ def least_with_stops(
     poses: Sequence[SE3],
     q: Sequence[Vector],
     run: Sequence[Waypoint],
-    pace: Pace,
+    profile: PacedProfile,
     tool: PathProfile,
 ) -> float:
     """Time that a run takes at least if it stops at every waypoint [s].
@@ -93,19 +93,19 @@ def least_with_stops(
         poses: T_world_tcp at its start and at each waypoint.
         q: Configurations there; used for PTP motions alone.
         run: The waypoints.
-        pace: How fast the joints may go.
+        profile: How fast the joints may go.
         tool: Bounds of the tool in LIN and CIRC motions.
     """
     total = 0.0
     for waypoint, (a, b), (q_a, q_b) in zip(run, pairwise(poses), pairwise(q), strict=True):
-        speed = pace.speed * waypoint.speed
+        pace = profile.pace * waypoint.pace
         if waypoint.motion is Motion.PTP:
-            joints = pace.joints.slowed(speed)
+            joints = profile.joints.slowed(pace)
             bounds = zip(np.abs(q_b - q_a), joints.v_max, joints.a_max, joints.j_max, strict=True)
             total += max(least_time(*(float(x) for x in row)) for row in bounds)
             continue
         way = segment(waypoint, a, b)
-        v, acc, jerk = (float(x) for x in tool.along(way.length, way.angle, speed))
+        v, acc, jerk = (float(x) for x in tool.along(way.length, way.angle, pace))
         # On an arc the jerk of the tool is not that of its way.
         total += least_time(1.0, v, acc, inf if isinstance(way, Arc) else jerk)
     return total
@@ -115,7 +115,7 @@ def cut_ptp(
     arm: Arm,
     run: Sequence[Waypoint],
     q: Sequence[Vector],
-    pace: Pace,
+    profile: PacedProfile,
     law: TimeLaw,
     dt: float,
 ) -> tuple[Trajectory, list[int]]:
@@ -125,16 +125,16 @@ def cut_ptp(
         arm: The arm.
         run: The waypoints, all but the last blended.
         q: Configurations at the start and at each waypoint.
-        pace: How fast the joints may go; on a cut, as fast as on the faster of both sides.
+        profile: How fast the joints may go; on a cut, as fast as on the faster of both sides.
         law: How each motion runs.
         dt: Time between samples [s].
 
     Raises:
         PlanError: A waypoint is where the motion already is, or a blend does not fit.
     """
-    profiles = [pace.joints.slowed(pace.speed * waypoint.speed) for waypoint in run]
+    profiles = [profile.joints.slowed(profile.pace * waypoint.pace) for waypoint in run]
     for waypoint, (a, b) in zip(run, pairwise(q), strict=True):
-        if (np.abs(b - a) / pace.joints.v_max).max() < STILL:
+        if (np.abs(b - a) / profile.joints.v_max).max() < STILL:
             raise misshapen(waypoint, "it is where the motion already is")
     motions = [
         plan_ptp(a, b, profile, dt, law)

@@ -53,7 +53,7 @@ def ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanErr
     furthest = max(failed, key=lambda error: order.index(error.waypoint))
     if len(failed) == 1:
         return furthest
-    reasons = list(dict.fromkeys(f"{error.waypoint}: {error.reason}" for error in failed))
+    reasons = list(dict.fromkeys(f"{error.waypoint}: {error.explanation}" for error in failed))
     more = f"; and {len(reasons) - _TOLD} more" if len(reasons) > _TOLD else ""
     return PlanError(
         furthest.waypoint,
@@ -74,7 +74,7 @@ _LOOKS = 33
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chain:
+class BranchChoice:
     """Chooses configurations for waypoints. Its fields are settings.
 
     Only a PTP waypoint leaves a choice: a straight line is followed in the branch in which it

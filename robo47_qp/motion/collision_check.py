@@ -8,7 +8,7 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.motion_bounds import levers, moved_by
-from robo47_qp.errors import Obstacle, PlanError, Rejection
+from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.trajectory import Trajectory
@@ -131,7 +131,7 @@ class Collisions:
             f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
         )
         rejection = Rejection(
-            obstacle=Obstacle.COLLISION,
+            reason=RefusalReason.COLLISION,
             segment=segment,
             fraction=time / whole if whole else 0.0,
             time=time,

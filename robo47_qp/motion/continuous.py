@@ -32,12 +32,12 @@ _LOOKS = 65
 """Points per section at which the joint limits are looked at before the timing."""
 
 
-class Pace(NamedTuple):
+class PacedProfile(NamedTuple):
     """How fast the joints may go."""
 
     joints: MotionProfile
     """Bounds at full pace."""
-    speed: float
+    pace: float
     """Pace of joints and tool in (0, 1], beside that of the waypoints."""
 
 
@@ -79,7 +79,7 @@ class Continuous:
         q_start: Vector,
         waypoints: Sequence[Waypoint],
         goals: Sequence[Vector],
-        pace: Pace,
+        profile: PacedProfile,
         dt: float,
     ) -> Passage:
         """Plan from rest at q_start to rest at the last waypoint.
@@ -90,7 +90,7 @@ class Continuous:
             q_start: Start configuration (n,) [rad].
             waypoints: All but the last are blended or passed.
             goals: Configurations at the waypoints; used for PTP motions alone.
-            pace: How fast the joints may go.
+            profile: How fast the joints may go.
             dt: Time between samples [s].
 
         Raises:
@@ -113,8 +113,8 @@ class Continuous:
             self.free if all(waypoints[i].motion is Motion.PTP for i in own) else self.profile
             for own in owners
         ]
-        paces = [pace.speed * min(waypoints[i].speed for i in own) for own in owners]
-        bounds = limits(pace.joints, tools, paces)
+        paces = [profile.pace * min(waypoints[i].pace for i in own) for own in owners]
+        bounds = limits(profile.joints, tools, paces)
         try:
             trajectory = self.timing.timed(arm, path, path.cuts, bounds, dt)
         except LinError as error:

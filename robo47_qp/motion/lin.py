@@ -7,7 +7,7 @@ from mink import SE3
 from scipy.interpolate import BSpline
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
@@ -55,7 +55,7 @@ class Lin(Tracking):
         T_world_goal: SE3,
         joints: MotionProfile,
         dt: float,
-        speed: float = 1.0,
+        pace: float = 1.0,
     ) -> tuple[Trajectory, IkResult]:
         """Plan from the tool pose at q_start to a goal pose.
 
@@ -66,7 +66,7 @@ class Lin(Tracking):
             T_world_goal: Tool pose to come to rest at.
             joints: Bounds of the joints.
             dt: Time between samples [s].
-            speed: Pace of the tool in (0, 1].
+            pace: Pace of the tool in (0, 1].
 
         Returns:
             The trajectory, and the IK result at its end with the effort of all knots.
@@ -79,10 +79,10 @@ class Lin(Tracking):
         if max(line.length, line.angle) <= min(ik.tolerance.position, ik.tolerance.orientation):
             there = judged(arm, T_world_goal, q_start, ik.tolerance, 0)
             if not there.converged:
-                raise LinError(1.0, there.explanation, Obstacle.JOINT_LIMIT)
+                raise LinError(1.0, there.explanation, RefusalReason.JOINT_LIMIT)
             return hold(q_start, 0, dt), there
         path, effort = self.joint_path(arm, ik, q_start, line)
-        trajectory = self._timed(arm, path, line, joints, dt, speed)
+        trajectory = self._timed(arm, path, line, joints, dt, pace)
         end = judged(arm, T_world_goal, trajectory.end.q, ik.tolerance, 0)
         return trajectory, replace(end, iterations=effort.iterations, seconds=effort.seconds)
 
@@ -102,9 +102,9 @@ class Lin(Tracking):
         return replace(end, iterations=effort.iterations, seconds=effort.seconds), path
 
     def _timed(
-        self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, speed: float
+        self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, pace: float
     ) -> Trajectory:
-        bounds = self.profile.along(line.length, line.angle, speed)
+        bounds = self.profile.along(line.length, line.angle, pace)
         stretch = 1.0
         while True:
             trajectory = _along(path, bounds / stretch ** np.arange(1, 4), dt, self.law)
@@ -115,11 +115,11 @@ class Lin(Tracking):
             stretch *= 1.0005 * excess
             if stretch > _MAX_STRETCH:
                 raise LinError(
-                    0.0, f"it would have to be {stretch:.0f} times slower", Obstacle.PACE
+                    0.0, f"it would have to be {stretch:.0f} times slower", RefusalReason.PACE
                 )
-        if stretch > _UNEVEN and speed * trajectory.duration > _LONG and self.law is S_CURVE:
+        if stretch > _UNEVEN and pace * trajectory.duration > _LONG and self.law is S_CURVE:
             cuts = np.linspace(0.0, 1.0, _SECTIONS + 1)
-            bound = limits(joints, [self.profile.slowed(speed)] * _SECTIONS, [1.0] * _SECTIONS)
+            bound = limits(joints, [self.profile.slowed(pace)] * _SECTIONS, [1.0] * _SECTIONS)
             uneven = self.timing.timed(arm, path, cuts, bound, dt)
             if uneven.duration < _WORTH * trajectory.duration:
                 trajectory = uneven

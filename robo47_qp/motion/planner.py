@@ -17,9 +17,9 @@ from robo47_qp.motion.blending import (
     parted,
     quickest,
 )
-from robo47_qp.motion.branch_choice import Chain, tool_target
+from robo47_qp.motion.branch_choice import BranchChoice, tool_target
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.continuous import Continuous, Pace, Passage
+from robo47_qp.motion.continuous import Continuous, PacedProfile, Passage
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.following.tracking import Effort
@@ -72,10 +72,10 @@ class Planner:
     ik: IkSolver
     profile: MotionProfile
     """Bounds of the joints at full pace."""
-    speed: float = 1.0
+    pace: float = 1.0
     """Pace of every motion, in (0, 1]."""
     lin: Lin = Lin()
-    chain: Chain = Chain()
+    branch_choice: BranchChoice = BranchChoice()
     """How configurations are chosen."""
     continuous: Continuous = Continuous()
     """How arcs and motions without stops are planned."""
@@ -92,9 +92,9 @@ class Planner:
         """Check the pace.
 
         Raises:
-            InvalidValueError: `speed` is outside (0, 1].
+            InvalidValueError: `pace` is outside (0, 1].
         """
-        self.profile.slowed(self.speed)
+        self.profile.slowed(self.pace)
 
     def plan(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         """Plan from rest at q_start to rest at a waypoint.
@@ -116,7 +116,7 @@ class Planner:
             if not arm.obstacles:
                 return self._to_any(arm, waypoint, q_start, dt)
             led, v_max = (waypoint, *waypoint.onward), self.profile.v_max
-            result = self.chain.choose(arm, self.ik, self.lin, led, q_start, v_max)[0]
+            result = self.branch_choice.choose(arm, self.ik, self.lin, led, q_start, v_max)[0]
             return self._ptp(arm, waypoint, result, q_start, dt)
         return self._tool(arm, waypoint, q_start, dt)
 
@@ -137,7 +137,7 @@ class Planner:
         if waypoints and not waypoints[-1].rests:
             raise misshapen(waypoints[-1], "it is the last and not to be stopped at")
         v_max = self.profile.v_max
-        chosen = self.chain.choose(arm, self.ik, self.lin, waypoints, q, v_max)
+        chosen = self.branch_choice.choose(arm, self.ik, self.lin, waypoints, q, v_max)
         legs, first = list[Leg](), 0
         for i, waypoint in enumerate(waypoints):
             if not waypoint.rests:
@@ -150,7 +150,7 @@ class Planner:
     def _to_any(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         """To the first configuration that leads on and that there is a way to."""
         refusals: list[PlanError] = []
-        for result in self.chain.leading_on(arm, self.ik, self.lin, waypoint):
+        for result in self.branch_choice.leading_on(arm, self.ik, self.lin, waypoint):
             try:
                 return self._ptp(arm, waypoint, result, q_start, dt)
             except PlanError as error:
@@ -178,7 +178,7 @@ class Planner:
 
         ends = [q_start, *(result.q for result in results)]
         poses = [arm.pose(q_start), *(tool_target(arm, waypoint) for waypoint in run)]
-        pace = Pace(self.profile, self.speed)
+        pace = PacedProfile(self.profile, self.pace)
         floor = least_with_stops(poses, ends, run, pace, self.lin.profile) if corners else 0.0
         return quickest(corners, plan, duration, floor)
 
@@ -200,7 +200,7 @@ class Planner:
     def _ptp(
         self, arm: Arm, waypoint: Waypoint, result: IkResult, q_start: Vector, dt: float
     ) -> Leg:
-        profile = self.profile.slowed(self.speed * waypoint.speed)
+        profile = self.profile.slowed(self.pace * waypoint.pace)
         if self.continuous.free is not None and (result.q != q_start).any():
             return self._without_stops(arm, [waypoint], [result], q_start, dt)[0]
         trajectory = plan_ptp(q_start, result.q, profile, dt, self.law)
@@ -217,11 +217,11 @@ class Planner:
                 raise
             trajectory = detour
             leg = self._leg(arm, waypoint, result, trajectory, q_start)
-        bound = paced_bound(arm, self.profile, trajectory, self.speed * waypoint.speed, None, True)
+        bound = paced_bound(arm, self.profile, trajectory, self.pace * waypoint.pace, None, True)
         return replace(leg, lower_bound=bound)
 
     def _tool(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
-        pace = self.speed * waypoint.speed
+        pace = self.pace * waypoint.pace
         profile, target = self.profile.slowed(pace), tool_target(arm, waypoint)
         way = segment(waypoint, arm.pose(q_start), target)
         if isinstance(way, Arc):
@@ -246,7 +246,7 @@ class Planner:
         q_start: Vector,
         dt: float,
     ) -> list[Leg]:
-        goals, paced = [result.q for result in results], Pace(self.profile, self.speed)
+        goals, paced = [result.q for result in results], PacedProfile(self.profile, self.pace)
         if len(run) > 1 and self.continuous.free is None and blends_joints(run):
             cut = cut_ptp(arm, run, [q_start, *goals], paced, self.law, dt)
             planned = Passage(*cut, [], Effort(0, 0.0))
@@ -262,7 +262,7 @@ class Planner:
                 there, iterations=planned.effort.iterations, seconds=planned.effort.seconds
             )
             legs.append(self._leg(arm, waypoint, result, part, part.q[0]))
-        pace = self.speed * max(waypoint.speed for waypoint in run)
+        pace = self.pace * max(waypoint.pace for waypoint in run)
         tool = None if any(w.motion is Motion.PTP for w in run) else self.continuous.profile
         bound = paced_bound(arm, self.profile, whole, pace, tool, False)
         return [replace(legs[0], lower_bound=bound), *legs[1:]]

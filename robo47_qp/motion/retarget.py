@@ -3,7 +3,7 @@
 import numpy as np
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import Obstacle, PlanError, Rejection
+from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.timing.state_to_state import to_state
@@ -47,7 +47,7 @@ def retarget(
         k, i = (int(x) for x in np.argwhere(outside)[0])
         joint = arm.robot.joints[i]
         rejection = Rejection(
-            obstacle=Obstacle.JOINT_LIMIT,
+            reason=RefusalReason.JOINT_LIMIT,
             segment="retarget",
             fraction=k / max(1, steps),
             time=k * dt,

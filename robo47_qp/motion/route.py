@@ -7,8 +7,8 @@ from mink import SE3
 
 from robo47_qp.errors import (
     InvalidValueError,
-    Obstacle,
     PlanError,
+    RefusalReason,
     Rejection,
 )
 from robo47_qp.motion.following.limits import LinError
@@ -79,16 +79,16 @@ def tool_curve(waypoints: Sequence[Waypoint], start: SE3, home: SE3, profile: Pa
         raise misshapen(waypoints[error.segment], str(error)) from error
 
 
-def misshapen(waypoint: Waypoint, reason: str) -> PlanError:
+def misshapen(waypoint: Waypoint, explanation: str) -> PlanError:
     """What was asked for is no path."""
-    rejection = Rejection(obstacle=Obstacle.SHAPE, segment=waypoint.name, fraction=0.0)
-    return PlanError(waypoint.name, reason, rejection)
+    rejection = Rejection(reason=RefusalReason.SHAPE, segment=waypoint.name, fraction=0.0)
+    return PlanError(waypoint.name, explanation, rejection)
 
 
 def refused(waypoint: Waypoint, error: LinError, time: float | None) -> PlanError:
-    """A path that cannot be followed; time is that of the obstacle [s]."""
+    """A path that cannot be followed; time is when it is met [s]."""
     rejection = Rejection(
-        obstacle=error.obstacle,
+        reason=error.reason,
         segment=waypoint.name,
         fraction=float(error.fraction),
         time=time,

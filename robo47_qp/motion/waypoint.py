@@ -49,7 +49,7 @@ class Waypoint:
     stop: bool = True
     """False: pass exactly through without stopping, on a smooth curve through this waypoint and
     its neighbours; in joint space for PTP, of the tool for LIN."""
-    speed: float = 1.0
+    pace: float = 1.0
     """Pace on the way here, relative to the profile, in (0, 1]."""
     grip: Grip | None = None
     """What the gripper does on arrival; None leaves it as it is."""
@@ -63,7 +63,7 @@ class Waypoint:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: The pose has NaN, no unit quaternion, the speed is out of range,
+            InvalidValueError: The pose has NaN, no unit quaternion, the pace is out of range,
                 what follows is no motion of the tool, or what shapes the way is amiss.
         """
         bent = [waypoint.name for waypoint in self.onward if waypoint.motion is Motion.PTP]
@@ -74,9 +74,9 @@ class Waypoint:
         self._check_shape()
         if isinstance(self.target, SE3):
             check_pose(f"target of waypoint {self.name!r}", self.target)
-        if not 0.0 < self.speed <= 1.0:
+        if not 0.0 < self.pace <= 1.0:
             raise InvalidValueError(
-                f"speed of waypoint {self.name!r}", self.speed, "above 0 and at most 1"
+                f"pace of waypoint {self.name!r}", self.pace, "above 0 and at most 1"
             )
 
     @property

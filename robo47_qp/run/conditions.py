@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Waypoint
@@ -75,7 +75,7 @@ def planned(
         return plan_through(planner, loop.planning_arm(q), waypoints, q)
     except PlanError as error:
         rejection = error.rejection
-        unreached = rejection is None or rejection.obstacle is Obstacle.REACH
+        unreached = rejection is None or rejection.reason is RefusalReason.REACH
         cause = Cause.IK if unreached else Cause.PLAN
         failure = Failure(cause=cause, evidence=str(error), step=error.waypoint)
         raise StepFailed(failure) from error

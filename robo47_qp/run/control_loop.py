@@ -141,7 +141,7 @@ class ControlLoop:
         """Bring a moving reference to rest, as fast as the profile allows."""
         if not self.resting:
             planner = self.scenario.planner
-            profile = planner.profile.slowed(planner.speed)
+            profile = planner.profile.slowed(planner.pace)
             way = stop(self.arm, self.reference, profile, TIMESTEP)
             self.begin("stop", compliant=self.phases[-1].compliant)
             self.track(way)

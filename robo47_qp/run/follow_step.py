@@ -53,7 +53,7 @@ class FollowSteps:
     def _built(self) -> IkStream:
         if self._stream is None:
             planner = self._loop.scenario.planner
-            profile = planner.profile.slowed(planner.speed)
+            profile = planner.profile.slowed(planner.pace)
             self._stream = StreamIk(dt=TIMESTEP, profile=profile, homing=0.0, gain=_GAIN).build(
                 self._loop.arm
             )

@@ -31,15 +31,13 @@ def test_uniform_bounds_are_the_same_for_every_joint() -> None:
     assert uniform.j_max.tolist() == [3.0] * 4
 
 
-@given(speed=st.floats(0.01, 1.0), pace=st.floats(0.1, 3.0))
-def test_a_slowed_profile_bounds_the_same_motion_stretched_in_time(
-    speed: float, pace: float
-) -> None:
-    # q(t) = sin(pace t) has derivatives with amplitudes pace, pace², pace³.
-    full = MotionProfile.uniform(1, v=pace, a=pace**2, j=pace**3)
-    t = np.linspace(0.0, 2 * np.pi / (pace * speed), 4001)
-    q = np.sin(pace * speed * t)
-    slowed = full.slowed(speed)
+@given(pace=st.floats(0.01, 1.0), v=st.floats(0.1, 3.0))
+def test_a_slowed_profile_bounds_the_same_motion_stretched_in_time(pace: float, v: float) -> None:
+    # q(t) = sin(v t) has derivatives with amplitudes v, v², v³.
+    full = MotionProfile.uniform(1, v=v, a=v**2, j=v**3)
+    t = np.linspace(0.0, 2 * np.pi / (v * pace), 4001)
+    q = np.sin(v * pace * t)
+    slowed = full.slowed(pace)
     for order, bound in enumerate((slowed.v_max, slowed.a_max, slowed.j_max), start=1):
         largest = np.abs(np.diff(q, order)).max() / (t[1] - t[0]) ** order
         assert bound[0] == pytest.approx(largest, rel=2e-2)
@@ -54,10 +52,10 @@ def test_full_speed_changes_nothing_and_slowing_leaves_the_original_alone() -> N
         assert (getattr(half, name) < getattr(full, name)).all()
 
 
-@pytest.mark.parametrize("speed", [0.0, -0.5, 1.0 + 1e-9, 2.0, np.nan, np.inf])
-def test_a_speed_outside_0_to_1_is_refused(speed: float) -> None:
-    with pytest.raises(InvalidValueError, match="speed must be above 0 and at most 1; found"):
-        profile().slowed(speed)
+@pytest.mark.parametrize("pace", [0.0, -0.5, 1.0 + 1e-9, 2.0, np.nan, np.inf])
+def test_a_pace_outside_0_to_1_is_refused(pace: float) -> None:
+    with pytest.raises(InvalidValueError, match="pace must be above 0 and at most 1; found"):
+        profile().slowed(pace)
 
 
 @pytest.mark.parametrize("name", BOUNDS)

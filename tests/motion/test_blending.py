@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
-from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
 from robo47_qp.ik.lm import LmIk
@@ -13,7 +13,7 @@ from robo47_qp.ik.settings import Stall
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.blending import least_with_stops, parted, quickest
-from robo47_qp.motion.continuous import Pace
+from robo47_qp.motion.continuous import PacedProfile
 from robo47_qp.motion.paths.speed_limits import PathProfile
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
@@ -116,11 +116,11 @@ def test_the_time_with_stops_is_never_overstated(motion: Motion) -> None:
     rng = np.random.default_rng(4)
     for pace in (1.0, 0.5):
         run = walk(rng, motion, 0.0)
-        planner = Planner(ik=PLANNER.ik, profile=PANDA.profile, speed=pace)
+        planner = Planner(ik=PLANNER.ik, profile=PANDA.profile, pace=pace)
         legs = planner.plan_chain(ARM, run, ARM.home, DT)
         q = [ARM.home, *(leg.trajectory.q[-1] for leg in legs)]
         poses = [ARM.pose(row) for row in q]
-        least = least_with_stops(poses, q, run, Pace(PANDA.profile, pace), PathProfile())
+        least = least_with_stops(poses, q, run, PacedProfile(PANDA.profile, pace), PathProfile())
         took = sum(leg.trajectory.duration for leg in legs)
         assert 0.4 * took < least <= took + 1e-6
         if motion is Motion.PTP:
@@ -140,4 +140,4 @@ def test_a_ptp_waypoint_where_the_motion_already_is_is_refused() -> None:
     with pytest.raises(PlanError, match=r"'again'.* it is where the motion already is") as caught:
         PLANNER.plan_chain(ARM, run, ARM.home, DT)
     assert caught.value.rejection is not None
-    assert caught.value.rejection.obstacle is Obstacle.SHAPE
+    assert caught.value.rejection.reason is RefusalReason.SHAPE

@@ -16,7 +16,7 @@ from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.branch_choice import Chain
+from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.lin import Lin
@@ -154,7 +154,7 @@ def test_the_waypoint_that_rules_a_chain_out_is_named() -> None:
     with pytest.raises(PlanError, match=message) as caught:
         planner.plan_chain(ARM, chain, ARM.home, DT)
     assert caught.value.waypoint == "pull"
-    assert "pull: the path fails" in caught.value.reason
+    assert "pull: the path fails" in caught.value.explanation
     with pytest.raises(PlanError, match="Waypoint 'pull'"):
         planner.plan(ARM, replace(chain[0], onward=(chain[1], chain[2])), ARM.home, DT)
     lost = Waypoint(name="lost", target=SE3.from_translation(np.array([3.0, 0.0, 0.0])))
@@ -165,7 +165,7 @@ def test_the_waypoint_that_rules_a_chain_out_is_named() -> None:
 def test_the_sequence_of_least_cost_is_taken() -> None:
     """Against every sequence of the same branches, counted one by one."""
     rng = np.random.default_rng(4)
-    chain = Chain(candidates=4, restarts=60)
+    chain = BranchChoice(candidates=4, restarts=60)
     lin, v_max = Lin(), PANDA.profile.v_max
     targets = [ARM.pose(rng.uniform(0.6 * ARM.q_min, 0.6 * ARM.q_max)) for _ in range(3)]
     waypoints = [Waypoint(name=f"{i}", target=target) for i, target in enumerate(targets)]
@@ -217,6 +217,6 @@ def test_where_every_configuration_is_touched_the_choice_is_left_to_the_planner(
     nowhere = Nowhere(PANDA, lambda _: None, clearance=0.005)
     chosen = [
         chain.choose(arm, ik, Lin(), waypoints, arm.home, v_max)[0].q.tolist()
-        for chain in (Chain(), Chain(collisions=nowhere))
+        for chain in (BranchChoice(), BranchChoice(collisions=nowhere))
     ]
     assert chosen[0] == chosen[1]

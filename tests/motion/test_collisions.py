@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.collision_check import Collisions, Surroundings
@@ -37,7 +37,7 @@ def test_a_swing_into_a_ball_is_refused_with_bodies_joint_and_time() -> None:
         collisions.check("swing", swing)
     found = caught.value.rejection
     assert found is not None
-    assert found.obstacle is Obstacle.COLLISION
+    assert found.reason is RefusalReason.COLLISION
     assert found.segment == "swing"
     assert found.joint in PANDA.joints
     assert found.time is not None
@@ -197,7 +197,7 @@ def test_what_is_thin_is_not_passed_between_two_looks(share: float) -> None:
     found = error.rejection
     assert found is not None
     assert found.q is not None
-    assert "post" in error.reason
+    assert "post" in error.explanation
     assert oracle.least(np.array(found.q)) < 0.002
     assert found.time == pytest.approx((found.q[0] - start[0]) / 2.0, abs=1e-9)
 
@@ -239,7 +239,7 @@ def test_the_two_bodies_and_the_joint_are_the_right_ones() -> None:
     near = oracle.all(np.array(found.q))
     bodies = [oracle.model.geom_bodyid[g] for g in oracle.pairs[int(np.argmin(near))]]
     names = {oracle.model.body(int(body)).name for body in bodies}
-    assert set(error.reason.split(" come within")[0].split(" and ")) == names
+    assert set(error.explanation.split(" come within")[0].split(" and ")) == names
     chain, at = set(), int(max(bodies, key=lambda b: oracle.model.body(int(b)).name != "post"))
     while at:
         chain.add(at)

@@ -6,7 +6,7 @@ import pytest
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError, Obstacle, PlanError
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
 from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
@@ -16,7 +16,7 @@ from robo47_qp.ik.settings import Stall
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.continuous import Continuous, Pace
+from robo47_qp.motion.continuous import Continuous, PacedProfile
 from robo47_qp.motion.paths.line import Line
 from robo47_qp.motion.paths.speed_limits import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
@@ -131,7 +131,7 @@ def test_joints_and_tool_motions_are_blended_into_each_other() -> None:
     legs = PLANNER.plan_chain(ARM, resting, ARM.home, DT)
     # The planner would rather stop, which is quicker here: the blend alone is looked at.
     goals = [leg.trajectory.q[-1] for leg in legs]
-    pace = Pace(PANDA.profile, 1.0)
+    pace = PacedProfile(PANDA.profile, 1.0)
     blended = Continuous().plan(ARM, IK, ARM.home, waypoints, goals, pace, DT).trajectory
     legs = [replace(legs[0], trajectory=blended)]
     assert broken(LOOK, legs, PANDA.profile) == []
@@ -147,21 +147,21 @@ def test_joints_and_tool_motions_are_blended_into_each_other() -> None:
 
 
 @pytest.mark.parametrize("point", ["through", "centre"])
-@pytest.mark.parametrize("speed", [1.0, 0.5])
-def test_an_arc_is_kept_and_all_bounds_with_it(point: str, speed: float) -> None:
+@pytest.mark.parametrize("pace", [1.0, 0.5])
+def test_an_arc_is_kept_and_all_bounds_with_it(point: str, pace: float) -> None:
     centre = START.translation() + np.array([0.0, 0.1, 0.0])
     through = centre + 0.1 * np.array([np.sin(0.7), -np.cos(0.7), 0.0])
     goal = turned(shifted(START, np.array([0.1, 0.1, 0.0])), 2, 0.4)
     where = {"through": through} if point == "through" else {"centre": centre}
-    waypoint = Waypoint(name="arc", target=goal, motion=Motion.CIRC, speed=speed, **where)
+    waypoint = Waypoint(name="arc", target=goal, motion=Motion.CIRC, pace=pace, **where)
     leg = PLANNER.plan(ARM, waypoint, ARM.home, DT)
     p = tool(leg.trajectory.q)
     off = p - centre
     assert np.abs(np.linalg.norm(off, axis=1) - 0.1).max() < 1e-5
     assert np.abs(off[:, 2]).max() < 1e-5
     assert max(PLAIN.errors(leg.trajectory.q[-1], goal)) < 2e-6
-    assert broken(LOOK, [leg], PANDA.profile.slowed(speed)) == []
-    check_tool(leg.trajectory.q, TOOL, speed)
+    assert broken(LOOK, [leg], PANDA.profile.slowed(pace)) == []
+    check_tool(leg.trajectory.q, TOOL, pace)
     assert leg.way is not None
     assert leg.way.distances(p).max() < 1e-5
     assert 1.0 <= leg.trajectory.duration / leg.lower_bound < 2.5
@@ -202,9 +202,9 @@ def refusal(waypoints: list[Waypoint], q: Vector = ARM.home) -> PlanError:
 def test_shapes_that_are_none_are_refused() -> None:
     big = refusal(three(Motion.LIN, blend=0.13))
     assert big.waypoint == "second"
-    assert "the blends at its ends would take" in big.reason
+    assert "the blends at its ends would take" in big.explanation
     assert big.rejection is not None
-    assert big.rejection.obstacle is Obstacle.SHAPE
+    assert big.rejection.reason is RefusalReason.SHAPE
     mixed = three(Motion.LIN, blend=0.02)
     mixed[1] = replace(mixed[1], blend=0.0, stop=False)
     assert "do not go together" in str(refusal(mixed))
@@ -243,7 +243,7 @@ def test_a_refusal_names_segment_joint_and_time() -> None:
     found = error.rejection
     assert found is not None
     assert (error.waypoint, found.segment) == ("second", "second")
-    assert (found.obstacle, found.joint) == (Obstacle.JOINT_LIMIT, "joint7")
+    assert (found.reason, found.joint) == (RefusalReason.JOINT_LIMIT, "joint7")
     assert found.time is not None
     assert found.time > 0.1
     assert REFUSALS.doubt(q, waypoints, error) is None
@@ -259,10 +259,10 @@ def test_the_second_check_sees_through_a_wrong_reason() -> None:
     assert found is not None
     for wrong in (
         replace(found, joint="joint1"),
-        replace(found, obstacle=Obstacle.SINGULARITY),
-        replace(found, obstacle=Obstacle.PACE),
-        replace(found, obstacle=Obstacle.REACH, pose=tuple(ARM.pose(ARM.home).wxyz_xyz)),
-        replace(found, obstacle=Obstacle.SHAPE),
+        replace(found, reason=RefusalReason.SINGULARITY),
+        replace(found, reason=RefusalReason.PACE),
+        replace(found, reason=RefusalReason.REACH, pose=tuple(ARM.pose(ARM.home).wxyz_xyz)),
+        replace(found, reason=RefusalReason.SHAPE),
         replace(found, q=None),
     ):
         assert REFUSALS.doubt(q, waypoints, PlanError("goal", "no", wrong)) is not None

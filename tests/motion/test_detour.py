@@ -15,8 +15,8 @@ from scipy.interpolate import CubicSpline
 from robo47_qp.errors import (
     InvalidValueError,
     MissingExtraError,
-    Obstacle,
     PlanError,
+    RefusalReason,
 )
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
@@ -104,7 +104,7 @@ def test_the_planner_goes_around_and_arrives() -> None:
     with pytest.raises(PlanError, match="come within") as caught:
         planned(None)
     assert caught.value.rejection is not None
-    assert caught.value.rejection.obstacle is Obstacle.COLLISION
+    assert caught.value.rejection.reason is RefusalReason.COLLISION
 
 
 def test_what_is_not_blocked_takes_the_straight_way() -> None:

@@ -8,7 +8,7 @@ from mink import SE3, SO3
 from scipy.spatial.transform import Rotation, Slerp
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
@@ -133,13 +133,13 @@ def test_the_tool_stays_on_the_straight_line_and_turns_steadily(
 
 
 @settings(max_examples=10)
-@given(by=goals(0.15, 0.5), speed=st.floats(0.3, 1.0))
+@given(by=goals(0.15, 0.5), pace=st.floats(0.3, 1.0))
 def test_the_joints_keep_their_bounds_and_limits(
-    robot: Robot, arm: Arm, plain: PlainArm, by: tuple[Vector, Vector], speed: float
+    robot: Robot, arm: Arm, plain: PlainArm, by: tuple[Vector, Vector], pace: float
 ) -> None:
     goal = moved(arm.pose(arm.home), by)
-    profile = robot.profile.slowed(speed)
-    trajectory, _ = Lin().plan(arm, IK, arm.home, goal, profile, DT, speed)
+    profile = robot.profile.slowed(pace)
+    trajectory, _ = Lin().plan(arm, IK, arm.home, goal, profile, DT, pace)
     check_joints(trajectory, profile)
     assert all(plain.inside(q) for q in trajectory.q)
 
@@ -178,22 +178,20 @@ def test_velocity_and_acceleration_are_those_of_the_position(
     assert (np.abs(bend - a[1:-1]) <= jerk * DT + 1e-8).all()
 
 
-@pytest.mark.parametrize("speed", [1.0, 0.5])
-def test_the_tool_keeps_its_own_profile_and_uses_it(
-    arm: Arm, plain: PlainArm, speed: float
-) -> None:
+@pytest.mark.parametrize("pace", [1.0, 0.5])
+def test_the_tool_keeps_its_own_profile_and_uses_it(arm: Arm, plain: PlainArm, pace: float) -> None:
     """With joints fast enough, the tool's bounds alone set the time."""
     profile = PathProfile(linear=(0.2, 1.0, 10.0))
     goal = shifted(arm.pose(arm.home), np.array([0.1, -0.2, -0.1]))
     joints = MotionProfile.uniform(arm.n, v=FAST, a=FAST, j=FAST * FAST)
     lin = Lin(profile=profile)
-    trajectory, _ = lin.plan(arm, IK, arm.home, goal, joints, DT, speed)
+    trajectory, _ = lin.plan(arm, IK, arm.home, goal, joints, DT, pace)
     path = tool_path(plain, trajectory)
     for order, bound in enumerate(profile.linear, start=1):
         differences = np.linalg.norm(np.diff(path, order, axis=0), axis=1) / DT**order
-        assert differences.max() == pytest.approx(bound * speed**order, rel=0.02)
+        assert differences.max() == pytest.approx(bound * pace**order, rel=0.02)
     length = float(np.linalg.norm(path[-1] - path[0]))
-    v, a, j = (bound * speed**order for order, bound in enumerate(profile.linear, start=1))
+    v, a, j = (bound * pace**order for order, bound in enumerate(profile.linear, start=1))
     best = shortest(length, (v, a, j))
     assert best - 1e-6 <= trajectory.duration <= best + DT + 1e-6
 
@@ -250,10 +248,10 @@ def test_where_a_joint_binds_time_is_stretched_as_much_as_needed(
 def test_half_the_pace_takes_twice_the_time(robot: Robot, arm: Arm, plain: PlainArm) -> None:
     goal = shifted(arm.pose(arm.home), np.array([0.1, 0.1, -0.2]))
     full, _ = Lin().plan(arm, IK, arm.home, goal, robot.profile, DT)
-    for speed in (0.5, 0.2):
-        slowed = robot.profile.slowed(speed)
-        slow, _ = Lin().plan(arm, IK, arm.home, goal, slowed, DT, speed)
-        assert slow.duration == pytest.approx(full.duration / speed, rel=3e-3)
+    for pace in (0.5, 0.2):
+        slowed = robot.profile.slowed(pace)
+        slow, _ = Lin().plan(arm, IK, arm.home, goal, slowed, DT, pace)
+        assert slow.duration == pytest.approx(full.duration / pace, rel=3e-3)
         assert slow.q[-1] == pytest.approx(full.q[-1], abs=1e-6)
 
 
@@ -434,15 +432,15 @@ def test_arguments_are_left_alone(robot: Robot, arm: Arm) -> None:
     assert goal.wxyz_xyz.tolist() == kept.tolist()
 
 
-@given(length=st.floats(1e-3, 2.0), angle=st.floats(1e-3, 3.0), speed=st.floats(0.05, 1.0))
+@given(length=st.floats(1e-3, 2.0), angle=st.floats(1e-3, 3.0), pace=st.floats(0.05, 1.0))
 def test_a_path_profile_keeps_the_linear_and_the_angular_bounds_and_touches_one(
-    length: float, angle: float, speed: float
+    length: float, angle: float, pace: float
 ) -> None:
     profile = PathProfile()
-    found = profile.along(length, angle, speed)
+    found = profile.along(length, angle, pace)
     for order, bound in enumerate(found, start=1):
-        linear = bound * length / (profile.linear[order - 1] * speed**order)
-        angular = bound * angle / (profile.angular[order - 1] * speed**order)
+        linear = bound * length / (profile.linear[order - 1] * pace**order)
+        angular = bound * angle / (profile.angular[order - 1] * pace**order)
         assert max(linear, angular) == pytest.approx(1.0)
 
 
@@ -471,7 +469,7 @@ def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None
     q_start = ik.solve(arm, start, arm.home).q
     with pytest.raises(LinError) as caught:
         Lin(retreat=0.0).plan(arm, ik, q_start, goal, PANDA.profile, DT)
-    assert caught.value.obstacle is Obstacle.JOINT_LIMIT
+    assert caught.value.reason is RefusalReason.JOINT_LIMIT
     trajectory, result = Lin().plan(arm, ik, q_start, goal, PANDA.profile, DT)
     assert result.converged
     assert all(plain.inside(row) for row in trajectory.q)

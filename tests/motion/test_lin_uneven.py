@@ -29,9 +29,9 @@ def arm() -> Arm:
     return Arm(PANDA)
 
 
-def planned(arm: Arm, q: Vector, speed: float = 1.0, lin: Lin | None = None) -> Trajectory:
-    goal, profile = shifted(arm.pose(q), DOWN), PANDA.profile.slowed(speed)
-    return (lin or Lin()).plan(arm, IK, q, goal, profile, DT, speed)[0]
+def planned(arm: Arm, q: Vector, pace: float = 1.0, lin: Lin | None = None) -> Trajectory:
+    goal, profile = shifted(arm.pose(q), DOWN), PANDA.profile.slowed(pace)
+    return (lin or Lin()).plan(arm, IK, q, goal, profile, DT, pace)[0]
 
 
 def stretched(arm: Arm, q: Vector, monkeypatch: pytest.MonkeyPatch) -> Trajectory:
@@ -67,11 +67,11 @@ def test_only_around_the_spot_is_it_slow(
 
 
 @pytest.mark.parametrize("start", STARTS)
-@pytest.mark.parametrize("speed", [1.0, 0.4])
-def test_the_tool_keeps_its_own_bounds(arm: Arm, start: str, speed: float) -> None:
+@pytest.mark.parametrize("pace", [1.0, 0.4])
+def test_the_tool_keeps_its_own_bounds(arm: Arm, start: str, pace: float) -> None:
     profile = PathProfile(linear=(0.08, 0.75, 5.0))
-    place = tool(planned(arm, STARTS[start], speed, Lin(profile=profile)))
-    for order, bound in enumerate(profile.slowed(speed).linear, start=1):
+    place = tool(planned(arm, STARTS[start], pace, Lin(profile=profile)))
+    for order, bound in enumerate(profile.slowed(pace).linear, start=1):
         rate = np.linalg.norm(np.diff(place, order, axis=0), axis=1) / DT**order
         # What the spline leaves of the line, some micrometres, shows in the higher ones.
         assert rate.max() <= bound * (1.02 if order < 3 else 1.1)

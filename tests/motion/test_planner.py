@@ -30,9 +30,9 @@ DT = 1e-3
 FAR = SE3.from_rotation_and_translation(SO3.identity(), np.array([3.0, 0.0, 0.5]))
 
 
-def planner(robot: Robot, speed: float = 1.0, ik: IkSolver | None = None) -> Planner:
+def planner(robot: Robot, pace: float = 1.0, ik: IkSolver | None = None) -> Planner:
     solver = MultiStart(solver=QpIk()) if ik is None else ik
-    return Planner(ik=solver, profile=robot.profile, speed=speed)
+    return Planner(ik=solver, profile=robot.profile, pace=pace)
 
 
 def ahead(arm: Arm, motion: Motion, **changed: object) -> Waypoint:
@@ -94,7 +94,7 @@ def test_a_ptp_motion_is_straight_in_joint_space_and_lin_in_the_world(
 @EVERY_MOTION
 def test_the_joints_keep_the_profile_at_every_pace(robot: Robot, arm: Arm, motion: Motion) -> None:
     for pace in (1.0, 0.4):
-        leg = planner(robot, speed=pace).plan(arm, ahead(arm, motion), arm.home, DT)
+        leg = planner(robot, pace=pace).plan(arm, ahead(arm, motion), arm.home, DT)
         check_joints(leg.trajectory, robot.profile.slowed(pace))
 
 
@@ -102,9 +102,9 @@ def test_the_joints_keep_the_profile_at_every_pace(robot: Robot, arm: Arm, motio
 def test_the_pace_is_that_of_the_planner_times_that_of_the_waypoint(
     robot: Robot, arm: Arm, motion: Motion
 ) -> None:
-    def duration(speed: float, own: float) -> float:
-        waypoint = ahead(arm, motion, speed=own)
-        return planner(robot, speed=speed).plan(arm, waypoint, arm.home, DT).trajectory.duration
+    def duration(pace: float, own: float) -> float:
+        waypoint = ahead(arm, motion, pace=own)
+        return planner(robot, pace=pace).plan(arm, waypoint, arm.home, DT).trajectory.duration
 
     full = duration(1.0, 1.0)
     assert duration(0.5, 1.0) == pytest.approx(2 * full, abs=4 * DT)
@@ -117,8 +117,8 @@ def test_the_tool_slows_down_with_the_pace_also_where_no_joint_binds(
 ) -> None:
     quick = replace(planner(robot), profile=MotionProfile.uniform(arm.n, v=1e3, a=1e3, j=1e6))
     for planned, own in ((1.0, 1.0), (0.5, 1.0), (1.0, 0.5)):
-        waypoint = ahead(arm, Motion.LIN, speed=own)
-        leg = replace(quick, speed=planned).plan(arm, waypoint, arm.home, DT)
+        waypoint = ahead(arm, Motion.LIN, pace=own)
+        leg = replace(quick, pace=planned).plan(arm, waypoint, arm.home, DT)
         path = np.array([plain.tool(q)[0] for q in leg.trajectory.q])
         fastest = np.linalg.norm(np.diff(path, axis=0), axis=1).max() / DT
         assert fastest == pytest.approx(PathProfile().linear[0] * planned * own, rel=0.01)
@@ -166,8 +166,8 @@ def test_a_waypoint_out_of_reach_is_named_with_the_reason(
     with pytest.raises(PlanError, match=message) as caught:
         planner(robot).plan(arm, waypoint, arm.home, DT)
     assert caught.value.waypoint == "the moon"
-    assert caught.value.reason
-    assert caught.value.reason in str(caught.value)
+    assert caught.value.explanation
+    assert caught.value.explanation in str(caught.value)
 
 
 def test_a_ptp_waypoint_out_of_reach_tells_by_how_much(robot: Robot, arm: Arm) -> None:
@@ -220,13 +220,13 @@ def test_a_line_is_planned_with_the_planners_own_settings(robot: Robot, arm: Arm
     assert usual.plan(arm, waypoint, arm.home, DT).trajectory.duration < length / 0.1
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, 1.5, np.nan])
+@pytest.mark.parametrize("pace", [0.0, -1.0, 1.5, np.nan])
 @EVERY_MOTION
 def test_a_pace_that_is_none_is_refused(
-    robot: Robot, arm: Arm, motion: Motion, speed: float
+    robot: Robot, arm: Arm, motion: Motion, pace: float
 ) -> None:
-    with pytest.raises(InvalidValueError, match="speed must be above 0 and at most 1"):
-        planner(robot, speed=speed).plan(arm, ahead(arm, motion), arm.home, DT)
+    with pytest.raises(InvalidValueError, match="pace must be above 0 and at most 1"):
+        planner(robot, pace=pace).plan(arm, ahead(arm, motion), arm.home, DT)
 
 
 def test_legs_can_be_joined(robot: Robot, arm: Arm) -> None:
@@ -279,9 +279,9 @@ def test_a_line_of_no_length_outside_the_limits_is_refused(robot: Robot, arm: Ar
         planner(robot).plan(arm, here, q_start, DT)
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, 5.0, np.nan])
+@pytest.mark.parametrize("pace", [0.0, -1.0, 5.0, np.nan])
 def test_a_pace_out_of_range_is_refused_whatever_the_waypoints_do(
-    robot: Robot, speed: float
+    robot: Robot, pace: float
 ) -> None:
-    with pytest.raises(InvalidValueError, match="speed must be above 0 and at most 1"):
-        planner(robot, speed)
+    with pytest.raises(InvalidValueError, match="pace must be above 0 and at most 1"):
+        planner(robot, pace)

@@ -99,9 +99,9 @@ def test_samples_are_a_period_apart(robot: Robot, arm: Arm, dt: float) -> None:
 def test_a_slower_profile_takes_more_time_over_the_same_line(robot: Robot, arm: Arm) -> None:
     q_goal = arm.home + np.linspace(-0.5, 0.5, arm.n)
     full = plan_ptp(arm.home, q_goal, robot.profile, DT)
-    for speed in (0.5, 0.1):
-        slow = plan_ptp(arm.home, q_goal, robot.profile.slowed(speed), DT)
-        assert slow.duration == pytest.approx(full.duration / speed, abs=DT / speed + DT)
+    for pace in (0.5, 0.1):
+        slow = plan_ptp(arm.home, q_goal, robot.profile.slowed(pace), DT)
+        assert slow.duration == pytest.approx(full.duration / pace, abs=DT / pace + DT)
 
 
 def test_no_way_is_one_sample_at_rest(robot: Robot, arm: Arm) -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robo47_qp.errors import InvalidValueError, Obstacle, PlanError
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.retarget import Pursuit, retarget
@@ -66,7 +66,7 @@ def test_a_joint_that_cannot_turn_round_in_time_is_named() -> None:
         retarget(ARM, JointReference(q, v, np.zeros(ARM.n)), ARM.home, PROFILE, DT)
     found = caught.value.rejection
     assert found is not None
-    assert (found.obstacle, found.joint) == (Obstacle.JOINT_LIMIT, "joint2")
+    assert (found.reason, found.joint) == (RefusalReason.JOINT_LIMIT, "joint2")
     assert found.q is not None
     assert found.q[1] > ARM.q_max[1]
     assert found.time == pytest.approx(0.05 / 1.5, abs=4e-3)

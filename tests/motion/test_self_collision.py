@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from mink import SE3
 
-from robo47_qp.errors import Obstacle, PlanError
+from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import MARGIN, Arm
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.branch_choice import Chain
+from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.lin import Lin
 from robo47_qp.motion.planner import Leg, Planner
@@ -83,7 +83,7 @@ def test_without_a_look_links_meet_on_the_line_that_follows() -> None:
     with pytest.raises(PlanError, match="link1 and link5 come within") as caught:
         planner().plan(ARM, DOWN, q, DT)
     assert caught.value.rejection is not None
-    assert caught.value.rejection.obstacle is Obstacle.COLLISION
+    assert caught.value.rejection.reason is RefusalReason.COLLISION
 
 
 def test_the_planner_of_every_task_takes_another_branch() -> None:
@@ -100,7 +100,7 @@ def test_a_branch_close_to_a_limit_is_taken_only_where_none_has_more_room() -> N
     chosen = float((np.minimum(ends - ARM.q_min, ARM.q_max - ends) / span).min())
     assert chosen > 0.02
     # With as few configurations as are tried at first there is one branch, without room.
-    chain, usual = planner().chain, (Lin(), [ABOVE, DOWN, UP])
+    chain, usual = planner().branch_choice, (Lin(), [ABOVE, DOWN, UP])
     results = chain.choose(ARM, planner().ik, *usual, ARM.home, PANDA.profile.v_max)
     few = np.array([result.q for result in results])
     assert float((np.minimum(few - ARM.q_min, ARM.q_max - few) / span).min()) < 0.02
@@ -120,14 +120,14 @@ def test_a_line_that_would_hit_something_only_on_its_way_rules_a_branch_out() ->
         Waypoint(name="start", target=start),
         Waypoint(name="across", target=end, motion=Motion.LIN),
     ]
-    blind = Chain(candidates=2).choose(ARM, ik, Lin(), group, ARM.home, PANDA.profile.v_max)
+    blind = BranchChoice(candidates=2).choose(ARM, ik, Lin(), group, ARM.home, PANDA.profile.v_max)
     assert [collisions.at(result.q) for result in blind] == [None, None]
-    wary = Chain(candidates=2, collisions=collisions)
+    wary = BranchChoice(candidates=2, collisions=collisions)
     with pytest.raises(PlanError, match=r"Waypoint 'across'.* come within") as caught:
         wary.choose(ARM, ik, Lin(), group, ARM.home, PANDA.profile.v_max)
     rejection = caught.value.rejection
     assert rejection is not None
-    assert rejection.obstacle is Obstacle.COLLISION
+    assert rejection.reason is RefusalReason.COLLISION
     assert 0.2 < rejection.fraction < 0.6
 
 
@@ -163,7 +163,7 @@ def test_what_is_too_close_may_get_away_and_none_may_come() -> None:
     ) as caught:
         planner().plan(ARM, deep, ARM.home, DT)
     assert caught.value.rejection is not None
-    assert caught.value.rejection.obstacle is Obstacle.COLLISION
+    assert caught.value.rejection.reason is RefusalReason.COLLISION
     # Lines may be meant to touch.
     line = planner().plan(ARM, replace(deep, motion=Motion.LIN), ARM.home, DT)
     assert max(ARM.distance_to(line.T_world_goal, line.trajectory.end.q)) < 1.1e-6

@@ -62,7 +62,7 @@ def test_a_yaw_that_is_not_finite_is_refused(yaw: float) -> None:
 def test_a_waypoint_is_by_default_a_plain_ptp_motion_at_full_pace() -> None:
     waypoint = Waypoint(name="there", target=NOWHERE)
     assert waypoint.motion is Motion.PTP
-    assert waypoint.speed == 1.0
+    assert waypoint.pace == 1.0
     assert waypoint.grip is None
     assert waypoint.carried is None
 
@@ -71,17 +71,17 @@ def test_a_waypoint_may_be_a_place_of_the_robot() -> None:
     assert Waypoint(name="rest", target=Place.HOME).target is Place.HOME
 
 
-@pytest.mark.parametrize("speed", [1e-6, 0.5, 1.0])
-def test_a_pace_above_0_up_to_1_is_taken(speed: float) -> None:
-    assert Waypoint(name="there", target=NOWHERE, speed=speed).speed == speed
+@pytest.mark.parametrize("pace", [1e-6, 0.5, 1.0])
+def test_a_pace_above_0_up_to_1_is_taken(pace: float) -> None:
+    assert Waypoint(name="there", target=NOWHERE, pace=pace).pace == pace
 
 
-@pytest.mark.parametrize("speed", [0.0, -0.1, 1.0001, np.nan, np.inf])
+@pytest.mark.parametrize("pace", [0.0, -0.1, 1.0001, np.nan, np.inf])
 @pytest.mark.parametrize("target", [NOWHERE, Place.HOME])
-def test_another_pace_is_refused(speed: float, target: SE3 | Place) -> None:
-    message = "speed of waypoint 'there' must be above 0 and at most 1; found"
+def test_another_pace_is_refused(pace: float, target: SE3 | Place) -> None:
+    message = "pace of waypoint 'there' must be above 0 and at most 1; found"
     with pytest.raises(InvalidValueError, match=message):
-        Waypoint(name="there", target=target, speed=speed)
+        Waypoint(name="there", target=target, pace=pace)
 
 
 @pytest.mark.parametrize("entry", range(7))
@@ -111,7 +111,7 @@ def test_every_rotation_is_taken(angle: float) -> None:
 def test_a_waypoint_cannot_be_changed() -> None:
     waypoint = Waypoint(name="there", target=NOWHERE)
     with pytest.raises(FrozenInstanceError):
-        waypoint.speed = 0.5  # type: ignore[misc]
+        waypoint.pace = 0.5  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, np.nan, np.inf])

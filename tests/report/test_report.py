@@ -72,7 +72,7 @@ def test_settings_are_all_there_by_name(summary: dict[str, Any]) -> None:
     assert settings["task"]["pick"] == list(PickPlace().pick)
     assert settings["task"]["grip_force"] == 30.0
     assert settings["planner"]["class"] == "Planner"
-    assert settings["planner"]["speed"] == 1.0
+    assert settings["planner"]["pace"] == 1.0
     assert settings["planner"]["profile"]["v_max"] == [2.0] * 7
     assert settings["planner"]["ik"]["class"] == "MultiStart"
     assert settings["planner"]["ik"]["solver"]["class"] == "QpIk"

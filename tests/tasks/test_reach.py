@@ -16,7 +16,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.loading import robot_from_mjcf
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.branch_choice import Chain
+from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
@@ -286,6 +286,6 @@ def test_a_pose_is_approached_in_a_branch_that_is_clear_of_open_fingers_too() ->
     q = planner.plan(arm, waypoint, arm.home, 1e-3).trajectory.end.q
     assert planner.collisions is not None
     assert planner.collisions.at(q) is None
-    careless = replace(planner, chain=Chain())
+    careless = replace(planner, branch_choice=BranchChoice())
     with pytest.raises(PlanError, match="link5 and left_finger come within"):
         careless.plan(arm, waypoint, arm.home, 1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
@@ -19,7 +19,7 @@ AT_LIMIT = 1e-3
 """A joint this close to its limit is at it [rad or m]."""
 
 
-def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
+def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]:
     """Why the tool does not get from q to a pose next to it, and the joint concerned.
 
     Without the joint limits the pose is reached by a small motion that leads a joint out of
@@ -36,18 +36,18 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[Obstacle, str]:
     joints = arm.robot.joints
     if free is not None and joints_outside(arm, free):
         beyond = np.maximum(arm.q_min - free, free - arm.q_max)
-        return Obstacle.JOINT_LIMIT, joints[int(beyond.argmax())]
+        return RefusalReason.JOINT_LIMIT, joints[int(beyond.argmax())]
     other = MultiStart(solver=LmIk(max_iterations=20, stall=Stall())).solve(arm, T_world_next, q)
     moved = joints[int(np.abs(other.q - q).argmax())]
     if not other.converged:
-        return Obstacle.REACH, moved
+        return RefusalReason.REACH, moved
     _, gains, directions = np.linalg.svd(arm.jacobian(q))
     if gains[-1] < SINGULAR:
-        return Obstacle.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]
-    return Obstacle.BRANCH, moved
+        return RefusalReason.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]
+    return RefusalReason.BRANCH, moved
 
 
-def rough(arm: Arm, knots: Matrix, q: Vector) -> tuple[Obstacle, str, Vector]:
+def rough(arm: Arm, knots: Matrix, q: Vector) -> tuple[RefusalReason, str, Vector]:
     """Why a joint path bends so sharply that no spline keeps to it: obstacle, joint and where.
 
     A joint slides along its limit, or the arm is close to a singularity; else there is no
@@ -61,8 +61,8 @@ def rough(arm: Arm, knots: Matrix, q: Vector) -> tuple[Obstacle, str, Vector]:
     margins = np.minimum(knots - arm.q_min, arm.q_max - knots)
     row, joint = np.unravel_index(int(margins.argmin()), margins.shape)
     if margins[row, joint] < AT_LIMIT:
-        return Obstacle.JOINT_LIMIT, arm.robot.joints[joint], knots[row]
+        return RefusalReason.JOINT_LIMIT, arm.robot.joints[joint], knots[row]
     _, gains, directions = np.linalg.svd(arm.jacobian(q))
     busiest = arm.robot.joints[int(np.abs(directions[len(gains) - 1]).argmax())]
     close = gains[-1] < SINGULAR
-    return Obstacle.SINGULARITY if close else Obstacle.PRECISION, busiest, q
+    return RefusalReason.SINGULARITY if close else RefusalReason.PRECISION, busiest, q

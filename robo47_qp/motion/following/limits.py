@@ -5,7 +5,7 @@ from mink import SE3
 from scipy.interpolate import BSpline, PPoly
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle, Robo47Error
+from robo47_qp.errors import RefusalReason, Robo47Error
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.following.blocked import AT_LIMIT
 
@@ -15,7 +15,7 @@ class LinError(Robo47Error):
 
     Attributes:
         fraction: Where on the path, 0 at its start and 1 at its end.
-        obstacle: What stands in the way.
+        reason: Why it cannot be followed.
         joint: The joint concerned, where there is one.
         q: The last configuration before, where there is one.
         T_world_next: The pose that is not reached from there, where there is one.
@@ -24,16 +24,16 @@ class LinError(Robo47Error):
     def __init__(
         self,
         fraction: float,
-        reason: str,
-        obstacle: Obstacle,
+        explanation: str,
+        reason: RefusalReason,
         joint: str | None = None,
         q: Vector | None = None,
         T_world_next: SE3 | None = None,
     ) -> None:
         """Tell where on the path and why."""
-        super().__init__(f"the path fails {100 * fraction:.0f} % of the way: {reason}")
+        super().__init__(f"the path fails {100 * fraction:.0f} % of the way: {explanation}")
         self.fraction = fraction
-        self.obstacle = obstacle
+        self.reason = reason
         self.joint = joint
         self.q = None if q is None else q.copy()
         self.T_world_next = T_world_next
@@ -55,7 +55,7 @@ def check_limits(arm: Arm, q: Matrix, s: Vector | None = None) -> None:
         row, joint = np.argwhere(outside)[0]
         name = arm.robot.joints[joint]
         at = row / len(outside) if s is None else float(s[row])
-        raise LinError(at, f"{name} leaves its limits", Obstacle.JOINT_LIMIT, name, q[row])
+        raise LinError(at, f"{name} leaves its limits", RefusalReason.JOINT_LIMIT, name, q[row])
 
 
 def check_all_along(arm: Arm, path: BSpline) -> None:

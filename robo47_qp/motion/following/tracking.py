@@ -9,7 +9,7 @@ from mink import SE3
 from scipy.interpolate import BSpline, make_interp_spline
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.following.blocked import AT_LIMIT, blocked, rough
@@ -84,7 +84,7 @@ class Tracking:
         try:
             return self._path(arm, ik, q_start, path, False)
         except LinError as error:
-            at_limit = error.obstacle is Obstacle.JOINT_LIMIT or (
+            at_limit = error.reason is RefusalReason.JOINT_LIMIT or (
                 error.q is not None and arm.limit_margin(error.q) < AT_LIMIT
             )
             if arm.n <= _TASK or not at_limit or self.retreat == 0.0:

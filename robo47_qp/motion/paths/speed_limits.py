@@ -16,13 +16,13 @@ class PathProfile:
     angular: tuple[float, float, float] = (1.0, 3.0, 20.0)
     """[rad/s, rad/s², rad/s³]"""
 
-    def along(self, length: float, angle: float, speed: float) -> Vector:
+    def along(self, length: float, angle: float, pace: float) -> Vector:
         """Bounds on the first three derivatives of the path parameter in [0, 1].
 
         Args:
             length: Length of the path [m].
             angle: Angle turned on the way [rad].
-            speed: Pace in (0, 1]; stretches time by its inverse.
+            pace: Ratio in (0, 1]; stretches time by its inverse.
 
         Returns:
             Shape (3,) [1/s, 1/s², 1/s³].
@@ -32,18 +32,18 @@ class PathProfile:
             bounds = np.minimum(bounds, np.array(self.linear) / length)
         if angle > 0.0:
             bounds = np.minimum(bounds, np.array(self.angular) / angle)
-        bounds *= speed ** np.arange(1, 4)
+        bounds *= pace ** np.arange(1, 4)
         return bounds
 
     def least_time(self, length: float, angle: float) -> float:
         """Time to go a way and turn an angle at full speed [s]."""
         return max(length / self.linear[0], angle / self.angular[0])
 
-    def slowed(self, speed: float) -> "PathProfile":
-        """The bounds of the same paths run at `speed` times the pace."""
+    def slowed(self, pace: float) -> "PathProfile":
+        """The bounds of the same paths run at `pace` times the full speed."""
         v, a, j = self.linear
         w, b, k = self.angular
         return PathProfile(
-            linear=(v * speed, a * speed**2, j * speed**3),
-            angular=(w * speed, b * speed**2, k * speed**3),
+            linear=(v * pace, a * pace**2, j * pace**3),
+            angular=(w * pace, b * pace**2, k * pace**3),
         )

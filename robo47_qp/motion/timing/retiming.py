@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointCurve
@@ -213,7 +213,7 @@ def _fitted(
                 break
         caps = caps / (excess * _MORE) ** np.arange(1, 4)
     if best is None or best.steps * dt > _LONGEST:
-        raise LinError(0.0, "the bounds leave next to no motion", Obstacle.PACE)
+        raise LinError(0.0, "the bounds leave next to no motion", RefusalReason.PACE)
     return best
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import (
     InvalidValueError,
-    Obstacle,
     PlanError,
+    RefusalReason,
     Rejection,
 )
 from robo47_qp.model.arm import Arm, JointReference
@@ -159,7 +159,7 @@ def _refused(arm: Arm, motion: Trajectory, low: Vector, high: Vector) -> PlanErr
     k = int(late.argmax()) if late.any() else int(excess.max(axis=1).argmax())
     joint, time = arm.robot.joints[int(excess[k].argmax())], k * motion.dt
     rejection = Rejection(
-        obstacle=Obstacle.JOINT_LIMIT,
+        reason=RefusalReason.JOINT_LIMIT,
         segment="stop",
         fraction=k / max(1, motion.steps),
         time=time,

@@ -26,7 +26,7 @@ def audit(run: Run) -> list[Finding]:
 def _joints(run: Run, arm: Arm) -> list[Finding]:
     scenario, rows = run.scenario, run.rows
     robot, joints = scenario.robot, scenario.robot.joints
-    profile = scenario.planner.profile.slowed(scenario.planner.speed)
+    profile = scenario.planner.profile.slowed(scenario.planner.pace)
     a_ref = rows["joints/a_ref"]
     v_ref, j_ref = _promised(run, rows["joints/v_ref"], _rate(a_ref))
     a, tau = _while_in_touch(run)

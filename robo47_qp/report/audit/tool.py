@@ -103,7 +103,7 @@ def _bounds(planner: Planner, leg: Leg) -> Vector:
     """Bounds of the tool on the way of a leg, in the order of `ToolMotion` (6,)."""
     straight = isinstance(leg.way, Line)
     profile = planner.lin.profile if straight else planner.continuous.profile
-    slowed = profile.slowed(planner.speed * leg.waypoint.speed)
+    slowed = profile.slowed(planner.pace * leg.waypoint.pace)
     bounds = np.array([*slowed.linear, *slowed.angular])
     if straight and not planner.law.bounds_jerk:
         bounds[[2, 5]] = np.inf

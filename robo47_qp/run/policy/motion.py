@@ -31,7 +31,7 @@ _TAKEOVER = 0.1
 def profile_of(loop: ControlLoop) -> MotionProfile:
     """Bounds of the joints at the pace of the scenario."""
     planner = loop.scenario.planner
-    return planner.profile.slowed(planner.speed)
+    return planner.profile.slowed(planner.pace)
 
 
 class JointTargets:

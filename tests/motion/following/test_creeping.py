@@ -8,7 +8,7 @@ import pytest
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import Obstacle
+from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
@@ -158,44 +158,47 @@ def test_a_limit_is_told_with_its_joint(side: int, joint: int) -> None:
     arm, q = HINGED, HINGED.home.copy()
     q[joint] = (arm.q_max if side > 0 else arm.q_min)[joint] - side * 0.02
     target = arm.pose(q + side * np.eye(arm.n)[joint] * 0.05)
-    assert blocked(arm, q, target) == (Obstacle.JOINT_LIMIT, arm.robot.joints[joint])
+    assert blocked(arm, q, target) == (RefusalReason.JOINT_LIMIT, arm.robot.joints[joint])
 
 
 def test_reach_is_told() -> None:
     out = HINGED.pose(STRETCHED).translation() - [0.05, -0.02, 0.3]
     target = shifted(HINGED.pose(STRETCHED), 0.05 * out / np.linalg.norm(out))
-    assert blocked(HINGED, STRETCHED, target)[0] is Obstacle.REACH
+    assert blocked(HINGED, STRETCHED, target)[0] is RefusalReason.REACH
 
 
 def test_a_straight_wrist_is_a_singularity_of_its_two_parallel_joints() -> None:
     """It turns about one axis at once only after roll and twist have turned against each other."""
     q = np.array([0.3, 0.4, -1.2, 0.2, 0.0, 0.4])
     roll = HINGED.pose(q + np.array([0.0, 0.0, 0.0, 0.5 * np.pi, 0.02, -0.5 * np.pi]))
-    obstacle, joint = blocked(HINGED, q, roll)
-    assert obstacle is Obstacle.SINGULARITY
+    reason, joint = blocked(HINGED, q, roll)
+    assert reason is RefusalReason.SINGULARITY
     assert joint in ("roll", "twist")
 
 
 def test_another_branch_is_told_with_the_joint_that_differs_most() -> None:
     q = HINGED.home
     target = HINGED.pose(q + 0.8 * np.eye(6)[0])
-    assert blocked(HINGED, q, target) == (Obstacle.BRANCH, "waist")
+    assert blocked(HINGED, q, target) == (RefusalReason.BRANCH, "waist")
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_rough_path_along_a_limit_is_told_where(side: int) -> None:
     knots = np.tile(PANDA_ARM.home, (5, 1))
     knots[2, 4] = (PANDA_ARM.q_max if side > 0 else PANDA_ARM.q_min)[4] - side * 5e-4
-    obstacle, joint, q = rough(PANDA_ARM, knots, PANDA_ARM.home)
-    assert (obstacle, joint, q.tolist()) == (Obstacle.JOINT_LIMIT, "joint5", knots[2].tolist())
+    reason, joint, q = rough(PANDA_ARM, knots, PANDA_ARM.home)
+    assert (reason, joint, q.tolist()) == (RefusalReason.JOINT_LIMIT, "joint5", knots[2].tolist())
 
 
 def test_a_rough_path_is_near_a_singularity_or_has_too_few_knots() -> None:
     straight = np.array([0.3, 0.4, -1.2, 0.2, 0.0, 0.4])
-    for q, wanted in ((straight, Obstacle.SINGULARITY), (HINGED.home, Obstacle.PRECISION)):
+    for q, wanted in (
+        (straight, RefusalReason.SINGULARITY),
+        (HINGED.home, RefusalReason.PRECISION),
+    ):
         knots = np.tile(HINGED.home, (5, 1))
-        obstacle, joint, where = rough(HINGED, knots, q)
-        assert (obstacle, where.tolist()) == (wanted, q.tolist())
+        reason, joint, where = rough(HINGED, knots, q)
+        assert (reason, where.tolist()) == (wanted, q.tolist())
         assert joint in HINGED.robot.joints
-        if wanted is Obstacle.SINGULARITY:
+        if wanted is RefusalReason.SINGULARITY:
             assert joint in ("roll", "twist")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robo47_qp.errors import InvalidValueError, Obstacle, PlanError
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.ptp import plan_ptp
@@ -145,8 +145,8 @@ def test_a_limit_that_no_braking_keeps_is_told_with_joint_and_time() -> None:
         stop(PANDA_ARM, now, profile, DT)
     found = caught.value.rejection
     assert found is not None
-    assert (found.obstacle, found.joint, found.segment) == (
-        Obstacle.JOINT_LIMIT,
+    assert (found.reason, found.joint, found.segment) == (
+        RefusalReason.JOINT_LIMIT,
         "joint2",
         "stop",
     )

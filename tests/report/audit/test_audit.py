@@ -231,7 +231,7 @@ def test_half_the_speed_is_held_against_half_the_profile() -> None:
 
 
 def test_a_full_speed_run_is_not_a_half_speed_run(run: Run) -> None:
-    planner = replace(run.scenario.planner, speed=0.5)
+    planner = replace(run.scenario.planner, pace=0.5)
     scenario = replace(run.scenario, planner=planner)
     names = [name.split(" (")[0] for name in broken(audit(replace(run, scenario=scenario)))]
     assert names == [

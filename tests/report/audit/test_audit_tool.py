@@ -136,7 +136,7 @@ def test_the_bounds_are_those_of_the_pace_of_the_motion(run: Run) -> None:
     phases = [
         phase
         if phase.leg is None
-        else replace(phase, leg=replace(phase.leg, waypoint=replace(phase.leg.waypoint, speed=0.5)))
+        else replace(phase, leg=replace(phase.leg, waypoint=replace(phase.leg.waypoint, pace=0.5)))
         for phase in run.phases
     ]
     findings = audit(replace(run, phases=phases))
@@ -203,7 +203,7 @@ def test_what_uses_most_of_its_own_bound_is_told(run: Run) -> None:
     for phase in run.phases:
         leg = phase.leg
         if leg is not None and phase.name == "lower":
-            leg = replace(leg, waypoint=replace(leg.waypoint, speed=0.5))
+            leg = replace(leg, waypoint=replace(leg.waypoint, pace=0.5))
         phases.append(replace(phase, leg=leg))
     findings = audit(replace(run, phases=phases))
     found = finding(findings, "reference tool speed (lower)")

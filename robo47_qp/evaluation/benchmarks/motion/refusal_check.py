@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import Obstacle, PlanError, Rejection
+from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.evaluation.benchmarks.motion.asked_path import AskedPath
 from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
 from robo47_qp.motion.waypoint import Place, Waypoint
@@ -65,7 +65,7 @@ class RefusalCheck:
         if found is None:
             return self._unreached(named)
         asked = AskedPath(look.pose(q_start), waypoints, look.pose(look.home))
-        if found.obstacle is Obstacle.SHAPE:
+        if found.reason is RefusalReason.SHAPE:
             return None if asked.shapeless() else "the shape seems to be one"
         if found.q is None:
             return "no configuration is told"
@@ -98,21 +98,21 @@ class RefusalCheck:
         look, pose = self._look, np.array(found.pose)
         rng = np.random.default_rng(_SEED)
         room = _NEARBY
-        if found.obstacle is Obstacle.SINGULARITY:
+        if found.reason is RefusalReason.SINGULARITY:
             room = min(room, _RATE * float(np.abs(look.away(q, pose)).max()))
         if self._nearby(pose, q, room, rng):
             return "it is reached nearby"
-        if found.obstacle is Obstacle.JOINT_LIMIT:
+        if found.reason is RefusalReason.JOINT_LIMIT:
             return self._within(found, pose, q)
-        if found.obstacle is Obstacle.SINGULARITY:
+        if found.reason is RefusalReason.SINGULARITY:
             least = look.least_gain(q)
             return None if least < _SINGULAR else f"the least gain is {least:.3f}"
-        if found.obstacle in (Obstacle.REACH, Obstacle.BRANCH):
+        if found.reason in (RefusalReason.REACH, RefusalReason.BRANCH):
             there = look.reaches(pose, _STARTS, rng, _REACHED)
-            if (there is None) == (found.obstacle is Obstacle.REACH):
+            if (there is None) == (found.reason is RefusalReason.REACH):
                 return None
             return "the pose is not reached" if there is None else "the pose is reached"
-        return f"nothing here can confirm {found.obstacle.value}"
+        return f"nothing here can confirm {found.reason.value}"
 
     def _nearby(self, pose: Vector, q: Vector, room: float, rng: np.random.Generator) -> bool:
         """True where a configuration close by, inside the limits, reaches the pose."""
@@ -134,11 +134,11 @@ class RefusalCheck:
 
     def _sliding(self, found: Rejection, q: Vector) -> str | None:
         """Without a pose: the joint named is at its limit, or the arm is singular there."""
-        if found.obstacle is Obstacle.JOINT_LIMIT and found.joint in self._look.joints:
+        if found.reason is RefusalReason.JOINT_LIMIT and found.joint in self._look.joints:
             i = self._look.joints.index(found.joint)
             margin = min(q[i] - self._look.q_min[i], self._look.q_max[i] - q[i])
             return None if margin < _AT_LIMIT else f"{found.joint} is {margin:.4f} from its limit"
-        if found.obstacle is Obstacle.SINGULARITY:
+        if found.reason is RefusalReason.SINGULARITY:
             least = self._look.least_gain(q)
             return None if least < _SINGULAR else f"the least gain is {least:.3f}"
-        return f"nothing here can confirm {found.obstacle.value}"
+        return f"nothing here can confirm {found.reason.value}"
