@@ -17,8 +17,8 @@ from robo47_qp.cli import main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken, misplaced
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
@@ -103,7 +103,7 @@ def _near(pose: SE3, rng: np.random.Generator) -> SE3:
 
 def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tally:
     """Plan motions of one kind and look at each."""
-    arm, look, tally = Arm(robot), SecondLook(robot), Tally()
+    arm, look, tally = Arm(robot), ReferenceKinematics(robot), Tally()
     refusals = RefusalCheck(look)
     ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
     planner = Planner(ik=ik, profile=robot.profile)

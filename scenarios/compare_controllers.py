@@ -26,8 +26,8 @@ from robo47_qp.evaluation.benchmarks.control.trial import (
     PUSH,
     PUSHED_AFTER,
     Bench,
-    Condition,
     Trial,
+    TrialCondition,
 )
 from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
 from robo47_qp.files import claim, write_json
@@ -70,7 +70,7 @@ class ControllersOptions:
             raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
 
 
-def conditions(start: float) -> list[Condition]:
+def conditions(start: float) -> list[TrialCondition]:
     """All that goes wrong, one thing at a time.
 
     Args:
@@ -83,24 +83,24 @@ def conditions(start: float) -> list[Condition]:
 
     loads = {mass: _load(mass) for mass in (0.1, 0.5, 1.0)}
     return [
-        Condition(name="free"),
+        TrialCondition(name="free"),
         *(
-            Condition(name=f"payload {mass} kg", disturbance=Disturbance(payload=load))
+            TrialCondition(name=f"payload {mass} kg", disturbance=Disturbance(payload=load))
             for mass, load in loads.items()
         ),
-        Condition(
+        TrialCondition(
             name="payload 0.5 kg, told",
             disturbance=Disturbance(payload=loads[0.5]),
             told=loads[0.5],
         ),
-        *(Condition(name=f"push {f} N", disturbance=pushed(f)) for f in (10, 30, 50)),
-        Condition(name="noise", disturbance=Disturbance(noise_q=1e-4, noise_v=1e-2)),
+        *(TrialCondition(name=f"push {f} N", disturbance=pushed(f)) for f in (10, 30, 50)),
+        TrialCondition(name="noise", disturbance=Disturbance(noise_q=1e-4, noise_v=1e-2)),
         *(
-            Condition(name=f"delay {k} ms", disturbance=Disturbance(delay=k))
+            TrialCondition(name=f"delay {k} ms", disturbance=Disturbance(delay=k))
             for k in (1, 2, 3, 4, 5)
         ),
         *(
-            Condition(name=f"inertia {change:+d} %", disturbance=_heavier(change))
+            TrialCondition(name=f"inertia {change:+d} %", disturbance=_heavier(change))
             for change in (-20, 20)
         ),
     ]

@@ -8,7 +8,7 @@ from rich.console import Console
 from robo47_qp.cli import main, run_task
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 
 @dataclass(frozen=True, kw_only=True)

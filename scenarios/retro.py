@@ -125,7 +125,7 @@ def run(options: RetroOptions, console: Console) -> int:
         options.out.write_text(page + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{options.out} cannot be written: {error.strerror}.") from error
-    bad = [entry for entry in compared if not entry.verdict.good]
+    bad = [entry for entry in compared if not entry.agreement.good]
     for entry in bad:
         console.print(
             f"[bold red]not reproduced[/]  {escape(row(entry))}", highlight=False, soft_wrap=True

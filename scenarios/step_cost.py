@@ -29,7 +29,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 
 @dataclass(frozen=True, kw_only=True)

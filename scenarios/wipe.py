@@ -8,7 +8,7 @@ from rich.console import Console
 from robo47_qp.cli import main, run_task
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.wipe.board import Wish
+from robo47_qp.tasks.wipe.board import WipeSettings
 from robo47_qp.tasks.wipe.wipe import Wipe
 
 
@@ -16,13 +16,13 @@ from robo47_qp.tasks.wipe.wipe import Wipe
 class WipeOptions(RunOptions):
     """Options of this scenario."""
 
-    force: float = Wish.force
+    force: float = WipeSettings.force
     """What the sponge is pressed with [N]."""
 
 
 def run(options: WipeOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
-    task = Wipe(wish=Wish(force=options.force), force_max=3.0 * options.force)
+    task = Wipe(settings=WipeSettings(force=options.force), force_max=3.0 * options.force)
     return run_task(task, PANDA, options, console)
 
 

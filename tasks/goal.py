@@ -9,7 +9,7 @@ from mink import SE3
 
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import TABLE_TOP
 

@@ -9,7 +9,7 @@ from mink import SE3, SO3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.waypoint import tool_down
-from robo47_qp.tasks.headings import heading, quarter
+from robo47_qp.tasks.heading import heading, quarter
 
 RED, GREEN, BLUE = (0.85, 0.22, 0.18, 1.0), (0.15, 0.55, 0.30, 1.0), (0.16, 0.36, 0.75, 1.0)
 _FINGERTIP = 0.012
@@ -109,7 +109,7 @@ class Item:
         return (turn + np.pi / 2) % np.pi - np.pi / 2
 
 
-def standing(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:
+def upright_item(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:
     """An item that may have tipped over, as one that stands: its axes renamed.
 
     Args:

@@ -24,7 +24,7 @@ from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.table import add_table
 
 
@@ -85,7 +85,7 @@ class Reach:
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         pass
 
-    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
         up = SE3.from_translation(np.array([0.0, 0.0, self.rise])) @ simulation.tool_pose()
         return [
             Waypoint(name="up", target=up, motion=Motion.LIN, carried=self.carried),
@@ -93,10 +93,10 @@ class Reach:
         ]
 
     def program(self, simulation: Simulation) -> Program:
-        yield from self.outlook(simulation)
+        yield from self.preview(simulation)
         return self.ending
 
-    def notice(self, simulation: Simulation) -> None:
+    def monitor(self, simulation: Simulation) -> None:
         pass
 
     def verdict(self, simulation: Simulation) -> Failure | None:

@@ -128,7 +128,7 @@ class ControlLoop:
             )
             for observer in self.observers:
                 observer.tick(self.sim)
-            self.scenario.task.notice(self.sim)
+            self.scenario.task.monitor(self.sim)
             self._look()
             ended = until is not None and until()
         return ended

@@ -57,7 +57,7 @@ class Runner:
         """
         legs: list[Leg] = []
         q, robot = self._loop.reference.q, self.scenario.robot
-        for step in self.scenario.task.outlook(self._sim):
+        for step in self.scenario.task.preview(self._sim):
             waypoints = tuple(_waypoints(step))
             grips = [w.name for w in waypoints if w.grip is not None]
             if isinstance(step, Grasp | Release):

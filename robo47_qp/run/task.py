@@ -46,7 +46,7 @@ class Task(Protocol):
         """Put the objects at their start; the defaults where rng is None."""
         ...
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """The motions foreseen from here, so that they can be checked before moving."""
         ...
 
@@ -54,7 +54,7 @@ class Task(Protocol):
         """What to do, looking at the world as it is whenever the next step is due."""
         ...
 
-    def notice(self, simulation: Simulation) -> None:
+    def monitor(self, simulation: Simulation) -> None:
         """Look at the world, every few control periods, whoever moves the arm.
 
         What has to be so on the way and cannot be seen at the end is noted here, in the

@@ -12,16 +12,16 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.conveyor_pick.catching import Catching
+from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.handling import (
+from robo47_qp.tasks.handling.item_handler import (
     HOME,
     LOST,
-    Handling,
+    ItemHandler,
     unfinished,
 )
-from robo47_qp.tasks.handling.sightings import Sightings
-from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import RED, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
@@ -114,14 +114,14 @@ class ConveyorPick:
         simulation.place_object(self.item.name, upright(self._on_belt(lateral), turn_start))
         place_goal(simulation, goal, turn_goal)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         hand, goal = self._handling(simulation), self._goal(simulation).pose()
         x, _, z = simulation.object_pose(self.item.name).translation()
         T_world_item = upright([x, 0.0, z], 0.0)
         grasp = self.item.grasp(T_world_item, simulation.gripper.width_max)
         return [
-            self._catching(simulation).wait_above(T_world_item),
+            self._picker(simulation).wait_above(T_world_item),
             hand.carry(grasp, T_world_item, goal),
             hand.lower(grasp, T_world_item, goal),
             Release(),
@@ -134,14 +134,14 @@ class ConveyorPick:
         hand = self._handling(simulation)
         yield Wait(name="the belt starts", seconds=_STARTS)
         for attempt in range(1 + self.retries):
-            catching = self._catching(simulation)
+            picker = self._picker(simulation)
             try:
-                yield from catching.watch()
-                gone = self._gone(catching)
+                yield from picker.watch()
+                gone = self._gone(picker)
                 if gone is not None:
                     yield HOME
                     return gone
-                yield from catching.catch(self._first)
+                yield from picker.catch(self._first)
                 yield from hand.place(self._goal(simulation).pose())
             except StepFailed as error:
                 if error.failure.cause not in LOST:
@@ -156,8 +156,8 @@ class ConveyorPick:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`; the end tells all."""
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -168,17 +168,19 @@ class ConveyorPick:
         """Distance of the item's centre from its goal, in 3-D [m]."""
         return {"place_error_m": self._goal(simulation).error()}
 
-    def _handling(self, simulation: Simulation) -> Handling:
+    def _handling(self, simulation: Simulation) -> ItemHandler:
         above = TABLE_TOP + 2.0 * _BELT[2] + 0.5 * self.item.height + self.clearance
-        return Handling(simulation=simulation, item=self.item, above=above, force=self.grip_force)
+        return ItemHandler(
+            simulation=simulation, item=self.item, above=above, force=self.grip_force
+        )
 
-    def _catching(self, simulation: Simulation) -> Catching:
-        return Catching(
+    def _picker(self, simulation: Simulation) -> BeltPicker:
+        return BeltPicker(
             simulation=simulation,
             item=self.item,
             rise=self.clearance,
             force=self.grip_force,
-            sightings=Sightings(simulation, self.item.name),
+            tracker=ObjectTracker(simulation, self.item.name),
         )
 
     @property
@@ -186,9 +188,9 @@ class ConveyorPick:
         """The y where the cube is met at the earliest, in the world [m]."""
         return float(np.sign(self.speed) * _FIRST)
 
-    def _gone(self, catching: Catching) -> Failure | None:
+    def _gone(self, picker: BeltPicker) -> Failure | None:
         """Why the cube cannot be met any more; None where it can."""
-        along = np.sign(self.speed) * catching.meeting().translation()[1]
+        along = np.sign(self.speed) * picker.meeting().translation()[1]
         if along <= _LAST:
             return None
         return Failure(

@@ -13,9 +13,8 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.handling import HOME, LOST, unfinished
-from robo47_qp.tasks.headings import upright
-from robo47_qp.tasks.peg_insert.inserting import PITCH, Inserter
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, unfinished
+from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
     DEPTH,
@@ -27,6 +26,7 @@ from robo47_qp.tasks.peg_insert.peg import (
     add_block,
     set_exact_contacts,
 )
+from robo47_qp.tasks.peg_insert.peg_inserter import PITCH, PegInserter
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
 
@@ -113,8 +113,8 @@ class PegInsert:
         simulation.place_marker("hole", hole)
         simulation.place_marker("hole seen", hole @ error)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         hand = self._inserter(simulation)
         T_world_peg = simulation.object_pose(self.peg.name)
         *approach, descend = hand.approach(T_world_peg)
@@ -153,8 +153,8 @@ class PegInsert:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`; the end tells all."""
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -182,8 +182,8 @@ class PegInsert:
             "tilt_rad": float(np.arccos(np.clip(upwards, -1.0, 1.0))),
         }
 
-    def _inserter(self, simulation: Simulation) -> "Inserter":
-        return Inserter(
+    def _inserter(self, simulation: Simulation) -> "PegInserter":
+        return PegInserter(
             simulation=simulation,
             item=self.peg,
             above=TOP + LENGTH + 0.06,

@@ -14,9 +14,9 @@ from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.handling import HOME
-from robo47_qp.tasks.handling.held import Held
-from robo47_qp.tasks.headings import upright
+from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
+from robo47_qp.tasks.handling.item_handler import HOME
+from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
 
 _BOARD = (0.12, 0.18, 0.01)
@@ -119,7 +119,7 @@ class ObstacleReach:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
-        Held.remember(spec)
+        HoldCriterion.add_state(spec)
         for obstacle in self.obstacles:
             if obstacle is not TABLE:
                 add_obstacle(spec, obstacle)
@@ -138,7 +138,7 @@ class ObstacleReach:
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
-        Held.forget(simulation)
+        HoldCriterion.reset(simulation)
         behind, height, turn = self.behind, 0.15, 0.0
         depth, drop, pitch = 0.07, 0.23, 0.6
         if rng is not None:
@@ -159,8 +159,8 @@ class ObstacleReach:
         for name, pose in zip(self._targets, (down, under), strict=True):
             simulation.place_marker(name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         return [*(self._reach(simulation, name) for name in self._targets), HOME]
 
     def program(self, simulation: Simulation) -> Program:
@@ -174,9 +174,9 @@ class ObstacleReach:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`."""
-        self._held.notice(simulation, self._targets)
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self._held.monitor(simulation, self._targets)
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -187,8 +187,8 @@ class ObstacleReach:
         return self._held.measures(simulation, self._targets)
 
     @property
-    def _held(self) -> Held:
-        return Held(
+    def _held(self) -> HoldCriterion:
+        return HoldCriterion(
             position_tolerance=self.position_tolerance,
             turn_tolerance=self.turn_tolerance,
             seconds=self.seconds,

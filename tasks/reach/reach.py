@@ -15,7 +15,7 @@ from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.held import Held
+from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
 
 _DISTANCE = (0.35, 0.75)
@@ -87,7 +87,7 @@ class Reach:
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
         add_table(spec)
-        Held.remember(spec)
+        HoldCriterion.add_state(spec)
         for i in range(self.count):
             marker = spec.worldbody.add_body(name=f"pose {i + 1}", mocap=True)
             for axis in range(3):
@@ -105,7 +105,7 @@ class Reach:
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
-        Held.forget(simulation)
+        HoldCriterion.reset(simulation)
         for i, name in enumerate(self._poses):
             if rng is None:
                 position, tilt, yaw = _DEFAULT[i]
@@ -114,8 +114,8 @@ class Reach:
                 pose = _reachable(simulation, rng)
             simulation.place_marker(name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         return [step for step in self._steps(simulation) if isinstance(step, Move)]
 
     def program(self, simulation: Simulation) -> Program:
@@ -123,9 +123,9 @@ class Reach:
         yield from self._steps(simulation)
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`."""
-        self._held.notice(simulation, self._poses)
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self._held.monitor(simulation, self._poses)
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -140,8 +140,8 @@ class Reach:
         return [f"pose {i + 1}" for i in range(self.count)]
 
     @property
-    def _held(self) -> Held:
-        return Held(
+    def _held(self) -> HoldCriterion:
+        return HoldCriterion(
             position_tolerance=self.position_tolerance,
             turn_tolerance=self.angle_tolerance,
             seconds=self.seconds,

@@ -13,21 +13,21 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.handling import (
+from robo47_qp.tasks.handling.item_handler import (
     HOME,
     LOST,
-    Handling,
+    ItemHandler,
     unfinished,
 )
-from robo47_qp.tasks.handling.looking import look_all
-from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.handling.pose_estimate import estimate_poses
+from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.item import (
     BLUE,
     RED,
     Item,
-    standing,
+    upright_item,
 )
-from robo47_qp.tasks.scatter import scattered
+from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
@@ -126,14 +126,14 @@ class Sort:
         """See `Task.reset`."""
         places, turns = np.array(_START[: len(self.items)]), np.zeros(len(self.items))
         if rng is not None:
-            places = scattered(rng, _AREA, len(self.items), _APART)
+            places = random_places(rng, _AREA, len(self.items), _APART)
             turns = rng.uniform(-np.pi, np.pi, len(self.items))
         for item, (x, y), turn in zip(self.items, places, turns, strict=True):
             pose = upright([x, y, TABLE_TOP + 0.5 * item.height], turn)
             simulation.place_object(item.name, pose)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         steps: list[StepLike] = []
         taken: list[tuple[float, float]] = []
         for item in self.items:
@@ -149,7 +149,7 @@ class Sort:
         """See `Task.program`."""
         left = len(self.items) + self.retries
         while left:
-            seen = yield from look_all(simulation, [item.name for item in self.items])
+            seen = yield from estimate_poses(simulation, [item.name for item in self.items])
             loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
             if not loose:
                 break
@@ -172,8 +172,8 @@ class Sort:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`; the end tells all."""
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -195,7 +195,7 @@ class Sort:
         return {"sorted": float(sum(sorted_))}
 
     def _sort(
-        self, hand: Handling, simulation: Simulation, others: Sequence[SE3]
+        self, hand: ItemHandler, simulation: Simulation, others: Sequence[SE3]
     ) -> Generator[StepLike, None, None]:
         """Pick one and let it fall into a free slot of its bin."""
         held = yield from hand.pick()
@@ -211,11 +211,11 @@ class Sort:
     def _bin(self, item: Item) -> Bin:
         return next(place for place in self.bins if place.rgba == item.rgba)
 
-    def _hand(self, simulation: Simulation, item: Item, T_world_item: SE3) -> Handling:
-        item, turn = standing(item, T_world_item)
+    def _hand(self, simulation: Simulation, item: Item, T_world_item: SE3) -> ItemHandler:
+        item, turn = upright_item(item, T_world_item)
         on_table = TABLE_TOP + 0.5 * item.height
         stands = abs(T_world_item.translation()[2] - on_table) < _ON_TABLE
-        return Handling(
+        return ItemHandler(
             simulation=simulation,
             item=item,
             above=TABLE_TOP + self.above,

@@ -19,22 +19,22 @@ from robo47_qp.tasks.goal import (
     marked_goal,
     place_goal,
 )
-from robo47_qp.tasks.handling.handling import (
+from robo47_qp.tasks.handling.item_handler import (
     HOME,
     LOST,
-    Handling,
+    ItemHandler,
     unfinished,
 )
-from robo47_qp.tasks.handling.looking import look_all
-from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.handling.pose_estimate import estimate_poses
+from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.item import (
     BLUE,
     GREEN,
     RED,
     Item,
-    standing,
+    upright_item,
 )
-from robo47_qp.tasks.scatter import scattered
+from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
@@ -129,15 +129,15 @@ class Stack:
         turns = np.zeros(1 + len(self.cubes))
         if rng is not None:
             goal = np.array([rng.uniform(*limits) for limits in _GOALS])
-            places = scattered(rng, _AREA, len(self.cubes), _APART, (goal, _CLEAR))
+            places = random_places(rng, _AREA, len(self.cubes), _APART, (goal, _CLEAR))
             turns = rng.uniform(-np.pi, np.pi, len(turns))
         place_goal(simulation, goal, turns[-1])
         for cube, (x, y), turn in zip(self.cubes, places, turns, strict=False):
             height = TABLE_TOP + 0.5 * self.edge
             simulation.place_object(cube.name, upright([x, y, height], turn))
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         steps: list[StepLike] = []
         tower = self._tower(simulation)
         for level, cube in enumerate(self.cubes):
@@ -151,7 +151,7 @@ class Stack:
         tower = self._tower(simulation)
         left = len(self.cubes) + self.retries
         while left:
-            seen = yield from look_all(simulation, [cube.name for cube in self.cubes])
+            seen = yield from estimate_poses(simulation, [cube.name for cube in self.cubes])
             loose = tower.loose(seen)
             if not loose:
                 break
@@ -172,8 +172,8 @@ class Stack:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`; the end tells all."""
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -200,12 +200,12 @@ class Stack:
         return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}
 
     def _add(
-        self, hand: Handling, tower: Tower, seen: dict[str, SE3]
+        self, hand: ItemHandler, tower: Tower, seen: dict[str, SE3]
     ) -> Generator[StepLike, None, None]:
         """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
         held = yield from hand.pick()
         before = tower.standing(seen)
-        now = yield from look_all(hand.simulation, before)
+        now = yield from estimate_poses(hand.simulation, before)
         goal = tower.level(len(before))
         if tower.standing(now) != before:
             T_world_cube = hand.stood(seen[hand.item.name])
@@ -213,11 +213,11 @@ class Stack:
             goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
         yield from hand.place(goal, held)
 
-    def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> Handling:
+    def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> ItemHandler:
         tower = self._tower(simulation)
         top = tower.height(len(self.cubes) - 1)
-        item, turn = standing(cube, T_world_cube)
-        return Handling(
+        item, turn = upright_item(cube, T_world_cube)
+        return ItemHandler(
             simulation=simulation,
             item=item,
             above=top + self.clearance,

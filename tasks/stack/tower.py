@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from mink import SE3
 
-from robo47_qp.tasks.headings import heading, upright
+from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.table import TABLE_TOP
 
 _IN_PLACE = 0.2

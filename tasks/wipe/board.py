@@ -7,8 +7,8 @@ import numpy as np
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.memory import add_memory, memory, put_away
 from robo47_qp.tasks.table import TABLE_TOP
+from robo47_qp.tasks.task_state import add_task_state, hide_marker, task_state
 from robo47_qp.tasks.wipe.sponge import Sponge
 
 SURFACE = TABLE_TOP + 0.03
@@ -31,8 +31,8 @@ _SLID, _OUTSIDE, _WORST, _LAST = range(4)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """How a sponge is to be led over a board."""
+class WipeSettings:
+    """Force and speed of a sponge on a board."""
 
     force: float = 10.0
     """What the sponge is pressed with [N]."""
@@ -58,7 +58,7 @@ class Wish:
 
 def add_board(spec: mujoco.MjSpec) -> None:
     """Add the board, a body that the program places, its frame in the middle of its surface."""
-    add_memory(spec, 4)
+    add_task_state(spec, 4)
     box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     board = spec.worldbody.add_body(name="board", mocap=True)
     x, y = BOARD
@@ -81,47 +81,47 @@ def add_board(spec: mujoco.MjSpec) -> None:
         )
 
 
-class Notes:
-    """What becomes of the marks, and how well the force is held, while the sponge slides.
+class WipeMonitor:
+    """Wipes marks off under the sponge and measures the force error while the sponge slides.
 
-    What it remembers is in the world: see `tasks.memory`.
+    Its state is kept in the simulation: see `tasks.task_state`.
     """
 
-    def __init__(self, simulation: Simulation, sponge: Sponge, wish: Wish) -> None:
-        """Go on with what the world remembers."""
-        self._simulation, self._sponge, self._wish = simulation, sponge, wish
+    def __init__(self, simulation: Simulation, sponge: Sponge, settings: WipeSettings) -> None:
+        """Continue from the state in the simulation."""
+        self._simulation, self._sponge, self._settings = simulation, sponge, settings
 
     def pressed(self) -> float:
         """Force of the sponge on the board [N]: that on the hand without the sponge's weight."""
         force = float(self._simulation.last_tool_force()[2])
         return force + 9.81 * self._sponge.mass
 
-    def take(self) -> None:
-        """Look once: wipe marks off, and take note of the force while the sponge slides."""
-        simulation, wish, note = self._simulation, self._wish, memory(self._simulation)
+    def update(self) -> None:
+        """Wipe marks off, and record the force error if the sponge slides."""
+        simulation, settings, note = self._simulation, self._settings, task_state(self._simulation)
         passed, note[_LAST] = simulation.time - note[_LAST], simulation.time
         force = self.pressed()
-        if force >= wish.force_least:
+        if force >= settings.force_least:
             self._wipe_off()
-        if force > 0.1 * wish.force and self._slides():
+        if force > 0.1 * settings.force and self._slides():
             note[_SLID] += passed
-            off = force - wish.force
-            if abs(off) > wish.band * wish.force:
+            off = force - settings.force
+            if abs(off) > settings.band * settings.force:
                 note[_OUTSIDE] += passed
             if abs(off) > abs(note[_WORST]):
                 note[_WORST] = off
 
     def against_force(self) -> str | None:
         """What speaks against the force having been held; None where it was."""
-        slid, outside, worst, _ = memory(self._simulation)
+        slid, outside, worst, _ = task_state(self._simulation)
         if slid == 0.0:
             return "the sponge has not been led over the board"
         if outside <= 0.01 * slid:
             return None
         return (
-            f"the force was off by more than {100 * self._wish.band:.0f} % for "
+            f"the force was off by more than {100 * self._settings.band:.0f} % for "
             f"{100 * outside / slid:.1f} % of the time of sliding, "
-            f"{self._wish.force + worst:.2f} N at worst; allowed is 1 %"
+            f"{self._settings.force + worst:.2f} N at worst; allowed is 1 %"
         )
 
     def _slides(self) -> bool:
@@ -145,7 +145,7 @@ class Notes:
         middle = np.array([0.0, 0.0, deep - _TOUCHING - 0.5 * sponge.height])
         half = np.array([0.5 * sponge.foam[0], 0.5 * sponge.foam[1], deep])
         for i in np.flatnonzero((np.abs(at - middle) <= half).all(axis=1)):
-            put_away(self._simulation, mark(int(i)))
+            hide_marker(self._simulation, mark(int(i)))
 
 
 def mark(i: int) -> str:

@@ -12,23 +12,23 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.handling import HOME, LOST
-from robo47_qp.tasks.headings import upright
-from robo47_qp.tasks.memory import memory
+from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table
+from robo47_qp.tasks.task_state import task_state
 from robo47_qp.tasks.wipe.board import (
     DIRTY,
     HEIGHT_ERROR,
     MARKS,
     SURFACE,
-    Notes,
-    Wish,
+    WipeMonitor,
+    WipeSettings,
     add_board,
     mark,
     marks_left,
 )
+from robo47_qp.tasks.wipe.board_wiper import BoardWiper
 from robo47_qp.tasks.wipe.sponge import Sponge
-from robo47_qp.tasks.wipe.wiping import Wiper
 
 _SPONGE = (0.085, 0.04, 0.065)
 
@@ -43,7 +43,7 @@ class Wipe:
     the arm home.
     """
 
-    wish: Wish = Wish()
+    settings: WipeSettings = WipeSettings()
     """How the sponge is led."""
     sponge: Sponge = field(
         default_factory=lambda: Sponge(
@@ -80,7 +80,7 @@ class Wipe:
             x, y = rng.uniform(0.35, 0.55), rng.uniform(0.24, 0.34)
             start = upright([x, y, TABLE_TOP], rng.uniform(-np.pi, np.pi))
             marks = rng.uniform(-1.0, 1.0, (MARKS, 2)) * DIRTY
-        memory(simulation)[:] = 0.0
+        task_state(simulation)[:] = 0.0
         simulation.place_marker("board", board)
         simulation.place_marker("place of the sponge", start)
         up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
@@ -89,8 +89,8 @@ class Wipe:
             place = SE3.from_translation(np.array([x, y, 0.0]))
             simulation.place_marker(mark(i), board @ place)
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:
-        """See `Task.outlook`."""
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
         hand = self._wiper(simulation)
         T_world_sponge = simulation.object_pose(self.sponge.name)
         *approach, descend = hand.approach(T_world_sponge)
@@ -128,13 +128,13 @@ class Wipe:
         yield HOME
         return None
 
-    def notice(self, simulation: Simulation) -> None:
-        """See `Task.notice`."""
-        self._notes(simulation).take()
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self._monitor(simulation).update()
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        against = self._against_end(simulation) or self._notes(simulation).against_force()
+        against = self._against_end(simulation) or self._monitor(simulation).against_force()
         return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
 
     def _against_end(self, simulation: Simulation) -> str | None:
@@ -163,19 +163,19 @@ class Wipe:
             "sponge_error_m": float(np.linalg.norm(sponge - place - up)),
         }
 
-    def _wiper(self, simulation: Simulation) -> "Wiper":
+    def _wiper(self, simulation: Simulation) -> "BoardWiper":
         above = SURFACE + 0.10 + self.sponge.height
-        return Wiper(
+        return BoardWiper(
             simulation=simulation,
             item=self.sponge,
             above=above,
             force=40.0,
-            wish=self.wish,
-            notes=self._notes(simulation),
+            settings=self.settings,
+            monitor=self._monitor(simulation),
         )
 
-    def _notes(self, simulation: Simulation) -> Notes:
-        return Notes(simulation, self.sponge, self.wish)
+    def _monitor(self, simulation: Simulation) -> WipeMonitor:
+        return WipeMonitor(simulation, self.sponge, self.settings)
 
 
 def _add_outline(spec: mujoco.MjSpec, sponge: Sponge) -> None:

@@ -58,13 +58,13 @@ class Watched(Reach):
         where = [0.5, float(rng.uniform(-0.2, 0.2)), 0.02 + self.bigger]
         simulation.place_object("brick", SE3.from_translation(np.array(where)))
 
-    def outlook(self, simulation: Simulation) -> Sequence[Any]:
+    def preview(self, simulation: Simulation) -> Sequence[Any]:
         self.start[:] = [
             *simulation.object_pose("brick").translation(),
             simulation.model.body("brick").mass[0],
             simulation.model.geom_friction[0, 0],
         ]
-        return super().outlook(simulation)
+        return super().preview(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         names = ("x", "y", "z", "mass", "friction")

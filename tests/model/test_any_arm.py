@@ -25,7 +25,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.plain_arm import PlainArm
 from tests.robots import MODELS, robot_named
 from tests.runs import Reach, no_objects
@@ -202,7 +202,7 @@ class Snatch(Reach):
     """A grip that nobody foresees."""
 
     def program(self, simulation: Simulation) -> Program:
-        up = self.outlook(simulation)[0]
+        up = self.preview(simulation)[0]
         yield replace(up, grip=Grip(width=0.0, force=1.0))
         return None
 

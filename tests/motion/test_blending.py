@@ -6,7 +6,7 @@ from mink import SE3, SO3
 
 from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
@@ -18,7 +18,7 @@ from robo47_qp.motion.paths.speed_limits import PathProfile
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
 
-ARM, DT, LOOK = Arm(PANDA), 1e-3, SecondLook(PANDA)
+ARM, DT, LOOK = Arm(PANDA), 1e-3, ReferenceKinematics(PANDA)
 PLANNER = Planner(
     ik=MultiStart(solver=LmIk(max_iterations=30, stall=Stall())), profile=PANDA.profile
 )

@@ -8,8 +8,8 @@ from mink import SE3
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
@@ -29,7 +29,7 @@ ARM, PLAIN, DT = Arm(PANDA), PlainArm(PANDA), 1e-3
 IK = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
 PLANNER = Planner(ik=IK, profile=PANDA.profile)
 START = ARM.pose(ARM.home)
-LOOK = SecondLook(PANDA)
+LOOK = ReferenceKinematics(PANDA)
 REFUSALS = RefusalCheck(LOOK)
 TOOL = PathProfile()
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.paths.blended import BlendError
@@ -16,7 +16,7 @@ from robo47_qp.motion.shortcut import Corner, cut_corners
 from robo47_qp.motion.trajectory import Trajectory
 from tests.plain_arm import PlainArm
 
-ARM, PLAIN, LOOK, DT = Arm(PANDA), PlainArm(PANDA), SecondLook(PANDA), 1e-3
+ARM, PLAIN, LOOK, DT = Arm(PANDA), PlainArm(PANDA), ReferenceKinematics(PANDA), 1e-3
 PROFILE = PANDA.profile
 
 

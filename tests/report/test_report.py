@@ -22,7 +22,7 @@ from robo47_qp.report.run_report import (
 )
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.scenario import Run
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import carry_out, picked_and_placed
 
 

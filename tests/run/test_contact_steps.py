@@ -58,7 +58,7 @@ class Bench(Reach):
         at = shifted(simulation.marker_pose("plate"), fingertips - [0.55, 0.0, PLATE])
         simulation.place_marker("plate", at)
 
-    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
         return []
 
     def program(self, simulation: Simulation) -> Program:

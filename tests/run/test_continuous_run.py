@@ -22,7 +22,7 @@ class Round(Reach):
 
     name: str = "round"
 
-    def outlook(self, simulation: Simulation) -> Sequence[StepLike]:  # type: ignore[override]
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:  # type: ignore[override]
         start = simulation.tool_pose()
 
         def at(x: float, y: float, z: float) -> SE3:
@@ -43,7 +43,7 @@ class Round(Reach):
         return [(there, round_, down), Waypoint(name="home", target=Place.HOME), alone]
 
     def program(self, simulation: Simulation) -> Program:
-        yield from self.outlook(simulation)
+        yield from self.preview(simulation)
         return None
 
 

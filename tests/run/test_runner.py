@@ -27,7 +27,7 @@ from robo47_qp.run.scenario import Run
 from robo47_qp.run.signals import all_signals
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import Reach, Witness, carry_out, make_runner, no_objects, picked_and_placed
 
 PHASES = [

@@ -14,7 +14,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows, Signal
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import Holder
 

@@ -40,7 +40,7 @@ class Written(Reach):
     writes: Writes
     name: str = "written"
 
-    def outlook(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
         return []
 
     def program(self, simulation: Simulation) -> Program:

@@ -69,7 +69,7 @@ class Past(Reach):
             body = spec.worldbody.add_body(name="post", pos=self.where, mocap=True)
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0.1, 0.0])
 
-    def outlook(self, simulation: Simulation) -> list[Waypoint]:
+    def preview(self, simulation: Simulation) -> list[Waypoint]:
         aside = shifted(simulation.tool_pose(), np.array([-0.1, 0.35, 0.0]))
         assert isinstance(aside, SE3)
         return [

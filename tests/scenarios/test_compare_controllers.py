@@ -10,7 +10,7 @@ from rich.console import Console
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.benchmarks.control.settled import settled_after
-from robo47_qp.evaluation.benchmarks.control.trial import Bench, Condition
+from robo47_qp.evaluation.benchmarks.control.trial import Bench, TrialCondition
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance
 from scenarios import compare_controllers as scenario
@@ -63,14 +63,14 @@ def test_a_condition_that_does_not_exist_is_named(tmp_path: Path) -> None:
 def test_a_controller_that_is_too_late_is_called_unstable() -> None:
     bench = Bench(PANDA, [0.1] * 7)
     stiff = JointImpedance(stiffness_scale=4.0)
-    late = Condition(name="late", disturbance=Disturbance(delay=25))
+    late = TrialCondition(name="late", disturbance=Disturbance(delay=25))
     assert not bench.run("stiff", stiff, late).stable
-    assert bench.run("stiff", stiff, Condition(name="free")).stable
+    assert bench.run("stiff", stiff, TrialCondition(name="free")).stable
 
 
 def test_the_same_noise_for_everyone_and_the_same_result_twice() -> None:
     bench = Bench(PANDA, [0.1] * 7)
-    noise = Condition(name="noise", disturbance=Disturbance(noise_q=1e-4), seed=3)
+    noise = TrialCondition(name="noise", disturbance=Disturbance(noise_q=1e-4), seed=3)
     plain = JointImpedance(feed_forward=FeedForward.GRAVITY)
     first, second = (bench.run("g", plain, noise) for _ in range(2))
     assert first.joint_errors.tolist() == second.joint_errors.tolist()

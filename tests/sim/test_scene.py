@@ -12,7 +12,7 @@ from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.contact import contact_sensor
 from robo47_qp.sim.scene import compile_scene, free_bodies, mocap_bodies
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import no_objects
 

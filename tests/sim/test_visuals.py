@@ -15,7 +15,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import robot_or_skip
 from tests.runs import make_runner, no_objects, picked_and_placed
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.tasks.headings import heading, upright
-from robo47_qp.tasks.item import Item, standing
+from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.item import Item, upright_item
 
 ANGLES = st.floats(-np.pi, np.pi)
 BAR = Item(name="bar", size=(0.03, 0.05, 0.04), mass=0.2)
@@ -69,7 +69,7 @@ def test_an_item_that_tipped_over_stands_by_other_names(
     if axis == (1, 1, 0) and quarters % 2:
         return  # On a corner: no side is down.
     T_world_item = SE3.from_rotation(SO3.from_z_radians(turn) @ SO3.exp(tip))
-    found, T_item_standing = standing(item, T_world_item)
+    found, T_item_standing = upright_item(item, T_world_item)
     T_world_standing = T_world_item @ T_item_standing
     np.testing.assert_allclose(T_world_standing.rotation().as_matrix()[:, 2], [0, 0, 1], atol=1e-9)
     # The same corners in the world: nothing but the names of the axes has changed.
@@ -83,7 +83,7 @@ def test_an_item_that_tipped_over_stands_by_other_names(
 
 
 def test_an_item_that_stands_is_left_as_it_is() -> None:
-    found, T_item_standing = standing(BAR, upright([0.1, 0.2, 0.3], 2.0))
+    found, T_item_standing = upright_item(BAR, upright([0.1, 0.2, 0.3], 2.0))
     assert found is BAR
     np.testing.assert_array_equal(T_item_standing.wxyz_xyz, SE3.identity().wxyz_xyz)
 

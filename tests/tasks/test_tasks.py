@@ -80,7 +80,7 @@ def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str)
     for marker in simulation.markers:
         simulation.place_marker(marker, simulation.tool_pose())
     for _ in range(3):
-        task.notice(simulation)
+        task.monitor(simulation)
     np.testing.assert_array_equal(state(simulation, rest), before)
     # A reset forgets it all.
     simulation.reset()

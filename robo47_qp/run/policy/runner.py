@@ -48,7 +48,7 @@ def check_judged(task: Task, simulation: Simulation) -> None:
 
     Raises:
         InvalidValueError: The verdict is success before anything has moved. What counts may be a
-            condition of the task's own program: `Task.notice` is where to judge it for everybody.
+            condition of the task's own program: `Task.monitor` is where to judge it for everybody.
     """
     simulation.reset()
     task.reset(simulation, None)

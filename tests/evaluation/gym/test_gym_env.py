@@ -22,7 +22,7 @@ from robo47_qp.run.policy.policy import (
 )
 from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
 from tests.robots import robot_named
 from tests.runs import Reach

@@ -17,7 +17,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.report.audit.test_audit import broken, finding, with_value
 from tests.runs import Reach, no_objects, picked_and_placed
 from tests.small_robots import at

@@ -30,7 +30,7 @@ from robo47_qp.report.rerun.scene import body_shapes, undrawn
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
 
 Table: TypeAlias = dict[str, list[Any]]

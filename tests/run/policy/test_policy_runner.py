@@ -27,7 +27,7 @@ from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
 from scenarios.policies.hold_poses import HoldPoses
 from scenarios.policies.pick_and_place import PickAndPlace

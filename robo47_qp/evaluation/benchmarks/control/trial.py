@@ -32,7 +32,7 @@ _CALM = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Condition:
+class TrialCondition:
     """What is wrong, by name."""
 
     name: str
@@ -91,7 +91,7 @@ class Bench:
         self._goal = self.way.end
         self._tool = np.array([self.arm.pose(q).translation() for q in self.way.q])
 
-    def run(self, name: str, controller: Controller, condition: Condition) -> Trial:
+    def run(self, name: str, controller: Controller, condition: TrialCondition) -> Trial:
         """Make the motion once."""
         rng = np.random.default_rng(condition.seed)
         sim = DisturbedSimulation(self.robot, _nothing, condition.disturbance, rng)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT, Verdict
+from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT, IkVerdict
 from robo47_qp.evaluation.benchmarks.ik.targets import TargetSet
 
 RAISED = "RAISED"
@@ -28,7 +28,7 @@ class Answer(NamedTuple):
     restarts: int
     seconds: float
     """Processor time of the call, taken outside the solver."""
-    verdict: Verdict
+    verdict: IkVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

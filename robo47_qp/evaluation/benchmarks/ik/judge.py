@@ -19,7 +19,7 @@ TIGHT = Tolerance(position=1e-4, orientation=1e-3)
 """0.1 mm and 1 mrad."""
 
 
-class Verdict(NamedTuple):
+class IkVerdict(NamedTuple):
     """What a configuration does, measured."""
 
     position_error: float
@@ -47,7 +47,7 @@ class Verdict(NamedTuple):
         return self.penetration <= 0.0
 
 
-_NO_ANSWER = Verdict(np.inf, np.inf, 0.0, 0.0, None)
+_NO_ANSWER = IkVerdict(np.inf, np.inf, 0.0, 0.0, None)
 
 
 class Judge:
@@ -74,7 +74,7 @@ class Judge:
         self._place(np.asarray(robot.home))
         self._built_in = frozenset(pair for pair, _ in self._contacts())
 
-    def verdict(self, T_world_target: SE3, q: ArrayLike) -> Verdict:
+    def verdict(self, T_world_target: SE3, q: ArrayLike) -> IkVerdict:
         """Judge a configuration; one that is no finite vector of n joints is no answer."""
         values = np.asarray(q, dtype=np.float64)
         target = np.asarray(getattr(T_world_target, "wxyz_xyz", ()), dtype=np.float64)
@@ -87,7 +87,7 @@ class Judge:
         for geoms, distance in self._contacts():
             if -distance > depth:
                 depth, pair = -distance, self._bodies(geoms)
-        return Verdict(position, angle, max(0.0, excess), depth, pair)
+        return IkVerdict(position, angle, max(0.0, excess), depth, pair)
 
     def _place(self, q: Vector) -> None:
         self._data.qpos[:] = self._model.qpos0

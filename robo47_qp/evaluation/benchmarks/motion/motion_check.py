@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.motion.asked_path import AskedPath
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
+from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.waypoint import Place, Waypoint
@@ -19,7 +19,7 @@ _EVERY = 5
 """Of the samples, this share is looked at for the place of the tool."""
 
 
-def broken(look: SecondLook, legs: Sequence[Leg], profile: MotionProfile) -> list[str]:
+def broken(look: ReferenceKinematics, legs: Sequence[Leg], profile: MotionProfile) -> list[str]:
     """Promises that a motion breaks, by its samples and by differences of its positions alone.
 
     Args:
@@ -58,7 +58,7 @@ def broken(look: SecondLook, legs: Sequence[Leg], profile: MotionProfile) -> lis
 
 
 def misplaced(
-    look: SecondLook, legs: Sequence[Leg], q_start: Vector, waypoints: Sequence[Waypoint]
+    look: ReferenceKinematics, legs: Sequence[Leg], q_start: Vector, waypoints: Sequence[Waypoint]
 ) -> tuple[list[str], float]:
     """What the tool of a planned motion misses, and how far it is off its lines and arcs [m].
 
@@ -68,7 +68,7 @@ def misplaced(
         q_start: Where it was to start (n,) [rad].
         waypoints: What was asked for.
     """
-    asked = AskedPath(look.pose(q_start), waypoints, look.pose(look.home))
+    asked = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
     q = np.vstack([legs[0].trajectory.q[:1], *(leg.trajectory.q[1:] for leg in legs)])
     found = []
     if not np.array_equal(q[0], q_start):

@@ -6,8 +6,8 @@ import numpy as np
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError, RefusalReason, Rejection
-from robo47_qp.evaluation.benchmarks.motion.asked_path import AskedPath
-from robo47_qp.evaluation.benchmarks.motion.second_look import SecondLook
+from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.motion.waypoint import Place, Waypoint
 
 _ON_PATH = 2e-5
@@ -46,7 +46,7 @@ class RefusalCheck:
     Collisions, paces and precision are confirmed by nothing here.
     """
 
-    def __init__(self, look: SecondLook) -> None:
+    def __init__(self, look: ReferenceKinematics) -> None:
         """Of one robot."""
         self._look = look
 
@@ -64,7 +64,7 @@ class RefusalCheck:
             return f"no waypoint is called {error.waypoint!r}"
         if found is None:
             return self._unreached(named)
-        asked = AskedPath(look.pose(q_start), waypoints, look.pose(look.home))
+        asked = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
         if found.reason is RefusalReason.SHAPE:
             return None if asked.shapeless() else "the shape seems to be one"
         if found.q is None:
@@ -81,7 +81,7 @@ class RefusalCheck:
         there = self._look.reaches(waypoint.target.wxyz_xyz, _STARTS, rng, _REACHED)
         return None if there is None else "the pose is reached"
 
-    def _misplaced(self, asked: AskedPath, found: Rejection, q: Vector) -> str | None:
+    def _misplaced(self, asked: CommandedPath, found: Rejection, q: Vector) -> str | None:
         look, pose = self._look, np.array(found.pose)
         if not look.inside(q):
             return "the configuration before is outside the limits"

@@ -11,7 +11,7 @@ FLOOR = 1e-9
 """Differences up to this are rounding, whatever their share: a nanometre, a nanoradian, ... ."""
 
 
-class Verdict(Enum):
+class Agreement(Enum):
     """What became of one figure."""
 
     IDENTICAL = "identical"
@@ -34,7 +34,7 @@ class Verdict(Enum):
     @property
     def good(self) -> bool:
         """True where the figure was reproduced, or need not be."""
-        return self in (Verdict.IDENTICAL, Verdict.WITHIN, Verdict.UNJUDGED)
+        return self in (Agreement.IDENTICAL, Agreement.WITHIN, Agreement.UNJUDGED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class Compared:
     """None where it was not kept."""
     measured: float | None
     """None where it was not measured."""
-    verdict: Verdict
+    agreement: Agreement
 
     @property
     def difference(self) -> float | None:
@@ -84,7 +84,7 @@ def compare(
             name=name,
             kept=kept.get(name),
             measured=measured.get(name),
-            verdict=_verdict(
+            agreement=_agreement(
                 kept.get(name), measured.get(name), same_machine, name not in unjudged
             ),
         )
@@ -92,17 +92,17 @@ def compare(
     ]
 
 
-def _verdict(
+def _agreement(
     kept: float | None, measured: float | None, same_machine: bool, judged: bool
-) -> Verdict:
+) -> Agreement:
     if kept is None or measured is None:
-        return Verdict.NEW if kept is None else Verdict.MISSING
+        return Agreement.NEW if kept is None else Agreement.MISSING
     if not (isfinite(kept) and isfinite(measured)):
-        return Verdict.NOT_A_NUMBER
+        return Agreement.NOT_A_NUMBER
     if not judged:
-        return Verdict.UNJUDGED
+        return Agreement.UNJUDGED
     if measured == kept:
-        return Verdict.IDENTICAL
+        return Agreement.IDENTICAL
     if abs(measured - kept) > max(BAR * abs(kept), FLOOR):
-        return Verdict.BEYOND
-    return Verdict.CHANGED if same_machine else Verdict.WITHIN
+        return Agreement.BEYOND
+    return Agreement.CHANGED if same_machine else Agreement.WITHIN

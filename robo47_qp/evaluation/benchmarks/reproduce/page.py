@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from robo47_qp.evaluation.benchmarks.reproduce.comparison import (
     BAR,
     FLOOR,
+    Agreement,
     Compared,
-    Verdict,
 )
 
 _HEAD = ("| figure | kept | measured | difference | verdict |", "|---|--:|--:|--:|---|")
@@ -52,11 +52,11 @@ def comparison_page(
 
 def outcome(compared: Sequence[Compared]) -> str:
     """The answer in one sentence."""
-    verdicts = [entry.verdict for entry in _split(compared)[0]]
+    verdicts = [entry.agreement for entry in _split(compared)[0]]
     bad = sum(not verdict.good for verdict in verdicts)
     if bad:
         return f"No: {bad} of {len(verdicts)} figures were not reproduced."
-    identical = verdicts.count(Verdict.IDENTICAL)
+    identical = verdicts.count(Agreement.IDENTICAL)
     if identical == len(verdicts):
         return f"Yes: all {identical} figures are identical to the bit."
     return f"Yes: {identical} of {len(verdicts)} figures are identical, the others within the bar."
@@ -71,7 +71,7 @@ def row(entry: Compared) -> str:
         change = "none"
     else:
         change = f"{100 * entry.difference:+.2g} %" if entry.difference else "0"
-    return " | ".join([entry.name, kept, measured, change, entry.verdict.value])
+    return " | ".join([entry.name, kept, measured, change, entry.agreement.value])
 
 
 def _bar(other: Sequence[str]) -> str:
@@ -92,8 +92,8 @@ def _bar(other: Sequence[str]) -> str:
 
 
 def _split(compared: Sequence[Compared]) -> tuple[list[Compared], list[Compared]]:
-    told = [entry for entry in compared if entry.verdict is Verdict.UNJUDGED]
-    return [entry for entry in compared if entry.verdict is not Verdict.UNJUDGED], told
+    told = [entry for entry in compared if entry.agreement is Agreement.UNJUDGED]
+    return [entry for entry in compared if entry.agreement is not Agreement.UNJUDGED], told
 
 
 def _all(*machines: Mapping[str, str]) -> list[str]:

@@ -10,8 +10,8 @@ from robo47_qp.arrays import Vector
 from robo47_qp.evaluation.benchmarks.ik.judge import (
     LOOSE,
     TIGHT,
+    IkVerdict,
     Judge,
-    Verdict,
 )
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.model.arm import Arm
@@ -154,7 +154,7 @@ def test_no_pose_is_never_reached() -> None:
 
 
 def test_a_verdict_needs_all_three() -> None:
-    fine = Verdict(0.0, 0.0, 0.0, 0.0, None)
+    fine = IkVerdict(0.0, 0.0, 0.0, 0.0, None)
     assert fine.within(TIGHT)
     assert not fine._replace(position_error=1.0).within(LOOSE)
     assert not fine._replace(orientation_error=1.0).within(LOOSE)

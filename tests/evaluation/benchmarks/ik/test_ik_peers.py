@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from robo47_qp.errors import MissingExtraError
-from robo47_qp.evaluation.benchmarks.ik.peers.chain import Chain, chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import KinematicChain, kinematic_chain
 from robo47_qp.ik.solver import Reason
 from robo47_qp.model.arm import Arm
 
@@ -29,11 +29,11 @@ PEERS = {
 def peer(request: pytest.FixtureRequest) -> tuple[ModuleType, Any]:
     library, name = PEERS[request.param]
     pytest.importorskip(library, reason=f"{library} is not installed: extra peers")
-    module = importlib.import_module(f"robo47_qp.ik.peers.{request.param}")
+    module = importlib.import_module(f"robo47_qp.evaluation.benchmarks.ik.peers.{request.param}")
     return module, getattr(module, name)
 
 
-def product_of_exponentials(chain: Chain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def product_of_exponentials(chain: KinematicChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
     T = np.eye(4)
     for anchor, axis, slides, value in zip(chain.anchors, chain.axes, chain.slides, q, strict=True):
         twist = np.zeros((4, 4))
@@ -49,7 +49,7 @@ def product_of_exponentials(chain: Chain, q: NDArray[np.float64]) -> NDArray[np.
 
 
 def test_the_chain_is_the_arm(arm: Arm, rng: np.random.Generator) -> None:
-    chain = chain_of(arm)
+    chain = kinematic_chain(arm)
     for q in rng.uniform(arm.q_min, arm.q_max, (20, arm.n)):
         T = product_of_exponentials(chain, q)
         np.testing.assert_allclose(T, arm.pose(q).as_matrix(), atol=1e-12)
@@ -57,7 +57,7 @@ def test_the_chain_is_the_arm(arm: Arm, rng: np.random.Generator) -> None:
 
 def test_the_urdf_is_the_arm_as_mujoco_reads_it(arm: Arm, rng: np.random.Generator) -> None:
     keep = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco></robot>'
-    model = mujoco.MjModel.from_xml_string(chain_of(arm).urdf().replace("</robot>", keep))
+    model = mujoco.MjModel.from_xml_string(kinematic_chain(arm).urdf().replace("</robot>", keep))
     data, tip = mujoco.MjData(model), model.body("tip").id
     np.testing.assert_allclose(model.jnt_range, np.column_stack([arm.q_min, arm.q_max]))
     for q in rng.uniform(arm.q_min, arm.q_max, (20, arm.n)):
@@ -95,7 +95,7 @@ def test_a_missing_peer_says_what_to_install(name: str) -> None:
     library, kind = PEERS[name]
     if find_spec(library) is not None:
         pytest.skip(f"{library} is installed")
-    module = importlib.import_module(f"robo47_qp.ik.peers.{name}")
+    module = importlib.import_module(f"robo47_qp.evaluation.benchmarks.ik.peers.{name}")
     with pytest.raises(MissingExtraError, match=r"pip install 'robo47_qp\[peers\]'") as caught:
         getattr(module, kind)()
     assert kind in str(caught.value)

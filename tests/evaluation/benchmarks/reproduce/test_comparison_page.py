@@ -8,7 +8,7 @@ from robo47_qp.evaluation.benchmarks.reproduce.page import comparison_page, outc
 HERE = {"processor": "x", "numpy": "2"}
 
 
-def test_both_columns_stand_beside_difference_and_verdict() -> None:
+def test_both_columns_stand_beside_difference_and_agreement() -> None:
     (entry,) = compare({"a_s": 0.25}, {"a_s": 0.248}, same_machine=False)
     assert row(entry) == "a_s | 0.25 | 0.248 | -0.8 % | within the bar"
     (entry,) = compare({"a_s": 0.25}, {}, same_machine=False)

@@ -11,7 +11,7 @@ from mink import SE3
 from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.ik.peers.chain import TIP, chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import TIP, kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import (
     IkResult,
@@ -63,7 +63,7 @@ class _Drake:
         self._ik: Any = import_module("pydrake.multibody.inverse_kinematics")
         self._math: Any = import_module("pydrake.math")
         plant = plant_module.MultibodyPlant(0.0)
-        parsing.Parser(plant).AddModelsFromString(chain_of(arm).urdf(), "urdf")
+        parsing.Parser(plant).AddModelsFromString(kinematic_chain(arm).urdf(), "urdf")
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
         plant.Finalize()
         joints = [plant.get_joint(i) for i in plant.GetJointIndices()]

@@ -12,7 +12,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.ik.peers.chain import BASE, TIP, chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import BASE, TIP, kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import (
     IkResult,
@@ -62,7 +62,7 @@ def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:
     optik: Any = import_module("optik")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
-        path.write_text(chain_of(arm).urdf(), encoding="utf-8")
+        path.write_text(kinematic_chain(arm).urdf(), encoding="utf-8")
         robot = optik.Robot.from_urdf_file(str(path), BASE, TIP)
     robot.set_parallelism(1)
     config = optik.SolverConfig(

@@ -10,7 +10,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.ik.peers.chain import TIP, chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import TIP, kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import (
     IkResult,
@@ -69,7 +69,7 @@ class _Pink:
         self._limits: Any = import_module("pink.limits")
         self._no_solution: Any = import_module("pink.exceptions").NoSolutionFound
         self._pin: Any = import_module("pinocchio")
-        model = self._pin.buildModelFromXML(chain_of(arm).urdf())
+        model = self._pin.buildModelFromXML(kinematic_chain(arm).urdf())
         self._model, self._data = model, model.createData()
         self._q_min, self._q_max = arm.q_min, arm.q_max
         self._pose = tasks.FrameTask(TIP, 1.0, 1.0, lm_damping=lm_damping)

@@ -10,7 +10,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.evaluation.benchmarks.ik.peers.chain import chain_of
+from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import (
     IkResult,
@@ -63,7 +63,7 @@ class ToolboxIk:
 def _ets(arm: Arm) -> Any:
     """Constant transforms and joints about their own z axes, in turn."""
     toolbox: Any = import_module("roboticstoolbox")
-    chain, elements, T_before = chain_of(arm), [], np.eye(4)
+    chain, elements, T_before = kinematic_chain(arm), [], np.eye(4)
     for i, (anchor, axis) in enumerate(zip(chain.anchors, chain.axes, strict=True)):
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = _with_z(axis), anchor

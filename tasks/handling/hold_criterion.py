@@ -1,0 +1,133 @@
+"""Hold criterion: whether the tool is held at a pose, and which poses it has held in turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.steps import Condition
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.task_state import (
+    add_task_state,
+    hide_marker,
+    is_visible,
+    task_state,
+)
+
+_HOME = 0.01
+"""Largest distance of a joint from home at the end [rad]."""
+_ROUNDING = 1e-6
+"""Slack for sums of control periods [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldCriterion:
+    """The conditions under which a pose counts as held.
+
+    Poses are to be held in order. Each has a marker, which is hidden once its pose was held.
+    """
+
+    position_tolerance: float
+    """Largest distance of the tool point from the pose [m]."""
+    turn_tolerance: float
+    """Largest angle between the tool and the pose [rad]."""
+    seconds: float
+    """Uninterrupted time at the pose [s]."""
+    speed: float = inf
+    """Largest joint speed [rad/s]; inf if only the tolerances count."""
+
+    @staticmethod
+    def add_state(spec: mujoco.MjSpec) -> None:
+        """Reserve task state in a scene for the time since when the tool has been at the pose."""
+        add_task_state(spec, 1)
+
+    @staticmethod
+    def reset(simulation: Simulation) -> None:
+        """Clear the task state, for a new episode."""
+        task_state(simulation)[:] = 0.0
+
+    def monitor(self, simulation: Simulation, markers: Sequence[str]) -> None:
+        """Check the first pose that is left, and hide its marker once it was held."""
+        marker = next((name for name in markers if is_visible(simulation, name)), None)
+        if marker is None:
+            return
+        note = task_state(simulation)
+        if not self._rests(simulation, simulation.marker_pose(marker)):
+            # `monitor` is never called at time 0, so 0 means "not there".
+            note[0] = 0.0
+            return
+        if note[0] == 0.0:
+            note[0] = simulation.time
+        if simulation.time - note[0] >= self.seconds - _ROUNDING:
+            hide_marker(simulation, marker)
+            note[0] = 0.0
+
+    def condition(self, simulation: Simulation, marker: str) -> Condition:
+        """Return the condition that the tool is held at the pose of a marker.
+
+        Once the marker is hidden, its last visible pose counts. It must be visible now.
+        """
+        goal = simulation.marker_pose(marker)
+
+        def against() -> str | None:
+            nonlocal goal
+            if is_visible(simulation, marker):
+                goal = simulation.marker_pose(marker)
+            return self._against(simulation, marker, goal)
+
+        name = f"the tool is at rest at {marker}"
+        return Condition(name=name, cause=Cause.TRACK, against=against)
+
+    def verdict(self, simulation: Simulation, markers: Sequence[str]) -> Failure | None:
+        """Return why not all poses were held or the arm is not home; None on success."""
+        measures = self.measures(simulation, markers)
+        left, away = round(measures["poses_left"]), measures["home_error_rad"]
+        against = []
+        if left:
+            against.append(
+                f"{left} of {len(markers)} poses are left, {markers[-left]} the first: each is to "
+                f"be held for {self.seconds:.2f} s within {self._allowed}"
+            )
+        if away > _HOME:
+            against.append(f"a joint is {away:.3f} rad from home; allowed are {_HOME} rad")
+        return Failure(cause=Cause.PLACE, evidence=", and ".join(against)) if against else None
+
+    def measures(self, simulation: Simulation, markers: Sequence[str]) -> dict[str, float]:
+        """Number of poses left [-] and largest distance of a joint from home [rad]."""
+        q = simulation.true_state().q
+        return {
+            "poses_left": float(sum(is_visible(simulation, name) for name in markers)),
+            "home_error_rad": float(np.abs(q - simulation.robot.home).max()),
+        }
+
+    def _rests(self, simulation: Simulation, goal: SE3) -> bool:
+        """Same as `_against`, but fast if the tool is far away."""
+        off = goal.translation() - simulation.tool_pose().translation()
+        if float(off @ off) > (2.0 * self.position_tolerance) ** 2:
+            return False
+        return self._against(simulation, "", goal) is None
+
+    def _against(self, simulation: Simulation, marker: str, T_world_goal: SE3) -> str | None:
+        T_goal_tcp = T_world_goal.inverse() @ simulation.tool_pose()
+        off = float(np.linalg.norm(T_goal_tcp.translation()))
+        turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
+        speed = float(np.abs(simulation.true_state().v).max())
+        if off <= self.position_tolerance and turn <= self.turn_tolerance and speed <= self.speed:
+            return None
+        return (
+            f"the tool is {1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {marker}, the "
+            f"fastest joint moves at {1e3 * speed:.1f} mrad/s; allowed are {self._allowed}"
+        )
+
+    @property
+    def _allowed(self) -> str:
+        tolerances = (
+            f"{1e3 * self.position_tolerance:.2f} mm, {np.rad2deg(self.turn_tolerance):.2f}°"
+        )
+        return (
+            tolerances if self.speed == inf else f"{tolerances} and {1e3 * self.speed:.1f} mrad/s"
+        )

@@ -1,0 +1,243 @@
+"""ItemHandler: the steps that pick an item and put it somewhere."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import (
+    Condition,
+    Grasp,
+    Move,
+    Release,
+    StepLike,
+)
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
+from robo47_qp.tasks.handling.grasp_check import GraspCheck
+from robo47_qp.tasks.handling.mass_measurement import measure_mass
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.heading import heading
+from robo47_qp.tasks.item import Item, turned_about_vertical
+
+LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
+"""Failures after which it makes sense to look where the item is and to try again."""
+UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
+"""Failures before a step has begun."""
+HOME = Waypoint(name="home", target=Place.HOME)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldItem:
+    """What is known of an item from when it was picked."""
+
+    above: float | None
+    """Height of its centre above the tool point, where that is known [m]."""
+    mass: float
+    """[kg]"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ItemHandler:
+    """Picks and places one item of one world with the tool pointing down."""
+
+    simulation: Simulation
+    item: Item
+    above: float
+    """Height of the tool as it comes and goes, in the world [m]."""
+    force: float = 30.0
+    """Of one finger [N]."""
+    opening: float | None = None
+    """How far the fingers open from the item to let go of it [m]; None opens them fully."""
+    resting: float | None = None
+    """Height of the item's centre in the world before it is picked, where that is known: what it
+    stands on is known better than a noisy camera sees it [m]."""
+    T_item_standing: SE3 | None = None
+    """Turn of an item that has tipped over: from its own frame to that of `item`, with z up."""
+
+    def pick(self) -> Generator[StepLike, None, HeldItem]:
+        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up."""
+        T_world_item = yield from self._look(self.resting)
+        yield from self.approach(T_world_item)
+        held = (self._held(Cause.GRASP),)
+        grasp = Grasp(name="close gripper", force=self.force, after=held)
+        yield from compliant_grasp(self.simulation, self.item, T_world_item, grasp)
+        height = float(self.simulation.tool_pose().translation()[2])
+        hand = yield from self._weighed()
+        yield hand.lift(self.simulation.tool_pose(), self._seen())
+        above = None if self.resting is None else self.resting - height
+        return HeldItem(above=above, mass=hand.item.mass)
+
+    def holding(self, held: HeldItem | None) -> Self:
+        """With what is known of the item since it was picked."""
+        return self if held is None else replace(self, item=replace(self.item, mass=held.mass))
+
+    def place(
+        self, T_world_goal: SE3, held: HeldItem | None = None
+    ) -> Generator[StepLike, None, None]:
+        """Carry the item to a pose and let go of it; fails with DROP on the way.
+
+        Args:
+            T_world_goal: Pose of the item where it is let go.
+            held: What `pick` returned.
+        """
+        hand = self.holding(held)
+        T_world_item = yield from self.look_held(held)
+        T_world_tcp = self.simulation.tool_pose()
+        yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
+        # It may have turned between the fingers on the way.
+        T_world_item = yield from self.look_held(held)
+        T_world_tcp = self.simulation.tool_pose()
+        lower = hand.lower(T_world_tcp, T_world_item, T_world_goal)
+        try:
+            yield lower
+        except StepFailed as error:
+            if error.failure.cause not in UNPLANNED:
+                raise
+            # As it has turned, the line would leave a joint's limits: come down in another branch.
+            yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
+            yield lower
+        yield self.release()
+
+    def look_held(self, held: HeldItem | None) -> Generator[StepLike, None, SE3]:
+        """Where the item is, as one that stands, while it is held; `held` as in `place`."""
+        height = None
+        if held is not None and held.above is not None:
+            height = float(self.simulation.tool_pose().translation()[2]) + held.above
+        T_world_item = yield from self._look(height)
+        return T_world_item
+
+    def _weighed(self) -> Generator[StepLike, None, Self]:
+        """With the mass that the item has, where that is not known."""
+        sim = self.simulation
+        if sim.weights_known:
+            return self
+        payload = self.item.payload(sim.tool_pose().inverse() @ self._seen())
+        mass = yield from measure_mass(sim, self.item.name, payload, self._held(Cause.GRASP))
+        return self.holding(HeldItem(above=None, mass=mass))
+
+    def _look(self, height: float | None) -> Generator[StepLike, None, SE3]:
+        T_world_item = yield from estimate_pose(self.simulation, self.item.name, height)
+        return self.stood(T_world_item)
+
+    def release(self) -> Release:
+        """Let go of the item."""
+        if self.opening is None:
+            return Release()
+        widest = self.simulation.gripper.width_max
+        return Release(width=min(self.simulation.width() + self.opening, widest))
+
+    def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[StepLike]:
+        """The steps from above the item at one pose to above it at another."""
+        *approach, descend = self.approach(T_world_item)
+        grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        return [
+            *approach,
+            descend,
+            self.lift(grasp, T_world_item),
+            self.carry(grasp, T_world_item, T_world_goal),
+            self.lower(grasp, T_world_item, T_world_goal),
+            Release(),
+            self.retreat(self.release_pose(grasp, T_world_item, T_world_goal)),
+        ]
+
+    def retreat(self, T_world_tcp: SE3) -> Waypoint:
+        """Straight up from a pose."""
+        return self._line("retreat", self._up(T_world_tcp))
+
+    def back_off(self) -> Generator[StepLike, None, None]:
+        """Up and away from what went wrong, gripper open for the next time."""
+        yield self._line("back off", self._up(self.simulation.tool_pose()))
+        yield Release(name="open gripper")
+
+    def approach(self, T_world_item: SE3) -> list[Waypoint]:
+        """To above the item and down to it."""
+        grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        descend, up = self._line("descend", grasp), self._up(grasp)
+        # What leads down does not always lead up again: near a fold the way back may differ.
+        onward = (descend, self._line("lift", up))
+        return [Waypoint(name="approach", target=up, onward=onward), descend]
+
+    def lift(self, T_world_tcp: SE3, T_world_item: SE3) -> Move:
+        """Straight up with the item."""
+        return self._carrying(
+            Waypoint(
+                name="lift",
+                target=self._up(T_world_tcp),
+                motion=Motion.LIN,
+                carried=self.item.payload(T_world_tcp.inverse() @ T_world_item),
+            )
+        )
+
+    def carry(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
+        """To above the place from which the item can be lowered to its goal."""
+        lower = self.lower(T_world_tcp, T_world_item, T_world_goal).waypoints[0]
+        target = self._up(self.release_pose(T_world_tcp, T_world_item, T_world_goal))
+        onward = (lower, self._line("retreat", target))
+        return self._carrying(
+            Waypoint(name="carry", target=target, carried=lower.carried, onward=onward)
+        )
+
+    def lower(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
+        """Straight down, until the item is at its goal."""
+        return self._carrying(
+            Waypoint(
+                name="lower",
+                target=self.release_pose(T_world_tcp, T_world_item, T_world_goal),
+                motion=Motion.LIN,
+                carried=self.item.payload(T_world_tcp.inverse() @ T_world_item),
+            )
+        )
+
+    def release_pose(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> SE3:
+        """T_world_tcp with the item at its goal, held as it is held now, the wrist turned least."""
+        tool, item, goal = (heading(T) for T in (T_world_tcp, T_world_item, T_world_goal))
+        turn = self.item.same_heading(tool + goal - item) - tool
+        placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
+        return placed @ T_world_item.inverse() @ T_world_tcp
+
+    def stood(self, T_world_item: SE3) -> SE3:
+        """Pose of the item as one that stands, from the pose of its body."""
+        if self.T_item_standing is None:
+            return T_world_item
+        return T_world_item @ self.T_item_standing
+
+    def _seen(self) -> SE3:
+        return self.stood(self.simulation.seen_pose(self.item.name))
+
+    def _carrying(self, waypoint: Waypoint) -> Move:
+        held = (self._held(Cause.DROP),)
+        return Move(waypoints=(waypoint,), before=held, during=held, after=held)
+
+    def _held(self, cause: Cause) -> Condition:
+        hold = GraspCheck(
+            simulation=self.simulation, item=self.item, force=self.force, standing=self._seen
+        )
+        return hold.condition(cause)
+
+    def _line(self, name: str, target: SE3) -> Waypoint:
+        return Waypoint(name=name, target=target, motion=Motion.LIN)
+
+    def _up(self, T_world_tcp: SE3) -> SE3:
+        x, y, _ = T_world_tcp.translation()
+        return SE3.from_rotation_and_translation(
+            T_world_tcp.rotation(), np.array([x, y, self.above])
+        )
+
+
+def unfinished(simulation: Simulation) -> Failure | None:
+    """What speaks against the arm being home with its gripper open."""
+    away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
+    open_width = simulation.gripper.width_max - 1e-3
+    if away > 0.01 or simulation.width() < open_width:
+        evidence = (
+            f"a joint is {away:.3f} rad from home, the gripper is open "
+            f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
+            f"at least {1e3 * open_width:.1f} mm"
+        )
+        return Failure(cause=Cause.PLACE, evidence=evidence)
+    return None

@@ -1,0 +1,80 @@
+"""Mass measurement of a grasped item by the force sensor at the wrist."""
+
+from collections.abc import Generator
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.model.payload import Payload
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.steps import (
+    Compliance,
+    Comply,
+    Condition,
+    StepLike,
+)
+from robo47_qp.sim.simulation import Simulation
+
+_UP = 0.01
+"""Lift [m]. An unmodelled mass Δm sags by Δm·g over the stiffness: 4 mm for 0.3 kg."""
+_STILL, _READ = 0.25, 0.1
+"""Time to come to rest, and then to read the sensor [s]."""
+_LEAST = 0.1
+"""Least mass that counts as lifted, as a share of the expected one [-]."""
+_GRAVITY = 9.81
+"""[m/s²]"""
+
+
+def measure_mass(
+    simulation: Simulation, name: str, expected: Payload, held: Condition
+) -> Generator[StepLike, None, float]:
+    """Lift a grasped item slightly and read its weight; fails with GRASP.
+
+    The arm is compliant meanwhile: a stiff one would leave its straight line under a weight that
+    it does not know. At rest, the sensor reads -m g.
+
+    Args:
+        simulation: The simulated world.
+        name: Name of the item.
+        expected: Assumed payload.
+        held: Condition that the item is held.
+
+    Returns:
+        Mass of the item [kg].
+    """
+    readings: list[float] = []
+
+    def read() -> None:
+        readings.append(-float(simulation.felt_force()[2]) / _GRAVITY)
+
+    def against() -> str | None:
+        mass = float(np.mean(readings))
+        if mass > _LEAST * expected.mass:
+            return None
+        return (
+            f"the sensor at the wrist reads {mass:.3f} kg, the {name} was taken to weigh "
+            f"{expected.mass:.3f} kg"
+        )
+
+    lifted = Condition(name=f"the {name} is lifted", cause=Cause.GRASP, against=against)
+    up = SE3.from_translation(np.array([0.0, 0.0, _UP])) @ simulation.tool_pose()
+    springs, way = Compliance(), Waypoint(name="take up", target=up, motion=Motion.LIN)
+    yield Comply(
+        name="take up",
+        waypoints=(way,),
+        compliance=springs,
+        carried=expected,
+        seconds=_STILL,
+        stay=True,
+        after=(held,),
+    )
+    yield Comply(
+        name="weigh",
+        waypoints=(),
+        compliance=springs,
+        seconds=_READ,
+        observe=read,
+        after=(lifted,),
+    )
+    return float(np.mean(readings))

@@ -1,0 +1,21 @@
+"""Heading: the rotation about the vertical of an object on a table."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from mink import SE3, SO3
+
+
+def upright(position: Sequence[float], heading: float) -> SE3:
+    return SE3.from_rotation_and_translation(SO3.from_z_radians(heading), np.array(position))
+
+
+def heading(T_world_body: SE3) -> float:
+    """Turn about the world's vertical [rad]."""
+    R = T_world_body.rotation().as_matrix()
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def quarter(angle: float) -> float:
+    """The same angle up to quarter turns, within an eighth of a turn from zero [rad]."""
+    return (angle + np.pi / 4) % (np.pi / 2) - np.pi / 4

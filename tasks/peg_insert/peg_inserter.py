@@ -1,0 +1,193 @@
+"""Inserting: the steps that feel for a hole and lead a peg into it."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.steps import (
+    Compliance,
+    Comply,
+    Condition,
+    StepLike,
+)
+from robo47_qp.tasks.handling.item_handler import ItemHandler
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, POSITION_ERROR
+
+_LET_DOWN, _TOUCH_FORCE = 5e-3, 2.0
+"""Where above the block the peg is let down [m], and what with [N]: steel meets steel slowly."""
+_FIRM = np.array([1500.0] * 3 + [40.0] * 3)
+_SLACK = np.array([300.0] * 3 + [1.5, 1.5, 20.0])
+"""Stiffness of the tool in the search, and on the way down, where the hole leads the peg [N/m,
+N·m/rad]."""
+PITCH = 0.4e-3
+"""Between the turns of a first spiral [m]: less than the clearance. A peg tilted by 2 degrees about
+both axes goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
+_FALLEN = 2e-3
+"""Sinking of the peg from where it touched, from which it is in the hole [m]. A peg that is tilted
+by twice the error of an angle sinks by 1 mm at the edge."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PegInserter(ItemHandler):
+    """Handles the peg, and puts it into the hole."""
+
+    search_force: float
+    """What the peg is pressed with while it looks for the hole [N]."""
+    insert_force: float
+    """What it is pressed with on the way down [N]."""
+
+    def offset(self) -> Generator[StepLike, None, np.ndarray]:
+        """Where the peg's axis is in the plane of the tool (2,) [m].
+
+        Along the tool's x it is looked at; along y the fingers have centred it.
+        """
+        T_world_peg = yield from estimate_pose(self.simulation, self.item.name)
+        at = (self.simulation.tool_pose().inverse() @ T_world_peg).translation()
+        return np.array([at[0], 0.0])
+
+    def insert(
+        self, offset: np.ndarray, radius: float, pitch: float
+    ) -> Generator[StepLike, None, None]:
+        """Touch the block, feel for the hole, and go down; fails with TIMEOUT or DROP.
+
+        Args:
+            offset: See `offset`.
+            radius: Of the spiral [m].
+            pitch: Between its turns [m].
+        """
+        yield from self.to_hole(offset)
+        held = (self._held(Cause.DROP),)
+        yield Comply(
+            name="touch",
+            waypoints=(),
+            compliance=self._pressing(_FIRM, _TOUCH_FORCE, 6e-3),
+            seconds=3.0,
+            until=self._touched(offset),
+            during=held,
+            stay=True,
+        )
+        touched = self.simulation.tool_pose()
+        if not self._inside(offset):
+            yield Comply(
+                name="search",
+                waypoints=self._spiral(touched, radius, pitch),
+                compliance=self._pressing(_FIRM, self.search_force, 0.02),
+                renew=True,
+                speed=0.008,
+                until=self._sunk(touched),
+                during=held,
+            )
+        yield Comply(
+            name="insert",
+            waypoints=(),
+            compliance=self._pressing(_SLACK, self.insert_force, 0.015),
+            seconds=15.0,
+            until=self._at_bottom(offset),
+            during=held,
+        )
+
+    def _pressing(self, stiffness: np.ndarray, force: float, speed: float) -> Compliance:
+        """Into the hole as it is known. What is free to move is slowed by force / speed."""
+        return Compliance(stiffness=stiffness, axis=-self._axis, force=force, speed=speed)
+
+    def draw_out(self) -> Generator[StepLike, None, None]:
+        """Straight up, giving way."""
+        up = self._line("draw out", self._up(self.simulation.tool_pose()))
+        springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))
+        yield Comply(name="draw out", waypoints=(up,), compliance=springs)
+
+    def to_hole(self, offset: np.ndarray) -> tuple[Waypoint, Waypoint]:
+        """To above the hole, and down to a little above it, as far as it is known."""
+        T = self._tool_on_top(offset)
+        payload = self.item.payload(
+            SE3.from_translation(np.array([*offset, 0.5 * self.item.height - BELOW_TOP]))
+        )
+        start = SE3.from_translation(_LET_DOWN * self._axis) @ T
+        lower = Waypoint(name="lower", target=start, motion=Motion.LIN, carried=payload)
+        above = Waypoint(
+            name="to the hole", target=self._up(start), carried=payload, onward=(lower,)
+        )
+        return above, lower
+
+    @property
+    def _axis(self) -> np.ndarray:
+        """Direction out of the hole as it is known (3,) [-]."""
+        return self.simulation.marker_pose("hole seen").rotation().as_matrix()[:, 2]
+
+    def _tool_on_top(self, offset: np.ndarray) -> SE3:
+        """Tool pose with the end of the peg on the block, over the hole as it is known."""
+        axis, z = self._axis, np.array([0.0, 0.0, 1.0])
+        sine = np.cross(z, axis)
+        tilt = SO3.exp(sine)
+        rotation = tilt @ tool_down([0.0, 0.0, 0.0]).rotation()
+        end = np.array([*offset, self.item.height - BELOW_TOP])
+        hole = self.simulation.marker_pose("hole seen").translation()
+        return SE3.from_rotation_and_translation(rotation, hole - rotation.as_matrix() @ end)
+
+    def _height(self, offset: np.ndarray) -> float:
+        """Of the peg's end above the block, as far as that is known [m]."""
+        here, top = self.simulation.tool_pose(), self._tool_on_top(offset)
+        return float((here.translation() - top.translation()).dot(self._axis))
+
+    def _inside(self, offset: np.ndarray) -> bool:
+        """True where the peg's end is so low that it must be in the hole."""
+        return -self._height(offset) >= POSITION_ERROR + _FALLEN
+
+    def _spiral(self, T_world_tcp: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
+        """A square spiral around a tool pose, across the axis of the hole, out to a radius."""
+        ways = [T_world_tcp.rotation().as_matrix()[:, i] for i in (0, 1)]
+        poses, at, length = [], np.zeros(3), pitch
+        while length <= 2.0 * radius:
+            for way in ways:
+                at = at + length * way
+                poses.append(SE3.from_translation(at) @ T_world_tcp)
+            ways, length = [-way for way in ways], length + pitch
+        return tuple(
+            Waypoint(name=f"search {i + 1}", target=pose, motion=Motion.LIN)
+            for i, pose in enumerate(poses)
+        )
+
+    def _touched(self, offset: np.ndarray) -> Condition:
+        """True also where it goes into the hole at once: then it never presses."""
+
+        def against() -> str | None:
+            if self._inside(offset):
+                return None
+            force = float(self.simulation.felt_force().dot(self._axis))
+            force += 9.81 * self.item.mass
+            if force >= 0.5 * _TOUCH_FORCE:
+                return None
+            return f"the peg presses with {force:.1f} N, {_TOUCH_FORCE:.1f} N are due"
+
+        return Condition(name="the peg touches the block", cause=Cause.TIMEOUT, against=against)
+
+    def _sunk(self, touched: SE3) -> Condition:
+        axis, start = self._axis, touched.translation()
+
+        def against() -> str | None:
+            sunk = float((start - self.simulation.tool_pose().translation()).dot(axis))
+            if sunk >= _FALLEN:
+                return None
+            return f"the peg has sunk by {1e3 * sunk:.1f} mm; {1e3 * _FALLEN:.1f} mm are the hole"
+
+        return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
+
+    def _at_bottom(self, offset: np.ndarray) -> Condition:
+        """True where the peg is as deep as the hole, as far as that is known, and stands still."""
+        lowest, since = np.inf, self.simulation.time
+
+        def against() -> str | None:
+            nonlocal lowest, since
+            height, now = self._height(offset), self.simulation.time
+            if height < lowest - 1e-4:
+                lowest, since = height, now
+            if -height >= 0.9 * DEPTH - POSITION_ERROR and now - since >= 0.2:
+                return None
+            return f"the peg is {-1e3 * height:.1f} mm deep and still sinking, or stuck"
+
+        return Condition(name="the peg is at the bottom", cause=Cause.TIMEOUT, against=against)

@@ -1,0 +1,161 @@
+"""Pick an item from the table and place it somewhere else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.run.failure import Failure, StepFailed
+from robo47_qp.run.steps import StepLike
+from robo47_qp.run.task import Program
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.goal import Goal, add_goal, place_goal
+from robo47_qp.tasks.handling.item_handler import (
+    HOME,
+    LOST,
+    ItemHandler,
+    unfinished,
+)
+from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.item import BLUE, RED, Item
+from robo47_qp.tasks.table import TABLE_TOP, add_table
+
+_AREA = ((0.35, 0.60), (-0.35, 0.35))
+"""Where random starts and goals lie: ranges of x and y [m]."""
+_APART = 0.15
+"""Random start and goal are at least this far apart [m]."""
+_SIDES, _HEIGHTS, _MASSES = (0.025, 0.06), (0.03, 0.08), (0.05, 0.5)
+"""Sizes [m] and masses [kg] of random items."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickPlace:
+    """Carry an item from `pick` to `place`; with a seed, both are drawn at random.
+
+    The item counts as placed when its centre is within `place_tolerance` of the goal and it
+    is at rest, the gripper is open and the arm is home. The goal has a position and a
+    heading; a cube looks the same after a quarter turn, and so does its goal.
+    """
+
+    pick: tuple[float, float] = (0.40, 0.20)
+    """Start of the item's centre on the table, x and y [m]."""
+    place: tuple[float, float] = (0.40, -0.20)
+    """Goal of the item's centre on the table, x and y [m]."""
+    item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
+    """What is carried."""
+    grip_force: float = 30.0
+    """Force of a finger on the item [N]."""
+    clearance: float = 0.12
+    """Height above the item on the table at which the tool comes and goes [m]."""
+    place_tolerance: float = 5e-3
+    """[m]"""
+    retries: int = 2
+    """Further attempts after a missed or lost grasp."""
+    force_max: float = 60.0
+    """See `Task.force_max` [N]."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Nothing stands on the table but the item."""
+    name: str = "pick_place"
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: A place is not finite, or a size is not positive.
+        """
+        for name in ("pick", "place"):
+            where = getattr(self, name)
+            if len(where) != 2 or not np.isfinite(where).all():
+                raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
+        for name in ("grip_force", "clearance", "place_tolerance"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "positive")
+
+    def variant(self, rng: np.random.Generator) -> "PickPlace":
+        """A box or a cylinder of a random size and mass."""
+        x, y = rng.uniform(*_SIDES, 2)
+        height, mass = rng.uniform(*_HEIGHTS), rng.uniform(*_MASSES)
+        if rng.random() < 0.5:
+            item = Item(name="cylinder", size=(x, x, height), round=True, mass=mass, rgba=BLUE)
+        else:
+            item = Item(name="box", size=(x, y, height), mass=mass, rgba=RED)
+        return replace(self, item=item)
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        self.item.add(spec, self._on_table(self.pick))
+        add_goal(spec, self.item)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        start, goal = np.array(self.pick), np.array(self.place)
+        turn_start = turn_goal = 0.0
+        if rng is not None:
+            start, goal = _random_place(rng), _random_place(rng)
+            while np.linalg.norm(goal - start) < _APART:
+                goal = _random_place(rng)
+            turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
+        simulation.place_object(self.item.name, upright(self._on_table(start), turn_start))
+        place_goal(simulation, goal, turn_goal)
+
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
+        hand, goal = self._handling(simulation), self._goal(simulation).pose()
+        T_world_item = simulation.object_pose(self.item.name)
+        return [*hand.foreseen(T_world_item, goal), HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        hand = self._handling(simulation)
+        for attempt in range(1 + self.retries):
+            try:
+                held = yield from hand.pick()
+                yield from hand.place(self._goal(simulation).pose(), held)
+            except StepFailed as error:
+                if error.failure.cause not in LOST:
+                    raise
+                yield from hand.back_off()
+                if attempt == self.retries:
+                    yield HOME
+                    raise
+            else:
+                break
+        yield hand.retreat(simulation.tool_pose())
+        yield HOME
+        return None
+
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`; the end tells all."""
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        missed = self._goal(simulation).missed(self.place_tolerance)
+        return missed or unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Distance of the item's centre from its goal, in 3-D [m]."""
+        return {"place_error_m": self._goal(simulation).error()}
+
+    def _handling(self, simulation: Simulation) -> ItemHandler:
+        resting = TABLE_TOP + 0.5 * self.item.height
+        return ItemHandler(
+            simulation=simulation,
+            item=self.item,
+            above=resting + self.clearance,
+            force=self.grip_force,
+            resting=resting,
+        )
+
+    def _goal(self, simulation: Simulation) -> Goal:
+        return Goal(simulation=simulation, item=self.item)
+
+    def _on_table(self, where: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
+        return float(where[0]), float(where[1]), TABLE_TOP + 0.5 * self.item.height
+
+
+def _random_place(rng: np.random.Generator) -> np.ndarray:
+    return np.array([rng.uniform(*limits) for limits in _AREA])

@@ -1,0 +1,30 @@
+"""Task state: what a task records during an episode, kept in the simulation alone."""
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.sim.simulation import Simulation
+
+_HIDDEN = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
+"""Pose of hidden markers: below the floor."""
+
+
+def add_task_state(spec: mujoco.MjSpec, count: int) -> None:
+    """Reserve numbers for a task in a scene: MuJoCo's user data, 0 after every reset."""
+    spec.nuserdata = count
+
+
+def task_state(simulation: Simulation) -> np.ndarray:
+    """Return the numbers of the task (count,), to read and to write."""
+    return simulation.data.userdata
+
+
+def hide_marker(simulation: Simulation, marker: str) -> None:
+    """Hide a completed marker for the rest of the episode."""
+    simulation.place_marker(marker, _HIDDEN)
+
+
+def is_visible(simulation: Simulation, marker: str) -> bool:
+    """Return True until the marker is hidden."""
+    return bool(simulation.marker_pose(marker).translation()[2] > -0.5)

@@ -1,0 +1,165 @@
+"""Board wiper: the steps that move a sponge over a board."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.steps import (
+    Compliance,
+    Comply,
+    Condition,
+    Move,
+    StepLike,
+)
+from robo47_qp.tasks.handling.item_handler import ItemHandler
+from robo47_qp.tasks.heading import heading
+from robo47_qp.tasks.wipe.board import SURFACE, WipeMonitor, WipeSettings
+
+_STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
+"""Half the length of a stroke along the board's y, and where the strokes are in its x [m]."""
+_ABOVE = 0.015
+"""Of the sponge above where the surface is thought to be, before it is let down [m]."""
+_STEADY = 0.3
+"""How long the force has to be close to the one asked for: one that swings around it with a period
+of 0.9 s passes by it sooner [s]."""
+_FIRM = np.array([3000.0] * 3 + [100.0] * 3)
+"""Stiffness of the tool on the board [N/m, N·m/rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardWiper(ItemHandler):
+    """Picks the sponge, wipes the board with it and puts it back."""
+
+    settings: WipeSettings
+    monitor: WipeMonitor
+
+    def wipe(self) -> Generator[StepLike, None, None]:
+        """To the board, down on it, along the strokes, and up; fails with DROP or TIMEOUT."""
+        yield Move(
+            waypoints=self.to_board(),
+            before=(self._held(Cause.DROP),),
+            during=(self._held(Cause.DROP),),
+        )
+        pressing = Compliance(
+            stiffness=_FIRM,
+            axis=np.array([0.0, 0.0, -1.0]),
+            force=self.settings.force,
+            speed=self.settings.touch_speed,
+        )
+        held = (self._held(Cause.DROP),)
+        yield Comply(
+            name="touch down",
+            waypoints=(),
+            compliance=pressing,
+            seconds=2.0,
+            until=self._in_contact(),
+            during=held,
+            stay=True,
+        )
+        yield Comply(
+            name="settle",
+            waypoints=(),
+            compliance=pressing,
+            seconds=5.0,
+            until=self._pressed(),
+            during=held,
+            stay=True,
+        )
+        yield Comply(
+            name="wipe",
+            # Level, at the height at which the tool is now.
+            waypoints=self.strokes(self.simulation.tool_pose().translation()[2]),
+            compliance=pressing,
+            renew=True,
+            speed=self.settings.speed,
+            during=held,
+        )
+        off = self._line("lift off", self._up(self.simulation.tool_pose()))
+        yield Comply(
+            name="lift off", waypoints=(off,), compliance=Compliance(stiffness=_FIRM), during=held
+        )
+
+    def to_board(self) -> tuple[Waypoint, Waypoint]:
+        """To above the first stroke, and down to a little above the board."""
+        height = self._let_down()
+        strokes, start = self.strokes(height), self._over(_LANES[0], -_STROKE, height)
+        payload = self.item.payload(SE3.identity())
+        hover = Waypoint(name="hover", target=start, motion=Motion.LIN, carried=payload)
+        above = self._up(start)
+        onward = (hover, *strokes)
+        return Waypoint(name="to the board", target=above, carried=payload, onward=onward), hover
+
+    def _let_down(self) -> float:
+        """Height of the tool from which the sponge is let down [m]."""
+        return SURFACE + 0.5 * self.item.height + _ABOVE
+
+    def strokes(self, height: float) -> tuple[Waypoint, ...]:
+        """Up and down the board, without a stop between, the tool at a height [m]."""
+        ways, end = [], _STROKE
+        for i, x in enumerate(_LANES):
+            if i:
+                centre = self._over(0.5 * (x + _LANES[i - 1]), -end, height)
+                middle = centre.translation() - np.sign(end) * 0.5 * (x - _LANES[i - 1]) * self._y()
+                ways.append(
+                    Waypoint(
+                        name=f"turn {i}",
+                        target=self._over(x, -end, height),
+                        motion=Motion.CIRC,
+                        through=middle,
+                        blend=0.01,
+                    )
+                )
+            last = i == len(_LANES) - 1
+            ways.append(
+                Waypoint(
+                    name=f"stroke {i + 1}",
+                    target=self._over(x, end, height),
+                    motion=Motion.LIN,
+                    blend=0.0 if last else 0.01,
+                )
+            )
+            end = -end
+        return tuple(ways)
+
+    def _over(self, x: float, y: float, height: float) -> SE3:
+        """Tool pose over a place of the board, at a height in the world [m]."""
+        T_world_board = self.simulation.marker_pose("board")
+        at = T_world_board @ np.array([x, y, 0.0])
+        at[2] = height
+        return tool_down(at, heading(T_world_board))
+
+    def _y(self) -> np.ndarray:
+        """Direction of the strokes (3,) [-]."""
+        return self.simulation.marker_pose("board").rotation().as_matrix()[:, 1]
+
+    def _pressed(self) -> Condition:
+        """True once the force has been close to the one asked for, for a while."""
+        since = self.simulation.time
+
+        def against() -> str | None:
+            nonlocal since
+            now, force = self.simulation.time, self.monitor.pressed()
+            if abs(force - self.settings.force) > 0.02 * self.settings.force:
+                since = now
+            if now - since >= _STEADY:
+                return None
+            return (
+                f"the sponge presses with {force:.2f} N, {self.settings.force:.2f} N are asked for"
+            )
+
+        return Condition(name="the force is steady", cause=Cause.TIMEOUT, against=against)
+
+    def _in_contact(self) -> Condition:
+        def against() -> str | None:
+            force = self.monitor.pressed()
+            if force >= 0.5 * self.settings.force:
+                return None
+            return (
+                f"the sponge presses with {force:.1f} N, {self.settings.force:.1f} N are asked for"
+            )
+
+        return Condition(name="the sponge is on the board", cause=Cause.TIMEOUT, against=against)

@@ -1,0 +1,166 @@
+"""Picking from a belt: the cube is carried by friction, caught in motion and placed."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.recording import Rows
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
+from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from tests.runs import Holder, Meddler, carry_out, make_runner
+
+
+@cache
+def undisturbed() -> Run:
+    return carry_out(ConveyorPick())
+
+
+def names(run: Run) -> list[str]:
+    return [phase.name for phase in run.phases]
+
+
+def rows_of(run: Run, name: str) -> slice:
+    i = names(run).index(name)
+    return slice(run.phases[i].start, run.phases[i + 1].start)
+
+
+def shifted(simulation: Simulation, by: float) -> None:
+    """The cube further along the belt [m]."""
+    pose = SE3.from_translation(np.array([0.0, by, 0.0])) @ simulation.object_pose("cube")
+    simulation.place_object("cube", pose)
+
+
+def test_the_cube_is_caught_in_motion_and_placed() -> None:
+    run = undisturbed()
+    assert run.failure is None
+    assert [found for found in audit(run) if not found.ok] == []
+    assert names(run).count("close gripper") == 1
+    cube = run.rows["objects/cube"]
+    goal = np.array([0.32, 0.0, 0.02])
+    assert np.linalg.norm(cube[-1, :3] - goal) < 2e-3
+    # It still moves with the belt as the fingers close, and as it leaves it.
+    for phase in ("close gripper", "lift"):
+        y = cube[rows_of(run, phase), 1]
+        assert (y[50] - y[0]) / 0.05 == pytest.approx(0.12, rel=0.02)
+
+
+def test_the_tool_moves_with_the_cube_without_lead_or_lag() -> None:
+    run = undisturbed()
+    rows = rows_of(run, "close gripper")
+    ahead = run.rows["tool/pose_ref"][rows, 1][:50] - run.rows["objects/cube"][rows, 1][:50]
+    # A period of 1 ms at 0.12 m/s is 0.12 mm.
+    assert np.abs(ahead).max() < 0.03e-3
+
+
+def test_the_belt_takes_the_cube_along_by_friction() -> None:
+    task = ConveyorPick(speed=-0.2)
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    ys = [float(simulation.object_pose("cube").translation()[1])]
+    speeds: list[float] = []
+
+    def look() -> None:
+        ys.append(float(simulation.object_pose("cube").translation()[1]))
+        speeds.append(float(simulation.object_twist("cube")[1]))
+
+    Holder(simulation).hold(400, look)
+    assert speeds[0] > -0.011
+    assert speeds[-1] == pytest.approx(-0.2, rel=1e-3)
+    # Never more than the belt, nor faster than friction allows.
+    assert np.abs(np.diff(ys)).max() < 0.2e-3 * 1.05
+    assert np.abs(np.diff(speeds)).max() < 2.0 * 9.81e-3
+
+
+def test_a_cube_that_slips_away_is_caught_the_next_time() -> None:
+    meddler = Meddler("close gripper", lambda simulation: shifted(simulation, -0.10))
+    run = carry_out(ConveyorPick(speed=0.06), observers=[meddler])
+    assert meddler.done == 1
+    assert run.failure is None
+    assert names(run).count("close gripper") == 2
+    assert [found for found in audit(run) if not found.ok] == []
+
+
+def test_a_cube_that_has_gone_by_is_given_up() -> None:
+    meddler = Meddler("watch the cube", lambda simulation: shifted(simulation, 0.9))
+    run = carry_out(ConveyorPick(), observers=[meddler])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.TIMEOUT
+    assert "m along the belt when the tool can be there; it is met up to 0.20 m" in (
+        run.failure.evidence
+    )
+    assert np.abs(run.rows["joints/q"][-1] - PANDA.home).max() < 1e-3
+
+
+def test_a_cube_that_is_never_held_is_a_failed_grasp() -> None:
+    meddler = Meddler("close gripper", lambda simulation: shifted(simulation, -0.1), times=9)
+    run = carry_out(ConveyorPick(speed=0.05, retries=0), observers=[meddler])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.GRASP
+    assert "mm apart, the cube measures 40.0 mm" in run.failure.evidence
+
+
+def test_only_streamed_rows_may_jump_in_acceleration() -> None:
+    run = undisturbed()
+    first, last = rows_of(run, "follow").start, rows_of(run, "lift").stop
+
+    def jumped(row: int) -> list[str]:
+        rows = Rows(run.rows.signals, run.rows.values.copy())
+        rows["joints/a_ref"][row, 4] += 0.05
+        return [f.signal for f in audit(replace(run, rows=rows)) if not f.ok]
+
+    assert jumped(first + 1) == jumped(last - 1) == []
+    assert jumped(first - 1) == jumped(last + 1) == ["reference jerk (joint5)"]
+
+
+@pytest.mark.parametrize(
+    ("off", "placed"),
+    [((4.9e-3, 0, 0), True), ((0, 5.1e-3, 0), False), ((0, 0, 0.01), False)],
+)
+def test_near_is_judged_by_the_tolerance(off: tuple[float, ...], placed: bool) -> None:
+    task = ConveyorPick()
+    _, simulation = make_runner(task)
+    simulation.place_object("cube", SE3.from_translation(np.array([0.32, 0.0, 0.02]) + off))
+    failure = task.verdict(simulation)
+    assert (failure is None) == placed
+    if failure is not None:
+        assert failure.cause is Cause.PLACE
+        assert "from its goal" in failure.evidence
+
+
+def test_tracker_find_the_line_through_noise() -> None:
+    task = ConveyorPick(speed=0.1)
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    holder, tracker = Holder(simulation), ObjectTracker(simulation, "cube")
+    holder.hold(150)
+    for _ in range(10):
+        holder.hold(34)
+        tracker.update()
+        tracker.update()
+    assert tracker.velocity == pytest.approx([0.0, 0.1, 0.0], abs=1e-4)
+    later = simulation.time + 0.5
+    predicted = tracker.at(later).translation()
+    holder.hold(500)
+    assert predicted == pytest.approx(simulation.object_pose("cube").translation(), abs=1e-4)
+
+
+def test_variants_run_both_ways_at_the_speeds_that_are_told() -> None:
+    speeds = [ConveyorPick().variant(np.random.default_rng(seed)).speed for seed in range(100)]
+    assert min(np.abs(speeds)) >= 0.05
+    assert max(np.abs(speeds)) <= 0.20
+    assert 30 < sum(speed > 0.0 for speed in speeds) < 70
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.21, np.nan])
+def test_speeds_that_are_none_are_refused(speed: float) -> None:
+    with pytest.raises(InvalidValueError, match=r"speed must be up to 0\.2 m/s, and not 0; found"):
+        ConveyorPick(speed=speed)

@@ -1,0 +1,70 @@
+"""ItemHandler: what is tried again, and what is not."""
+
+from collections.abc import Generator
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Waypoint
+from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.steps import Move, StepLike, as_step
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.item_handler import ItemHandler
+from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+
+
+def test_a_line_down_that_cannot_be_planned_is_tried_once_from_another_branch() -> None:
+    program = _place()
+    assert [_name(next(program)), _name(next(program))] == ["carry", "lower"]
+    assert _name(program.throw(_failed(Cause.PLAN))) == "carry"
+    assert _name(next(program)) == "lower"
+    with pytest.raises(StepFailed, match="as a test"):
+        program.throw(_failed(Cause.PLAN))
+
+
+@pytest.mark.parametrize("cause", [Cause.DROP, Cause.TRACK])
+def test_a_line_down_that_has_begun_is_not_tried_again(cause: Cause) -> None:
+    program = _place()
+    next(program)
+    next(program)
+    with pytest.raises(StepFailed, match="as a test"):
+        program.throw(_failed(cause))
+
+
+def _failed(cause: Cause) -> StepFailed:
+    return StepFailed(Failure(cause=cause, evidence="as a test"))
+
+
+def _name(step: StepLike) -> str:
+    action = as_step(step)
+    assert isinstance(action, Move)
+    return action.waypoints[0].name
+
+
+def _place() -> Generator[StepLike, None, None]:
+    world = Simulation(PANDA, PickPlace().build_scene)
+    hand = ItemHandler(simulation=world, item=PickPlace().item, above=0.2)
+    return hand.place(upright([0.4, -0.2, 0.02], 0.0))
+
+
+def test_ways_down_are_foreseen_with_the_way_back_up() -> None:
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    hand = ItemHandler(simulation=simulation, item=task.item, above=0.16)
+    T_world_item = simulation.object_pose(task.item.name)
+    T_world_goal = SE3.from_translation(np.array([0.1, -0.2, 0.0])) @ T_world_item
+    steps = hand.foreseen(T_world_item, T_world_goal)
+    led = {step.name: step for step in steps if isinstance(step, Waypoint)}
+    led |= {w.name: w for step in steps if isinstance(step, Move) for w in step.waypoints}
+    for above, down, up in (("approach", "descend", "lift"), ("carry", "lower", "retreat")):
+        assert [waypoint.name for waypoint in led[above].onward] == [down, up]
+        for foreseen, later in zip(led[above].onward, (led[down], led[up]), strict=True):
+            assert isinstance(foreseen.target, SE3)
+            assert isinstance(later.target, SE3)
+            np.testing.assert_allclose(
+                foreseen.target.as_matrix(), later.target.as_matrix(), atol=1e-12
+            )

@@ -1,0 +1,126 @@
+"""Weighing: what is held is as heavy as the sensor at the wrist says, or was never lifted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.conditions import demand
+from robo47_qp.run.failure import Cause, StepFailed
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import Comply, Condition, as_step
+from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from robo47_qp.tasks.handling.mass_measurement import measure_mass
+from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.runs import Meddler, no_objects, picked_and_placed
+
+BOX = Item(name="box", size=(0.04, 0.05, 0.04), mass=0.45)
+CARRYING = ("lift", "carry", "lower")
+FINE = Condition(name="fine", cause=Cause.DROP, against=lambda: None)
+
+
+class Scales(Simulation):
+    """A robot alone whose wrist feels what it is told to."""
+
+    felt = np.zeros(3)
+
+    def felt_force(self) -> np.ndarray:
+        return self.felt
+
+
+def heavier(task: Task, factor: float, *observers: Meddler) -> Run:
+    """A run in which things have another mass than their models."""
+    scenario = RunOptions().scenario(PANDA, task)
+    wrong = Disturbance(object_mass_factor=factor)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, wrong)
+    return Runner(scenario, simulation).run(observers=observers)
+
+
+def broken(run: Run) -> list[str]:
+    return [finding.told for finding in audit(run) if not finding.ok]
+
+
+def weighed(forces: list[float]) -> float:
+    """What comes of the forces that are felt while the sensor is read."""
+    world = Scales(PANDA, no_objects)
+    program = measure_mass(world, "box", BOX.payload(SE3.identity()), FINE)
+    take_up, reading = next(program), next(program)
+    assert isinstance(take_up, Comply)
+    assert isinstance(reading, Comply)
+    assert take_up.compliance is reading.compliance
+    assert take_up.after == (FINE,)
+    assert reading.observe is not None
+    for force in forces:
+        world.felt = np.array([3.0, -2.0, force])
+        reading.observe()
+    demand("weigh", reading.after)
+    with pytest.raises(StopIteration) as end:
+        next(program)
+    mass: float = end.value.value
+    return mass
+
+
+def test_the_mass_is_the_mean_of_what_the_wrist_feels() -> None:
+    assert weighed([-2.0, -4.0]) == pytest.approx(3.0 / 9.81)
+
+
+@pytest.mark.parametrize("force", [0.1, 5.0, -0.4])
+def test_what_has_no_weight_was_not_lifted(force: float) -> None:
+    message = rf"reads {-force / 9.81:.3f} kg, the box was taken to weigh 0\.450 kg"
+    with pytest.raises(StepFailed, match=message) as caught:
+        weighed([force])
+    assert caught.value.failure.cause is Cause.GRASP
+
+
+def test_an_item_of_another_mass_is_carried_on_its_lines() -> None:
+    run = heavier(PickPlace(item=BOX), 1.3)
+    assert run.failure is None
+    assert broken(run) == []
+    believed = [p.leg.waypoint.carried for p in run.phases if p.name in CARRYING and p.leg]
+    masses = [payload.mass for payload in believed if payload is not None]
+    assert masses == pytest.approx([1.3 * BOX.mass] * len(CARRYING), rel=2e-3)
+
+
+class UpToTheHole(PegInsert):
+    """Ends before the peg touches anything."""
+
+    def program(self, simulation: Simulation) -> Program:
+        for step in super().program(simulation):
+            if as_step(step).name == "touch":
+                break
+            yield step
+        return None
+
+
+def test_a_peg_of_another_mass_is_carried_on_its_lines() -> None:
+    run = heavier(UpToTheHole(peg=replace(PegInsert().peg, mass=0.4)), 0.7)
+    assert run.phases[-2].name == "lower"
+    assert broken(run) == []
+
+
+def test_an_item_that_stays_on_the_table_is_picked_again() -> None:
+    def take(simulation: Simulation) -> None:
+        down = SE3.from_translation(np.array([0.0, 0.0, -0.2]))
+        simulation.place_object("box", down @ simulation.object_pose("box"))
+
+    run = heavier(PickPlace(item=BOX, retries=0), 1.3, Meddler("take up", take, after=0.1))
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.GRASP, "take up")
+
+
+def test_what_is_as_heavy_as_its_model_is_not_weighed() -> None:
+    names = [phase.name for phase in picked_and_placed().phases]
+    assert not {"take up", "weigh", "close around"} & set(names)
+    assert Simulation(PANDA, no_objects).weights_known
+    for factor, known in ((1.0, True), (1.01, False)):
+        wrong = Disturbance(object_mass_factor=factor)
+        assert DisturbedSimulation(PANDA, no_objects, wrong).weights_known is known

@@ -1,0 +1,428 @@
+"""The main job: it succeeds, notices what goes wrong, and says why."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mink import SE3, SO3
+
+from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.gripper import Grip
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.metrics import metrics
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import Move, as_step
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.robots import GRIPPER
+from tests.runs import Meddler, Witness, carry_out, moves_cube, picked_and_placed
+
+ELSEWHERE = (0.50, 0.10)
+GOAL = np.array([0.40, -0.20, 0.02])
+
+
+def cube(*, edge: float = 0.04, mass: float = 0.1) -> Item:
+    return Item(name="cube", size=(edge, edge, edge), mass=mass)
+
+
+def motions(task: PickPlace, simulation: Simulation) -> dict[str, Waypoint]:
+    """The foreseen waypoints by name."""
+    found = {}
+    for step in task.preview(simulation):
+        action = as_step(step)
+        for waypoint in action.waypoints if isinstance(action, Move) else ():
+            found[waypoint.name] = waypoint
+    return found
+
+
+def names(run: Run) -> list[str]:
+    return [phase.name for phase in run.phases]
+
+
+def is_home(run: Run) -> bool:
+    rows = run.rows
+    away = np.abs(rows["joints/q"][-1] - PANDA.home).max()
+    return bool(away < 1e-3 and rows["gripper/width"][-1, 0] > 0.079)
+
+
+def moves_cube_along(places: Sequence[tuple[float, float]]) -> Callable[[Simulation], None]:
+    """Puts the cube at the next place each time."""
+    left = iter(places)
+
+    def act(simulation: Simulation) -> None:
+        moves_cube(*next(left))(simulation)
+
+    return act
+
+
+# Undisturbed
+
+
+def test_the_default_run_places_the_cube() -> None:
+    run = picked_and_placed()
+    assert run.failure is None
+    cube = run.rows["objects/cube"][-1]
+    assert np.linalg.norm(cube[:3] - GOAL) <= 3e-3
+    assert metrics(run)["place_error_m"] <= 3e-3
+    # The measure judges after the last row, from which the cube, at rest, does not differ.
+    assert metrics(run)["place_error_m"] == pytest.approx(np.linalg.norm(cube[:3] - GOAL), abs=1e-6)
+    assert is_home(run)
+
+
+def test_the_default_run_lifts_the_cube_before_it_carries_it() -> None:
+    rows = picked_and_placed().rows
+    cube = rows["objects/cube"]
+    away = np.linalg.norm(cube[:, :2] - cube[0, :2], axis=1)
+    to_go = np.linalg.norm(cube[:, :2] - GOAL[:2], axis=1)
+    between = (away > 0.02) & (to_go > 0.02)
+    assert between.sum() > 500
+    assert cube[between, 2].min() > 0.08
+    np.testing.assert_allclose(cube[0, :3], [0.40, 0.20, 0.02], atol=1e-9)
+
+
+def test_the_default_run_follows_its_plan_within_a_third_of_a_milliradian() -> None:
+    assert np.abs(picked_and_placed().rows["errors/q"]).max() <= 0.3e-3
+
+
+def test_the_cube_is_squeezed_as_hard_as_asked_while_it_is_carried() -> None:
+    run = picked_and_placed()
+    carry = next(phase for phase in run.phases if phase.name == "carry")
+    force = run.rows["gripper/force"][carry.start : carry.start + 1000]
+    np.testing.assert_allclose(force, 30.0, atol=0.5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_starts_and_goals_succeed_within_all_limits(seed: int) -> None:
+    run = picked_and_placed(seed=seed)
+    assert run.failure is None
+    assert run.measures["place_error_m"] <= 3e-3
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+    assert np.abs(run.rows["errors/q"]).max() <= 0.3e-3
+    assert is_home(run)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_starts_and_goals_lie_in_the_area_and_apart(seed: int) -> None:
+    rows = picked_and_placed(seed=seed).rows
+    start, end = rows["objects/cube"][0, :3], rows["objects/cube"][-1, :3]
+    for x, y, _ in (start, end):
+        assert 0.35 - 1e-3 <= x <= 0.60 + 1e-3
+        assert -0.35 - 1e-3 <= y <= 0.35 + 1e-3
+    assert np.linalg.norm(start - end) > 0.15 - 1e-3
+
+
+def heading(quaternion: Vector) -> float:
+    """Turn about the vertical of an upright cube, up to quarter turns [rad]."""
+    w, x, y, z = quaternion
+    angle = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return float((angle + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_cube_is_placed_with_the_heading_of_the_goal(seed: int) -> None:
+    run = picked_and_placed(seed=seed)
+    task = run.scenario.task
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, np.random.default_rng(seed))
+    goal = heading(simulation.marker_pose("goal").rotation().wxyz)
+    off = heading(run.rows["objects/cube"][-1, 3:]) - goal
+    assert abs((off + np.pi / 4) % (np.pi / 2) - np.pi / 4) < 0.01
+
+
+def test_half_the_speed_takes_twice_the_time_and_succeeds() -> None:
+    slow, fast = picked_and_placed(speed=0.5), picked_and_placed()
+    assert slow.failure is None
+    for leg, other in zip(slow.legs, fast.legs, strict=True):
+        ratio = leg.trajectory.duration / other.trajectory.duration
+        assert ratio == pytest.approx(2.0, rel=0.02)
+
+
+# Disturbed
+
+
+def test_a_grasp_that_always_misses_is_tried_three_times_and_reported() -> None:
+    places = [ELSEWHERE, (0.40, 0.20), ELSEWHERE, (0.40, 0.20)]
+    meddler = Meddler("descend", moves_cube_along(places), times=9, after=0.5)
+    witness = Witness()
+    run = carry_out(PickPlace(), observers=[meddler, witness])
+    assert meddler.done == 3
+    assert names(run).count("close gripper") == 3
+    assert names(run).count("back off") == 3
+    assert "lift" not in names(run)
+    assert run.failure is not None
+    assert run.failure.cause is Cause.GRASP
+    assert "the fingers are 0.0 mm apart, the cube measures 40.0 mm" in run.failure.evidence
+    assert is_home(run)
+    assert names(run)[-2:] == ["home", "end"]
+    assert witness.notes[-1][1:] == (f"failed (grasp): {run.failure.evidence}", "ERROR")
+
+
+@pytest.mark.parametrize("retries", [0, 1])
+def test_the_number_of_retries_is_a_choice(retries: int) -> None:
+    places = [ELSEWHERE, (0.40, 0.20), ELSEWHERE]
+    meddler = Meddler("descend", moves_cube_along(places), times=9, after=0.5)
+    run = carry_out(PickPlace(retries=retries), observers=[meddler])
+    assert names(run).count("close gripper") == 1 + retries
+    assert run.failure is not None
+    assert run.failure.cause is Cause.GRASP
+    assert is_home(run)
+
+
+def test_a_cube_pushed_away_once_is_picked_where_it_is_then() -> None:
+    run = carry_out(PickPlace(), observers=[Meddler("approach", moves_cube(*ELSEWHERE), after=0.5)])
+    assert run.failure is None
+    assert run.measures["place_error_m"] <= 3e-3
+    grasps = [leg.T_world_goal.translation() for leg in run.legs if leg.waypoint.name == "descend"]
+    np.testing.assert_allclose(grasps[0], [0.40, 0.20, 0.02], atol=1e-3)
+    np.testing.assert_allclose(grasps[1], [*ELSEWHERE, 0.02], atol=1e-3)
+    assert len(grasps) == 2
+
+
+def test_a_cube_that_moves_before_the_first_look_is_picked_at_once() -> None:
+    """A nudge that leaves it between the fingers: lift, carry and lower go by what is held."""
+
+    def nudge(simulation: Simulation) -> None:
+        T = simulation.object_pose("cube")
+        turned = SO3.from_z_radians(0.05) @ T.rotation()
+        moved = T.translation() + np.array([0.004, 0.003, 0.0])
+        simulation.place_object("cube", SE3.from_rotation_and_translation(turned, moved))
+
+    run = carry_out(PickPlace(), observers=[Meddler("descend", nudge, after=0.5)])
+    assert run.failure is None
+    assert names(run).count("close gripper") == 1
+    assert run.measures["place_error_m"] <= 3e-3
+
+
+@pytest.mark.parametrize("phase", ["lift", "carry", "lower"])
+def test_a_cube_lost_on_the_way_is_noticed(phase: str) -> None:
+    meddler = Meddler(phase, moves_cube(*ELSEWHERE), after=0.5)
+    run = carry_out(PickPlace(retries=0), observers=[meddler])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.DROP
+    assert "mm apart, the cube measures 40.0 mm" in run.failure.evidence
+    assert run.failure.step == phase
+    assert run.failure.condition == "the fingers hold the cube"
+    assert names(run)[-6:] == [phase, "stop", "back off", "open gripper", "home", "end"]
+    assert is_home(run)
+
+
+def test_a_cube_lost_on_the_way_is_fetched() -> None:
+    meddler = Meddler("carry", moves_cube(*ELSEWHERE), after=0.5)
+    run = carry_out(PickPlace(), observers=[meddler])
+    assert run.failure is None
+    assert run.measures["place_error_m"] <= 3e-3
+    assert names(run).count("carry") == 2
+    assert names(run).count("back off") == 1
+
+
+def test_a_cube_that_gets_out_of_reach_is_a_failure_of_ik() -> None:
+    meddler = Meddler("approach", moves_cube(0.85, 0.20), after=0.5)
+    run = carry_out(PickPlace(), observers=[meddler])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.IK
+    assert "Waypoint 'approach' cannot be planned" in run.failure.evidence
+
+
+def test_a_cube_too_heavy_to_hold_is_a_drop() -> None:
+    run = carry_out(PickPlace(item=cube(mass=10.0), retries=0, force_max=200.0))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.DROP
+    assert is_home(run)
+
+
+def test_fingers_that_land_on_a_cube_too_wide_for_them_are_stopped() -> None:
+    run = carry_out(PickPlace(item=cube(edge=0.1), retries=0))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.COLLISION
+    assert "the tool is pressed with" in run.failure.evidence
+
+
+def test_fingers_that_do_not_press_do_not_hold() -> None:
+    """The fingers stand as far apart as the cube is wide, with nothing between them."""
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    program = task.program(simulation)
+    steps = [as_step(next(program)) for _ in range(3)]
+    assert [step.name for step in steps] == ["approach", "descend", "close gripper"]
+    simulation.command_grip(Grip(width=task.item.height, force=30.0))
+    for _ in range(600):
+        simulation.step(simulation.data.qfrc_bias[:7].copy())
+    (held,) = steps[-1].after
+    against = held.against()
+    assert against is not None
+    assert "the fingers press with 0.0 N and 0.0 N, 30.0 N were asked for" in against
+    assert simulation.width() == pytest.approx(task.item.height, abs=1e-4)
+
+
+def test_a_stricter_tolerance_is_not_met() -> None:
+    run = carry_out(PickPlace(place_tolerance=1e-9))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert "mm from its goal" in run.failure.evidence
+
+
+# Verdict
+
+
+@pytest.fixture
+def done() -> tuple[PickPlace, Simulation]:
+    """A world in which all is as it should be at the end."""
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    simulation.place_object("cube", SE3.from_translation(GOAL))
+    return task, simulation
+
+
+def test_all_as_it_should_be_is_success(done: tuple[PickPlace, Simulation]) -> None:
+    task, simulation = done
+    assert task.verdict(simulation) is None
+    assert task.measures(simulation) == {"place_error_m": pytest.approx(0.0, abs=1e-12)}
+
+
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0.8, 0)])
+@pytest.mark.parametrize(("distance", "ok"), [(4.9e-3, True), (5.1e-3, False), (0.2, False)])
+def test_the_cube_must_be_within_the_tolerance_in_every_direction(
+    done: tuple[PickPlace, Simulation],
+    direction: tuple[float, float, float],
+    distance: float,
+    ok: bool,
+) -> None:
+    task, simulation = done
+    where = GOAL + distance * np.array(direction)
+    simulation.place_object("cube", SE3.from_translation(where))
+    assert task.measures(simulation)["place_error_m"] == pytest.approx(distance)
+    failure = task.verdict(simulation)
+    if ok:
+        assert failure is None
+    else:
+        assert failure is not None
+        assert failure.cause is Cause.PLACE
+        assert f"{1e3 * distance:.1f} mm from its goal" in failure.evidence
+
+
+def test_a_cube_in_motion_is_not_placed(done: tuple[PickPlace, Simulation]) -> None:
+    task, simulation = done
+    simulation.data.joint(simulation.model.body("cube").jntadr[0]).qvel[:3] = [0, 0.002, 0]
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "moves at 2.0 mm/s" in failure.evidence
+
+
+def test_a_closed_gripper_is_not_the_end(done: tuple[PickPlace, Simulation]) -> None:
+    task, simulation = done
+    for finger in GRIPPER.joints:
+        simulation.data.joint(finger).qpos[0] = 0.039
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "the gripper is open 78.0 mm" in failure.evidence
+
+
+@pytest.mark.parametrize("joint", PANDA.joints)
+def test_a_joint_away_from_home_is_not_the_end(
+    done: tuple[PickPlace, Simulation], joint: str
+) -> None:
+    task, simulation = done
+    simulation.data.joint(joint).qpos[0] += 0.009
+    assert task.verdict(simulation) is None
+    simulation.data.joint(joint).qpos[0] -= 0.020
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "a joint is 0.011 rad from home" in failure.evidence
+
+
+# Waypoints
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_foreseen_waypoints_make_sense(seed: int) -> None:
+    task = PickPlace()
+    world = _world()
+    task.reset(world, np.random.default_rng(seed))
+    T_world_cube, T_world_goal = world.object_pose("cube"), world.marker_pose("goal")
+    preview = motions(task, world)
+    grasp, lower = pose(preview["descend"]), pose(preview["lower"])
+    # The tool points down at the cube's centre, its fingers along a side.
+    np.testing.assert_allclose(grasp.translation(), T_world_cube.translation(), atol=1e-9)
+    for T in (grasp, lower):
+        np.testing.assert_allclose(T.rotation().as_matrix()[:, 2], [0, 0, -1], atol=1e-9)
+    sides = T_world_cube.rotation().as_matrix().T @ grasp.rotation().as_matrix()
+    np.testing.assert_allclose(np.abs(sides).max(axis=0), 1.0, atol=1e-9)
+    # Held as it is held at the grasp, the cube lies on the goal after "lower".
+    placed = lower @ grasp.inverse() @ T_world_cube
+    np.testing.assert_allclose(
+        placed.translation(),
+        T_world_goal.translation() + np.array([0.0, 0.0, task.item.height / 2]),
+        atol=1e-9,
+    )
+    off = heading(placed.rotation().wxyz) - heading(T_world_goal.rotation().wxyz)
+    assert abs((off + np.pi / 4) % (np.pi / 2) - np.pi / 4) < 1e-9
+    # Over the table the tool comes and goes from straight above.
+    for above, at in (("approach", grasp), ("lift", grasp), ("carry", lower), ("retreat", lower)):
+        T = pose(preview[above])
+        np.testing.assert_allclose(T.translation()[:2], at.translation()[:2], atol=1e-9)
+        assert T.translation()[2] == pytest.approx(0.02 + 0.12)
+    assert [n for n, w in preview.items() if w.motion is Motion.LIN] == [
+        "descend",
+        "lift",
+        "lower",
+        "retreat",
+    ]
+    assert preview["home"].target is Place.HOME
+    for name, waypoint in preview.items():
+        assert (waypoint.carried is not None) == (name in ("lift", "carry", "lower"))
+        assert waypoint.grip is None
+    # The wrist never turns further than an eighth of a turn from pointing ahead.
+    for T in (grasp, lower):
+        x, y, _ = T.rotation().as_matrix()[:, 0]
+        assert abs(np.arctan2(y, x)) <= np.pi / 4 + 1e-9
+
+
+@cache
+def _world() -> Simulation:
+    return Simulation(PANDA, PickPlace().build_scene)
+
+
+def pose(waypoint: Waypoint) -> SE3:
+    assert isinstance(waypoint.target, SE3)
+    return waypoint.target
+
+
+def test_the_payload_is_the_cube() -> None:
+    task = PickPlace(item=cube(mass=0.3, edge=0.05))
+    simulation = Simulation(PANDA, task.build_scene)
+    lift = motions(task, simulation)["lift"]
+    assert lift.carried is not None
+    body = simulation.model.body("cube")
+    assert lift.carried.mass == pytest.approx(body.mass[0])
+    np.testing.assert_allclose(lift.carried.inertia, body.inertia, rtol=1e-9)
+    np.testing.assert_allclose(lift.carried.T_tcp_com.translation(), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pick": (np.nan, 0.0)}, r"pick must be two finite numbers.*nan"),
+        ({"place": (0.0, np.inf)}, r"place must be two finite numbers.*inf"),
+        ({"pick": (0.4,)}, r"pick must be two finite numbers"),
+        ({"grip_force": np.nan}, r"grip_force must be positive; found nan"),
+        ({"clearance": 0.0}, r"clearance must be positive"),
+        ({"place_tolerance": 0.0}, r"place_tolerance must be positive"),
+    ],
+)
+def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        replace(PickPlace(), **change)  # type: ignore[arg-type]

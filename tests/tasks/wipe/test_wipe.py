@@ -1,0 +1,341 @@
+"""Wiping: the force is held while the sponge slides, all marks go, what goes wrong is noticed."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from mink import SE3
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
+from robo47_qp.run.policy.runner import PolicyTiming
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.task_state import hide_marker, task_state
+from robo47_qp.tasks.wipe.board import (
+    BOARD,
+    MARKS,
+    SURFACE,
+    WipeMonitor,
+    WipeSettings,
+    mark,
+    marks_left,
+)
+from robo47_qp.tasks.wipe.wipe import Wipe
+from tests.examples import shifted
+from tests.policies import Scripted, follow
+from tests.robots import GRIPPER
+from tests.runs import Meddler, carry_out
+
+WEIGHT = 9.81 * 0.04
+
+
+@cache
+def wiped(seed: int | None = None) -> Run:
+    return carry_out(Wipe(), seed=seed)
+
+
+def rows_of(run: Run, first: str, signal: str) -> np.ndarray:
+    """Rows of a signal in all phases whose name begins so."""
+    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
+    spans = zip(run.phases, ends, strict=True)
+    parts = [run.rows[signal][p.start : end] for p, end in spans if p.name.startswith(first)]
+    return np.concatenate(parts)
+
+
+def test_the_board_is_wiped_and_the_sponge_put_back_within_all_limits() -> None:
+    run = wiped(seed=3)
+    assert run.failure is None
+    assert run.measures["marks_left"] == 0.0
+    assert run.measures["sponge_error_m"] <= 5e-3
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+
+
+@pytest.mark.parametrize("seed", [3, 79, 343])
+def test_the_force_is_held_while_it_slides(seed: int) -> None:
+    """Judged from the recording alone, by a hand of its own.
+
+    At the touch of seed 79 the force swings to and fro, at that of 343 it creeps to what is asked.
+    """
+    run = wiped(seed=seed)
+    assert run.failure is None
+    sponge = run.rows["objects/sponge"]
+    names = np.array([phase.name for phase in run.phases])[run.rows["phase"][:, 0].astype(int)]
+    wiping = np.char.startswith(names, "stroke") | np.char.startswith(names, "turn")
+    speed = np.linalg.norm(np.gradient(sponge[:, :2], 1e-3, axis=0), axis=1)
+    sliding = wiping & (speed > 5e-3)
+    force = run.rows["contact/tool"][sliding, 2] + WEIGHT
+    assert np.mean(np.abs(force - 10.0) <= 0.5) >= 0.99
+    assert speed[sliding].sum() * 1e-3 > 0.6
+    assert speed[sliding].max() < 0.1
+
+
+def test_it_meets_the_board_at_a_tenth_of_a_metre_per_second_and_not_too_hard() -> None:
+    run = wiped(seed=3)
+    z = rows_of(run, "touch down", "tool/pose")[:, 2]
+    assert 0.05 < -np.diff(z).min() / 1e-3 <= 0.101
+    assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() <= 30.0
+
+
+def test_a_sponge_lost_on_the_board_is_a_drop() -> None:
+    def take(simulation: Simulation) -> None:
+        simulation.place_object("sponge", SE3.from_translation(np.array([0.3, 0.3, 0.04])))
+
+    meddler = Meddler("stroke 1", take, after=0.5)
+    run = carry_out(Wipe(retries=0), observers=[meddler])
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.DROP, "wipe")
+    assert run.failure.condition == "the fingers hold the sponge"
+    assert [phase.name for phase in run.phases][-5:] == [
+        "stop",
+        "back off",
+        "open gripper",
+        "home",
+        "end",
+    ]
+
+
+@pytest.fixture
+def done() -> tuple[Wipe, Simulation]:
+    """A world in which all is as it should be at the end."""
+    task = Wipe()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    for i in range(MARKS):
+        hide_marker(simulation, mark(i))
+    task_state(simulation)[:] = [10.0, 0.0, 0.3, 20.0]
+    return task, simulation
+
+
+def test_all_as_it_should_be_is_success(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    assert task.verdict(simulation) is None
+    assert task.measures(simulation)["marks_left"] == 0.0
+    task_state(simulation)[:] = [10.0, 0.11, 0.6, 20.0]
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert failure.evidence.startswith("the force was off by more than 5 % for 1.1 %")
+
+
+def test_one_mark_left_is_not_the_end(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    simulation.place_marker(mark(5), SE3.from_translation(np.array([0.5, 0.0, SURFACE])))
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.PLACE
+    assert "1 of 8 marks are left" in failure.evidence
+
+
+@pytest.mark.parametrize(("distance", "ok"), [(9e-3, True), (11e-3, False)])
+def test_the_sponge_has_to_be_back(
+    done: tuple[Wipe, Simulation], distance: float, ok: bool
+) -> None:
+    task, simulation = done
+    at = shifted(simulation.object_pose("sponge"), np.array([0.6, 0.8, 0.0]) * distance)
+    simulation.place_object("sponge", at)
+    failure = task.verdict(simulation)
+    assert (failure is None) == ok
+    if failure is not None:
+        assert "the sponge is 11.0 mm from its place" in failure.evidence
+
+
+def test_arm_and_gripper_have_to_be_away(done: tuple[Wipe, Simulation]) -> None:
+    task, simulation = done
+    simulation.data.joint(PANDA.joints[2]).qpos[0] += 0.011
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "a joint is 0.011 rad from home" in failure.evidence
+    simulation.data.joint(PANDA.joints[2]).qpos[0] -= 0.011
+    simulation.data.joint(GRIPPER.joints[0]).qpos[0] = 0.03
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "the gripper is open 70.0 mm" in failure.evidence
+
+
+class Pressed(WipeMonitor):
+    """Notes of a sponge that is pressed with a force of the test."""
+
+    force = 0.0
+
+    def pressed(self) -> float:
+        return self.force
+
+
+@pytest.fixture
+def over_a_mark() -> tuple[Pressed, Simulation]:
+    task = Wipe()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    at = simulation.marker_pose(mark(0)).translation() + np.array([0.0, 0.0, 0.0325])
+    simulation.place_object("sponge", SE3.from_translation(at))
+    return Pressed(simulation, task.sponge, task.settings), simulation
+
+
+@pytest.mark.parametrize(("force", "left"), [(0.0, 8), (4.99, 8), (5.01, 7)])
+def test_a_mark_goes_where_the_sponge_presses(
+    over_a_mark: tuple[Pressed, Simulation], force: float, left: int
+) -> None:
+    monitor, simulation = over_a_mark
+    monitor.force = force
+    monitor.update()
+    assert len(marks_left(simulation)) == left
+    assert (0 in marks_left(simulation)) == (left == 8)
+
+
+@pytest.mark.parametrize(
+    ("by", "left"),
+    [((0.042, 0.0), 7), ((0.043, 0.0), 8), ((0.0, 0.0175), 7), ((0.0, -0.0185), 8)],
+)
+def test_a_mark_beside_the_foam_stays(
+    over_a_mark: tuple[Pressed, Simulation], by: tuple[float, float], left: int
+) -> None:
+    monitor, simulation = over_a_mark
+    sponge = shifted(simulation.object_pose("sponge"), np.array([*by, 0.0]))
+    simulation.place_object("sponge", sponge)
+    monitor.force = 10.0
+    monitor.update()
+    assert len(marks_left(simulation)) == left
+
+
+def slides(simulation: Simulation, speed: float = 0.05) -> None:
+    simulation.data.joint(simulation.model.body("sponge").jntadr[0]).qvel[0] = speed
+
+
+@pytest.mark.parametrize(
+    ("outside", "sign", "ok"), [(0, 1, True), (1, 1, True), (2, -1, False), (100, 1, False)]
+)
+def test_one_part_in_a_hundred_of_the_time_may_be_out_of_the_band(
+    over_a_mark: tuple[Pressed, Simulation], outside: int, sign: int, ok: bool
+) -> None:
+    """However often it is looked at: out of the band, ten times as often as in it."""
+    monitor, simulation = over_a_mark
+    slides(simulation)
+    for i in range(100):
+        monitor.force = 10.0 + sign * (0.6 if i < outside else -0.4)
+        for _ in range(10 if i < outside else 1):
+            simulation.data.time += 0.001 if i < outside else 0.01
+            monitor.update()
+    against = monitor.against_force()
+    assert (against is None) == ok
+    if against is not None:
+        worst = 10.0 + 0.6 * sign
+        assert f"for {outside:.1f} % of the time of sliding, {worst:.2f} N at worst" in against
+
+
+def test_a_sponge_that_never_slid_has_not_held_the_force(
+    over_a_mark: tuple[Pressed, Simulation],
+) -> None:
+    assert over_a_mark[0].against_force() == "the sponge has not been led over the board"
+
+
+@pytest.mark.parametrize(
+    ("speed", "force", "beside", "counts"),
+    [
+        (0.006, 7.0, 0.0, True),
+        (0.004, 7.0, 0.0, False),
+        (0.05, 0.9, 0.0, False),
+        (0.05, 1.1, 0.0, True),
+        (0.05, 7.0, 0.25, False),
+    ],
+)
+def test_sliding_is_being_pressed_and_led_over_the_board(
+    over_a_mark: tuple[Pressed, Simulation], speed: float, force: float, beside: float, counts: bool
+) -> None:
+    monitor, simulation = over_a_mark
+    at = shifted(simulation.object_pose("sponge"), np.array([0.0, beside, 0.0]))
+    simulation.place_object("sponge", at)
+    slides(simulation, speed)
+    monitor.force = force
+    simulation.data.time += 0.02
+    monitor.update()
+    assert (monitor.against_force() != "the sponge has not been led over the board") == counts
+    assert task_state(simulation)[0] == pytest.approx(0.02 if counts else 0.0)
+
+
+@pytest.mark.parametrize(("up", "left"), [(0.001, 7), (0.003, 8), (-0.024, 7), (-0.026, 8)])
+def test_a_mark_goes_where_the_foam_lies_on_it(
+    over_a_mark: tuple[Pressed, Simulation], up: float, left: int
+) -> None:
+    """A hand that presses elsewhere while the sponge is above a mark wipes nothing off."""
+    monitor, simulation = over_a_mark
+    at = shifted(simulation.object_pose("sponge"), np.array([0.0, 0.0, up]))
+    simulation.place_object("sponge", at)
+    monitor.force = 10.0
+    monitor.update()
+    assert len(marks_left(simulation)) == left
+
+
+@pytest.mark.parametrize(("turn", "gone"), [(0.5 * np.pi, 2), (0.0, 0)])
+def test_marks_vanish_under_whoever_presses_the_sponge_on_them(turn: float, gone: int) -> None:
+    """A policy comes down on a sponge that lies on two marks, or between them, until it feels 8 N.
+
+    The foam is 85 mm long and 36 mm wide; the marks are 40 mm apart.
+    """
+    task, (x, y, z) = _Lying(turn=turn), _lying(_world())
+    height = z + 0.06
+
+    def press(seen: Observation) -> ToolTarget:
+        nonlocal height
+        if seen.time > 1.0 and seen.force[2] < 8.0:
+            height -= 2e-4
+        return ToolTarget(pose=vector_of(tool_down([x, y, height], 0.0)), width=0.0)
+
+    run = follow(Scripted(press), task=task, timing=PolicyTiming(rate=100.0, seconds=2.6))
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert run.failure.evidence.startswith(f"{MARKS - gone} of 8 marks are left")
+    assert run.measures["marks_left"] == MARKS - gone
+    assert abs(run.rows["contact/tool"][2550, 2] - 8.0) < 1.5
+
+
+def _lying(simulation: Simulation) -> np.ndarray:
+    """Between the first and the third mark."""
+    Wipe().reset(simulation, None)
+    first, third = (simulation.marker_pose(mark(i)).translation() for i in (0, 2))
+    between: np.ndarray = 0.5 * (first + third) + np.array([0.0, 0.0, 0.5 * Wipe().sponge.height])
+    return between
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Lying(Wipe):
+    """The sponge lies on the board, turned."""
+
+    turn: float
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        at = _lying(simulation)
+        simulation.place_object("sponge", upright(list(at), self.turn))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_marks_are_on_the_board_and_the_sponge_is_beside_it(seed: int) -> None:
+    task = Wipe()
+    simulation = _world()
+    task.reset(simulation, np.random.default_rng(seed))
+    board = simulation.marker_pose("board")
+    assert abs(board.translation()[2] - SURFACE) <= 5e-3
+    for i in range(MARKS):
+        at = (board.inverse() @ simulation.marker_pose(mark(i))).translation()
+        assert (np.abs(at[:2]) <= 0.5 * np.array(BOARD)).all()
+        assert abs(at[2]) < 1e-9
+    sponge = (board.inverse() @ simulation.object_pose("sponge")).translation()
+    assert (np.abs(sponge[:2]) > 0.5 * np.array(BOARD) + 0.02).any()
+
+
+@cache
+def _world() -> Simulation:
+    return Simulation(PANDA, Wipe().build_scene)
+
+
+@pytest.mark.parametrize("name", ["force", "force_least", "band", "speed", "touch_speed"])
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_impossible_settings_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InvalidValueError, match=f"{name} must be positive and finite; found"):
+        replace(WipeSettings(), **{name: value})
