@@ -161,7 +161,7 @@ import sys
 from robo47_qp.command import main, run_task
 from robo47_qp.options import RunOptions
 from robo47_qp.robots.panda import PANDA
-from tasks.pick_place import PickPlace
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 def run(options, console):
     return run_task(PickPlace(place_tolerance=1e-9), PANDA, options, console)
