@@ -9,13 +9,14 @@ from scipy.interpolate import BPoly
 from scipy.optimize import brentq
 
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import Robo47Error
 from robo47_qp.motion.paths.speed_limits import PathProfile
 
 _ROOM = 0.99
 """Part of a segment that the blends at its ends may take together."""
 
 
-class BlendError(ValueError):
+class BlendError(Robo47Error):
     """Blends that do not fit on their segment; `segment` is its place in the curve."""
 
     def __init__(self, segment: int, reason: str) -> None:

@@ -35,10 +35,7 @@ def profile_of(loop: ControlLoop) -> MotionProfile:
 
 
 class JointTargets:
-    """Goes to joint positions that change whenever they like, its jerk bounded.
-
-    The same motion as `motion.retarget`, sampled only as far as it is needed.
-    """
+    """Goes to joint positions that may change at any time, time-optimal with bounded jerk."""
 
     def __init__(self, loop: ControlLoop) -> None:
         """Keep the loop to act with."""
