@@ -1,7 +1,7 @@
-"""Episode: one attempt at a task, what is asked for and what came of it, as plain data."""
+"""Episode: one attempt at a task, its specification and its result as plain data."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,14 +15,14 @@ class EpisodeSpec:
     index: int
     """Place in the evaluation, from 0."""
     seed: int
-    """What world and perturbation are drawn from."""
+    """Seed of the world and its perturbation."""
     recording: Path | None = None
-    """Recording to write; None writes none."""
+    """Recording to write, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeResult:
-    """What came of an episode: a success, a failure with its cause, or an error of our own."""
+    """Outcome of an episode: a success, a failure with its cause, or an internal error."""
 
     index: int
     seed: int
@@ -32,63 +32,71 @@ class EpisodeResult:
     evidence: str | None = None
     """What was seen, with numbers."""
     step: str | None = None
-    """The step that failed, where it was one."""
+    """The step that failed, if it was one."""
     condition: str | None = None
-    """The condition that did not hold, where it was one."""
+    """The condition that did not hold, if it was one."""
     time: float | None = None
-    """When the failure was seen, in simulated time [s]; None where nothing tells."""
+    """When the failure was seen, in simulated time [s]; None if unknown."""
     measures: Mapping[str, Any] = field(default_factory=dict)
-    """Figures of the task's own, by name with unit."""
+    """The task's own figures, by name with unit."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
-    """Figures of the run, by name with unit; none of wall time."""
+    """Metrics of the run, by name with unit, except those of wall time."""
     audit_ok: bool | None = None
-    """Whether all promises were kept; None where no run was left to look at."""
+    """Whether all limits of the audit were kept; None if there is no run to audit."""
     broken_promises: tuple[str, ...] = ()
-    """Findings of the audit that are not ok."""
+    """Signals that violated a limit of the audit."""
     disturbance: Mapping[str, Any] = field(default_factory=dict)
-    """What was wrong in this world."""
+    """How the simulated world differed from its model."""
     sha256: str | None = None
-    """Of the recorded rows, bit by bit."""
+    """Of the recorded rows."""
     error: str | None = None
-    """An error of our own that ended the episode, with its traceback: nothing is known of the
-    policy then."""
+    """Traceback of an internal error that ended the episode: it says nothing about the policy."""
     timing: Mapping[str, float] = field(default_factory=dict)
-    """Figures of wall time: all that may differ from run to run."""
+    """Figures of wall time: the only ones that may differ from run to run."""
 
     @property
     def failure(self) -> str | None:
-        """Why it is no success: the cause, or "error"."""
+        """The cause of failure, or "error"; None for a success."""
         return "error" if self.error is not None else self.cause
 
     @property
+    def explanation(self) -> str:
+        """The evidence of the failure, or the last line of the error."""
+        return self.evidence or "" if self.error is None else self.error.splitlines()[-1]
+
+    @property
     def timed_out(self) -> bool:
-        """True where wall time ended it: how far it came depends on the machine."""
+        """True if wall time ended the episode: how far it got depends on the machine."""
         return self.cause == Cause.TIMEOUT.value and self.time is None
 
+    def is_same(self, other: "EpisodeResult") -> bool:
+        """Return whether two results differ in nothing but wall time."""
+        return replace(self, timing={}) == replace(other, timing={})
+
     def entry(self) -> dict[str, Any]:
-        """The result as JSON."""
+        """Return the result as JSON."""
         return {**asdict(self), "broken_promises": list(self.broken_promises)}
 
     @classmethod
     def of_entry(cls, entry: Mapping[str, Any]) -> "EpisodeResult":
-        """The result that an entry stands for.
+        """Return the result that was written as JSON.
 
         Raises:
-            TypeError, KeyError: It is no entry.
+            TypeError, KeyError: It is not the entry of an episode.
         """
         return cls(**{**entry, "broken_promises": tuple(entry["broken_promises"])})
 
 
 class Episode(Protocol):
-    """Runs episodes of one task under one policy; goes to worker processes by pickle.
+    """Runs episodes of one task under one policy; sent to worker processes by pickle.
 
-    What it does depends on the spec alone, and not on the episodes before. What the policy does
-    wrong is a failure in its result; what it raises is an error of our own.
+    The outcome depends on the spec alone, not on earlier episodes. Errors of the policy are
+    failures in the result; whatever is raised is an internal error.
     """
 
     @property
     def foreign(self) -> bool:
-        """True where code that is not ours decides: if its process dies, that is its failure."""
+        """True if code from outside the package decides: its process dying is its failure."""
         ...
 
     def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
@@ -97,7 +105,7 @@ class Episode(Protocol):
 
 
 def failed(spec: EpisodeSpec, failure: Failure, **more: Any) -> EpisodeResult:
-    """The result of an episode that failed."""
+    """Return the result of an episode that failed."""
     return EpisodeResult(
         index=spec.index,
         seed=spec.seed,
@@ -112,18 +120,18 @@ def failed(spec: EpisodeSpec, failure: Failure, **more: Any) -> EpisodeResult:
 
 
 def errored(spec: EpisodeSpec, words: str) -> EpisodeResult:
-    """The result of an episode that an error of our own ended."""
+    """Return the result of an episode that an internal error ended."""
     return EpisodeResult(index=spec.index, seed=spec.seed, success=False, error=words)
 
 
 def overdue(spec: EpisodeSpec, seconds: float) -> EpisodeResult:
-    """The result of an episode whose worker process had to be stopped."""
+    """Return the result of an episode whose worker process had to be killed."""
     evidence = f"the episode took more than {seconds:g} s of wall time; its process was stopped"
     return failed(spec, Failure(cause=Cause.TIMEOUT, evidence=evidence))
 
 
 def died(spec: EpisodeSpec, how: str, *, foreign: bool) -> EpisodeResult:
-    """The result of an episode whose worker process died."""
+    """Return the result of an episode whose worker process died."""
     evidence = f"the process of the episode died: {how}"
     if not foreign:
         return errored(spec, evidence)

@@ -1,7 +1,11 @@
-"""An evaluation from its options to its files."""
+"""An evaluation from its options to its files: one policy, or several on the same seeds."""
 
 import json
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -9,23 +13,138 @@ from rich.markup import escape
 
 from robo47_qp.cli import FAILED, INTERRUPTED, OK
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.evaluation import Evaluation
-from robo47_qp.evaluation.job import Job, print_unsound, sound
-from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policies import Cell
-from robo47_qp.evaluation.replay import replay
-from robo47_qp.evaluation.report.summary import compared
+from robo47_qp.evaluation.episode import Episode
+from robo47_qp.evaluation.evaluation import Evaluation, code_digest
+from robo47_qp.evaluation.journal import Journal
+from robo47_qp.evaluation.options import EvaluateOptions, policy_settings
+from robo47_qp.evaluation.policies import CLASSICAL, Cell, PolicyDrive
+from robo47_qp.evaluation.replay import picked, record_failures, replay
+from robo47_qp.evaluation.report.plots import plot_evaluation
+from robo47_qp.evaluation.report.progress import EvaluationBar
+from robo47_qp.evaluation.report.report import (
+    EvaluationReport,
+    check_paired,
+    compare,
+    compare_policies,
+)
 from robo47_qp.evaluation.report.words import (
     broken_line,
     cause_lines,
+    causes_tail,
     comparison_line,
+    counted,
+    markdown,
+    paired_markdown,
     rate_line,
     throughput_line,
 )
-from robo47_qp.evaluation.several import evaluate_several
-from robo47_qp.files import read_json
+from robo47_qp.evaluation.task_episode import Drive, TaskEpisode, classical
+from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses
+from robo47_qp.evaluation.workers.ray_cluster import RayCluster
+from robo47_qp.files import claim, read_json, write_json, write_text
 from robo47_qp.model.robot import Robot
+from robo47_qp.report.run_report import plain, versions
 from robo47_qp.run.task import Task
+
+_COMPARISON = ("report", "text")
+"""Files of `EvaluateOptions.files` that hold a comparison of several policies."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """One policy on all seeds of an evaluation, and its files."""
+
+    task: Task
+    robot: Robot
+    options: EvaluateOptions
+    """Of a single policy."""
+    cell: Cell | None
+    """Makes the runner of a policy other than the classical stack."""
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """What is to be run.
+
+        Raises:
+            PolicyLoadError: The policy cannot be loaded.
+            InvalidValueError: There is no cell for it.
+        """
+        return Evaluation(
+            episode=self._episode(),
+            settings=self._settings(),
+            episodes=self.options.episodes,
+            seed=self.options.seed,
+        )
+
+    @property
+    def executor(self) -> Executor:
+        """Where the episodes run."""
+        options = self.options
+        kind = RayCluster if options.cluster == "ray" else LocalProcesses
+        return kind(workers=options.workers, timeout=options.timeout)
+
+    def run(self, console: Console, title: str) -> EvaluationReport:
+        """Run the episodes that the journal does not have, and write the report.
+
+        Raises:
+            JournalError, RecordingError, WorkerError: See `Evaluation.run`.
+        """
+        files = self.options.files
+        with EvaluationBar(console, self.options.episodes, title) as bar:
+            report = self.evaluation.run(self.executor, files["journal"], bar.show, resume=True)
+        if self.options.against is not None:
+            report = replace(report, comparison=compare(report, _other(self.options.against)))
+        # Episodes take long; all else can be made again from the journal.
+        write_json(files["report"], report.as_json())
+        return report
+
+    def finish(self, report: EvaluationReport) -> EvaluationReport:
+        """Record failures and write all files; returns the report with the replays.
+
+        Raises:
+            RecordingError, WorkerError: See `record_failures`.
+        """
+        files, failures = self.options.files, picked(report.results, self.options.failures)
+        episode = self.evaluation.episode
+        replayed = record_failures(episode, self.executor, failures, files["recording"])
+        report = replace(report, replayed=replayed)
+        write_json(files["report"], report.as_json())
+        write_text(files["text"], markdown(report, [files["plot"].name]))
+        plot_evaluation(report, files["plot"])
+        return report
+
+    def _episode(self) -> Episode:
+        reference = self.options.contender.reference
+        drive: Drive = classical
+        if reference is not None:
+            reference.load()
+            if self.cell is None:
+                raise InvalidValueError("--policy", self.options.contender.name, CLASSICAL)
+            drive = PolicyDrive(reference=reference, cell=self.cell)
+        return TaskEpisode(
+            robot=self.robot,
+            task=self.task,
+            options=self.options.run_options,
+            perturbation=self.options.perturbation,
+            drive=drive,
+            foreign=reference is not None,
+        )
+
+    def _settings(self) -> dict[str, Any]:
+        """Return all that the results depend on."""
+        reference, own = self.options.contender.reference, Path(__file__).resolve().parents[1]
+        tasks = Path(sys.modules[type(self.task).__module__].__file__ or "")
+        digest = None if reference is None else reference.digest
+        return {
+            "task": plain(self.task),
+            "robot": self.robot.name,
+            "policy": policy_settings(self.options, digest),
+            "perturbation": plain(self.options.perturbation),
+            "speed": self.options.speed,
+            "timeout": self.options.timeout,
+            "code": code_digest([own, tasks.parent]),
+            "versions": versions(),
+        }
 
 
 def evaluate(
@@ -35,71 +154,158 @@ def evaluate(
 
     Args:
         task: What is to be done.
-        robot: Who does it.
-        options: All that was chosen.
+        robot: Robot that does it.
+        options: All that was chosen; of several policies, the first is the baseline.
         console: Where progress and the outcome are printed.
         cell: Makes the runner of a policy other than the classical stack.
 
     Returns:
-        0 where it is done, whatever the success rate; 1 where an episode ended with an error of
-        our own, or came out otherwise when it was replayed; 130 for Ctrl-C.
+        0 for a finished evaluation, whatever the success rate; 1 if an episode ended with an
+        internal error or differed when it was replayed; 130 for Ctrl-C.
 
     Raises:
-        Robo47Error: Bad input, or a file that cannot be written.
+        Robo47Error: Bad input, before anything runs, or a file that cannot be written.
     """
     jobs = [Job(task=task, robot=robot, options=one, cell=cell) for one in options.each]
-    if len(jobs) > 1:
-        return evaluate_several(jobs, options, console)
     if options.replay is not None:
-        return replay(jobs[0], options.replay, console)
-    return _evaluate_one(jobs[0], console)
-
-
-def _evaluate_one(job: Job, console: Console) -> int:
-    options = job.options
-    against = _against(options, job.evaluation)
-    job.claim()
+        return _replay(jobs[0], options.replay, console)
+    several = len(jobs) > 1
+    _prepare(jobs, options)
+    reports = []
     try:
-        figures = job.run(console, resume=options.resume)
+        for job in jobs:
+            name = job.options.contender.name
+            reports.append(job.run(console, name if several else "episodes"))
+            if several:
+                _print(console, _outcome(name, reports[-1]))
     except KeyboardInterrupt:
-        console.print("interrupted; all finished episodes are kept: go on with --resume")
+        console.print("interrupted; the finished episodes are kept: continue with --resume")
         return INTERRUPTED
-    if against is not None:
-        figures["comparison"] = compared(figures, against)
-    # First of all, what took long: the rest can be made again from the journal.
-    job.keep(figures)
-    job.finish(figures)
-    _print_end(figures, options, console)
-    return OK if sound(figures) else FAILED
+    # Only now: a resumed evaluation of several policies does not record the first ones again.
+    reports = [job.finish(report) for job, report in zip(jobs, reports, strict=True)]
+    for report in reports:
+        _print_unsound(report, console)
+    if several:
+        _conclude(jobs, reports, options, console)
+    elif options.json:
+        _print_json(reports[0].as_json())
+    else:
+        _print(console, _summary(reports[0], options))
+    return OK if all(report.sound for report in reports) else FAILED
 
 
-def _against(options: EvaluateOptions, evaluation: Evaluation) -> dict[str, Any] | None:
-    """The result to compare with, known to be of the same worlds before anything runs."""
-    if options.against is None:
-        return None
-    other = read_json(options.against, "Make it with scenarios/evaluate.py.")
-    entries = [{"seed": spec.seed, "success": False} for spec in evaluation.specs]
+def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
+    """Refuse what would fail later before anything runs, and open every journal.
+
+    With --resume, all journals are read before one is opened: a refused evaluation leaves none
+    with settings that the right one would be refused for. Without, all old ones are put aside
+    now: after an interruption, --resume finds none of an earlier evaluation.
+    """
+    evaluations = [job.evaluation for job in jobs]
+    if options.against is not None:
+        seeds = [spec.seed for spec in evaluations[0].specs]
+        check_paired(evaluations[0].settings, seeds, _other(options.against))
+    for job in jobs:
+        for path in (*job.options.files.values(), *(options.files[name] for name in _COMPARISON)):
+            claim(path)
+    journals = [(job.options.files["journal"], job.evaluation.settings) for job in jobs]
+    if options.resume:
+        for path, settings in journals:
+            Journal.read(path, settings)
+    for path, settings in journals:
+        Journal(path, settings, resume=options.resume).close()
+
+
+def _other(path: Path) -> EvaluationReport:
+    """Read the report to compare with.
+
+    Raises:
+        RecordingError, InvalidValueError: There is no such file, or it is not a report.
+    """
+    content = read_json(path, "Make it with scenarios/evaluate.py.")
     try:
-        compared({"policy": "", "settings": evaluation.settings, "entries": entries}, other)
+        return EvaluationReport.of_json(content)
     except (KeyError, TypeError) as error:
-        raise InvalidValueError(
-            "--against", f"{options.against} without {error}", "a report of an evaluation"
-        ) from error
-    return other
+        found = f"{path} without {error}"
+        raise InvalidValueError("--against", found, "a report of an evaluation") from error
 
 
-def _print_end(figures: dict[str, Any], options: EvaluateOptions, console: Console) -> None:
-    print_unsound(figures, console)
+def _replay(job: Job, seed: int, console: Console) -> int:
+    """Run the episode of a seed again, recorded; returns the exit code."""
+    options = job.options
+    path = options.log.with_name(f"{options.log.stem}-{job.task.name}-{seed}.rrd")
+    report = path.with_suffix(".json")
+    claim(path)
+    claim(report)
+    executor = LocalProcesses(workers=1, timeout=options.timeout)
+    result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
+    entry = {**result.entry(), "same_as_evaluated": same}
+    write_json(report, entry)
     if options.json:
-        sys.stdout.write(json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        _print_json(entry)
+    else:
+        words = "success" if result.success else f"{result.failure}: {result.explanation}"
+        lines = [f"seed {seed}: {words}"]
+        lines += [] if result.error is None else [result.error]
+        if same is not None:
+            lines.append(f"  identical to the evaluated episode: {'yes' if same else 'NO'}")
+        _print(console, [*lines, f"  recording  {path}"])
+    return FAILED if result.error is not None or same is False else OK
+
+
+def _conclude(
+    jobs: Sequence[Job],
+    reports: Sequence[EvaluationReport],
+    options: EvaluateOptions,
+    console: Console,
+) -> None:
+    """Write and print the comparison of several policies."""
+    names = [job.options.files["report"].name for job in jobs]
+    found = compare_policies(dict(zip(names, reports, strict=True)))
+    write_json(options.files["report"], found.as_json())
+    write_text(options.files["text"], paired_markdown(found))
+    if options.json:
+        _print_json(found.as_json())
         return
-    lines = [rate_line(figures)]
-    lines += cause_lines(figures)
-    if broken := broken_line(figures):
+    lines = [comparison_line(comparison) for comparison in found.comparisons]
+    lines += [f"  {name:<10} {options.files[name]}" for name in _COMPARISON]
+    for name in ("report", "recording"):
+        files = [job.options.files[name] for job in jobs]
+        lines += [f"  {name:<10} {path}" for path in files if path.exists()]
+    _print(console, lines)
+
+
+def _outcome(name: str, report: EvaluationReport) -> list[str]:
+    broken = broken_line(report)
+    line = f"{name}: {rate_line(report)}{causes_tail(report)}"
+    return [line, f"  {broken}"] if broken else [line]
+
+
+def _summary(report: EvaluationReport, options: EvaluateOptions) -> list[str]:
+    lines = [rate_line(report), *cause_lines(report)]
+    if broken := broken_line(report):
         lines.append(broken)
-    if "comparison" in figures:
-        lines.append(comparison_line(figures["comparison"]))
-    if figures["timing"]:
-        lines.append(throughput_line(figures["timing"]))
-    lines += [f"  {name:<10} {path}" for name, path in options.files.items() if path.exists()]
+    if report.comparison is not None:
+        lines.append(comparison_line(report.comparison))
+    if report.timing is not None:
+        lines.append(throughput_line(report.timing))
+    return lines + [f"  {n:<10} {path}" for n, path in options.files.items() if path.exists()]
+
+
+def _print_unsound(report: EvaluationReport, console: Console) -> None:
+    """Print internal errors, and replays that differed."""
+    if report.errors:
+        count = counted(len(report.errors), "episode")
+        console.print(f"[bold red]{count} ended with an internal error[/], the first:")
+        _print(console, [str(report.errors[0].error)])
+    other = [seed for seed, same in report.replayed.items() if same is False]
+    if other:
+        console.print(f"[bold red]the replays of these seeds differed:[/] {other}")
+
+
+def _print(console: Console, lines: Sequence[str]) -> None:
     console.print(escape("\n".join(lines)), highlight=False, soft_wrap=True)
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")

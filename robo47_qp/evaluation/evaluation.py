@@ -1,7 +1,7 @@
-"""Evaluation: episodes of a row of seeds, each run once, whatever happens in between."""
+"""Evaluation: episodes on consecutive seeds, each run once, across interruptions."""
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -11,32 +11,20 @@ from typing import Any
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.journal import Journal
+from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
 from robo47_qp.evaluation.workers.executor import Executor
 
 Show = Callable[[Sequence[EpisodeResult]], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Finished:
-    """An evaluation that is done."""
-
-    results: Sequence[EpisodeResult]
-    """All of them, in the order of the seeds."""
-    fresh: Sequence[EpisodeResult]
-    """Those that were run now, as they came."""
-    seconds: float
-    """Wall time of these, with the start of the workers [s]."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """What is to be evaluated, and on which seeds."""
+    """Episodes to run, and their seeds."""
 
     episode: Episode
     settings: Mapping[str, Any]
     """All that the results depend on, as JSON."""
     episodes: int
-    """How many."""
     seed: int = 0
     """Episode i has the seed `seed + i`."""
 
@@ -56,44 +44,59 @@ class Evaluation:
         """All episodes, in their order."""
         return [EpisodeSpec(index=i, seed=self.seed + i) for i in range(self.episodes)]
 
-    def run(self, executor: Executor, path: Path, show: Show, *, resume: bool) -> Finished:
-        """Run the episodes that a journal does not hold yet.
+    def run(
+        self,
+        executor: Executor,
+        path: Path | None = None,
+        show: Show | None = None,
+        *,
+        resume: bool = False,
+    ) -> EvaluationReport:
+        """Run the episodes that are not in the journal yet.
 
         Args:
-            executor: Where they run.
-            path: The journal.
-            show: Called with all results so far, at the start and after each one.
-            resume: Go on with the journal, if there is one.
+            executor: Where the episodes run.
+            path: Journal of the finished episodes; None keeps none.
+            show: Called with all results so far, at the start and after each episode.
+            resume: Continue the journal, if there is one.
 
         Raises:
             JournalError, RecordingError: See `Journal`.
             WorkerError: See `Executor.run`.
         """
         started, fresh = perf_counter(), []
-        with closing(Journal(path, self.settings, resume=resume)) as journal:
-            there = journal.results
-            done = [there[spec.seed] for spec in self.specs if spec.seed in there]
-            show(done)
-            left = [spec for spec in self.specs if spec.seed not in there]
-            with closing(_generator(executor, self.episode, left)) as results:
-                for result in results:
+        with ExitStack() as stack:
+            journal = None
+            if path is not None:
+                journal = stack.enter_context(closing(Journal(path, self.settings, resume=resume)))
+            known = {} if journal is None else journal.results.copy()
+            done = [known[spec.seed] for spec in self.specs if spec.seed in known]
+            left = [spec for spec in self.specs if spec.seed not in known]
+            if show is not None:
+                show(done)
+            for result in stack.enter_context(closing(_generator(executor, self.episode, left))):
+                if journal is not None:
                     journal.add(result)
-                    fresh.append(result)
+                fresh.append(result)
+                if show is not None:
                     show([*done, *fresh])
-        found = sorted([*done, *fresh], key=lambda result: result.index)
-        return Finished(results=found, fresh=fresh, seconds=perf_counter() - started)
+        return EvaluationReport(
+            settings=self.settings,
+            results=sorted([*done, *fresh], key=lambda result: result.index),
+            timing=Throughput.of(fresh, perf_counter() - started, executor.workers),
+        )
 
 
 def _generator(
     executor: Executor, episode: Episode, specs: Sequence[EpisodeSpec]
 ) -> Generator[EpisodeResult, None, None]:
-    """The results, as something to be closed: workers end with it, also on Ctrl-C."""
+    """Yield the results; closing the generator ends the workers, also on Ctrl-C."""
     if specs:
         yield from executor.run(episode, specs)
 
 
 def code_digest(folders: Sequence[Path]) -> str:
-    """SHA-256 of all Python and model files of some folders: results of other code are others."""
+    """Return the SHA-256 of all Python and model files in some folders."""
     digest = sha256()
     for folder in folders:
         for path in sorted(folder.rglob("*")):

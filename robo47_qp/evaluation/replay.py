@@ -1,55 +1,88 @@
-"""Replay: one episode of an evaluation again, recorded, in a process as all others."""
+"""Replay: episodes of an evaluation run again and recorded."""
 
-import json
+import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from rich.console import Console
-from rich.markup import escape
-
-from robo47_qp.cli import FAILED, OK
-from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.failures import is_same
-from robo47_qp.evaluation.job import Job, write_json
+from robo47_qp.errors import RecordingError
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
+from robo47_qp.evaluation.evaluation import Evaluation
 from robo47_qp.evaluation.journal import Journal, JournalError
-from robo47_qp.evaluation.workers.executor import LocalProcesses
-from robo47_qp.files import claim
+from robo47_qp.evaluation.workers.executor import Executor
 
 
-def replay(job: Job, seed: int, console: Console) -> int:
-    """Run the episode of a seed; returns the exit code.
+def replay(
+    evaluation: Evaluation, seed: int, executor: Executor, journal: Path, recording: Path
+) -> tuple[EpisodeResult, bool | None]:
+    """Run the episode of a seed again and record it.
+
+    Returns:
+        The result, and whether it is the one in the journal, bit by bit; None if the journal
+        does not have it, or is of another evaluation.
 
     Raises:
-        Robo47Error: Bad input, or a file that cannot be written.
+        RecordingError: The file cannot be written.
+        WorkerError: See `Executor.run`.
     """
-    options = job.options
-    path = options.log.with_name(f"{options.log.stem}-{job.task.name}-{seed}.rrd")
-    report = path.with_suffix(".json")
-    for file in (path, report):
-        claim(file)
-    before = _journalled(job, seed)
-    executor = LocalProcesses(workers=1, timeout=options.timeout)
-    index = seed - options.seed if before is None else before.index
-    spec = EpisodeSpec(index=index, seed=seed, recording=path.resolve())
-    (result,) = executor.run(job.evaluation.episode, [spec])
-    same = None if before is None else is_same(before, result)
-    entry = {**result.entry(), "same_as_evaluated": same}
-    write_json(entry, report)
-    if options.json:
-        sys.stdout.write(json.dumps(entry, indent=2) + "\n")
-    else:
-        words = "success" if result.success else f"{result.failure}: {result.evidence}"
-        console.print(f"seed {seed}: {escape(words)}", highlight=False)
-        if result.error is not None:
-            console.print(escape(result.error), highlight=False)
-        if same is not None:
-            console.print(f"  as in the evaluation, bit by bit: {'yes' if same else 'NO'}")
-        console.print(f"  recording  {path}", highlight=False, soft_wrap=True)
-    return FAILED if result.error is not None or same is False else OK
-
-
-def _journalled(job: Job, seed: int) -> EpisodeResult | None:
-    """What the evaluation with these settings, if there is one, says of an episode."""
     try:
-        return Journal.read(job.options.files["journal"], job.evaluation.settings).get(seed)
+        before = Journal.read(journal, evaluation.settings).get(seed)
     except JournalError:
-        return None
+        before = None
+    index = seed - evaluation.seed if before is None else before.index
+    spec = EpisodeSpec(index=index, seed=seed, recording=recording.resolve())
+    (result,) = executor.run(evaluation.episode, [spec])
+    return result, None if before is None else before.is_same(result)
+
+
+def picked(results: Sequence[EpisodeResult], most: int) -> list[EpisodeResult]:
+    """Return at most so many failures: one of each cause, then a second of each, and so on."""
+    by_cause: dict[str, list[EpisodeResult]] = {}
+    for result in results:
+        if not result.success and result.error is None and result.cause is not None:
+            by_cause.setdefault(result.cause, []).append(result)
+    ranks = [(k, r.index, r) for failures in by_cause.values() for k, r in enumerate(failures)]
+    ranks.sort(key=lambda item: item[:2])
+    return sorted((r for _, _, r in ranks[:most]), key=lambda r: r.index)
+
+
+def record_failures(
+    episode: Episode, executor: Executor, failures: Sequence[EpisodeResult], path: Path
+) -> dict[int, bool | None]:
+    """Run failed episodes again, recorded, and merge the recordings into one file.
+
+    Returns:
+        By seed: whether the result was identical bit by bit; None for an episode that ran out
+        of wall time, as recording takes longer.
+
+    Raises:
+        RecordingError: The file cannot be written.
+        WorkerError: See `Executor.run`.
+    """
+    same: dict[int, bool | None] = {}
+    with TemporaryDirectory(dir=path.parent) as folder:
+        files = {f.seed: Path(folder) / f"seed {f.seed}, {f.cause}.rrd" for f in failures}
+        before = {f.seed: f for f in failures}
+        specs = [EpisodeSpec(index=f.index, seed=f.seed, recording=files[f.seed]) for f in failures]
+        for again in executor.run(episode, specs):
+            first = before[again.seed]
+            late = again.timed_out and not first.timed_out
+            same[again.seed] = None if late else first.is_same(again)
+        _merge([file for file in files.values() if file.exists()], path)
+    return dict(sorted(same.items()))
+
+
+def _merge(files: Sequence[Path], path: Path) -> None:
+    """Merge recordings into one file with Rerun's own tool."""
+    path.unlink(missing_ok=True)
+    if not files:
+        return
+    command = [sys.executable, "-m", "rerun", "rrd", "merge", *map(str, files), "-o", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0 or not path.exists():
+        said = done.stderr.strip().splitlines()
+        raise RecordingError(
+            f"{path} cannot be written: the recordings of the failures could not be merged "
+            f"({said[-1] if said else 'no reason given'})."
+        )

@@ -20,7 +20,7 @@ from robo47_qp.errors import (
     RecordingError,
     UnknownNameError,
 )
-from robo47_qp.evaluation import job, replay
+from robo47_qp.evaluation import evaluate as evaluate_module
 from robo47_qp.evaluation.episode import (
     Episode,
     EpisodeResult,
@@ -32,7 +32,7 @@ from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.policies import PolicyLoadError
 from robo47_qp.evaluation.report.progress import EvaluationBar, described
-from robo47_qp.evaluation.report.summary import compared, summary, throughput
+from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, compare
 from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.evaluation.workers.worker import run_guarded
@@ -79,7 +79,7 @@ class InProcess:
     interrupted_after: int | None = None
 
     def __init__(self, *, workers: int, timeout: float) -> None:
-        pass
+        self.workers = workers
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         episode = pickle.loads(pickle.dumps(episode))
@@ -93,8 +93,7 @@ class InProcess:
 def _in_process() -> Iterator[None]:
     """Starting workers takes longer than the episodes; tests of workers are elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (job, replay):
-            patch.setattr(module, "LocalProcesses", InProcess)
+        patch.setattr(evaluate_module, "LocalProcesses", InProcess)
         yield
 
 
@@ -153,7 +152,7 @@ def test_a_replay_of_another_evaluation_has_nothing_to_compare_with(tmp_path: Pa
     assert evaluate(Odd(), PANDA, chosen, Console(file=screen, width=200)) == 0
     assert read(tmp_path, "eval-reach-5.json")["same_as_evaluated"] is None
     assert "seed 5: " in screen.getvalue()
-    assert "bit by bit" not in screen.getvalue()
+    assert "identical" not in screen.getvalue()
 
 
 def test_an_evaluation_goes_on_and_prints_json_alone(
@@ -172,15 +171,15 @@ def test_an_evaluation_goes_on_and_prints_json_alone(
         evaluate(Odd(), PANDA, options(done, resume=True, friction=0.2), QUIET)
 
 
-def test_an_error_of_ours_is_seen(tmp_path: Path) -> None:
+def test_an_internal_error_is_seen(tmp_path: Path) -> None:
     screen = StringIO()
     chosen = options(tmp_path, episodes=1)
     assert evaluate(Odd(buggy=True), PANDA, chosen, Console(file=screen, width=200)) == 1
     report = read(tmp_path)
     assert (report["errors"], report["successes"], report["causes"]) == (1, 0, {})
-    assert "1 episode ended with an error of our own" in screen.getvalue()
+    assert "1 episode ended with an internal error" in screen.getvalue()
     assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
-    assert "an error of our own" in (tmp_path / "eval.md").read_text()
+    assert "an internal error" in (tmp_path / "eval.md").read_text()
 
 
 def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
@@ -192,12 +191,13 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
     good = "tests.toy_policies:GoodPolicy"
     refused(InvalidValueError, "--policy must be classical; found tests", policy=(good,))
     refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
-    (tmp_path / "odd.json").write_text('{"settings": {}}')
-    refused(
-        InvalidValueError,
-        "--against must be a result of the same task",
-        against=tmp_path / "odd.json",
-    )
+    odd = tmp_path / "odd.json"
+    for content, match in (
+        ('{"settings": {}}', "a report of an evaluation; found .*odd.json without 'entries'"),
+        ('{"settings": {}, "entries": []}', "a result of the same task"),
+    ):
+        odd.write_text(content)
+        refused(InvalidValueError, f"--against must be {match}", against=odd)
     assert {path.name for path in tmp_path.iterdir()} == {"odd.json"}
     with pytest.raises(UnknownNameError, match=r"No task is called 'fly'; known: (.*)pick_place"):
         scenario.run(options(tmp_path, task="fly"), QUIET)
@@ -276,7 +276,7 @@ def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
     monkeypatch.setattr(InProcess, "interrupted_after", 1)
     screen = StringIO()
     assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
-    assert "go on with --resume" in screen.getvalue()
+    assert "continue with --resume" in screen.getvalue()
     assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
     assert not (tmp_path / "eval.json").exists()
 
@@ -288,58 +288,64 @@ def entries(won: str) -> list[EpisodeResult]:
     ]
 
 
+def of(results: Sequence[EpisodeResult], **settings: Any) -> EvaluationReport:
+    return EvaluationReport(settings={**SETTINGS, **settings}, results=results)
+
+
 def test_two_results_are_compared_seed_by_seed() -> None:
-    a, b = summary(SETTINGS, entries("+++++-+-")), summary(SETTINGS, entries("--++--++--"))
-    found = compared(a, b)
-    assert (found["episodes"], found["successes_a"], found["successes_b"]) == (8, 6, 4)
-    assert (found["only_a"], found["only_b"]) == (3, 1)
-    assert found["p"] == pytest.approx(2 * (4 + 1) / 16)
-    assert found["difference"] == pytest.approx(0.25)
-    assert found["interval"][0] < 0.25 < found["interval"][1]
+    found = compare(of(entries("+++++-+-")), of(entries("--++--++--")))
+    assert (found.episodes, found.successes_a, found.successes_b) == (8, 6, 4)
+    assert (found.only_a, found.only_b) == (3, 1)
+    assert found.p == pytest.approx(2 * (4 + 1) / 16)
+    assert found.difference == pytest.approx(0.25)
+    assert found.interval[0] < 0.25 < found.interval[1]
     words = comparison_line(found)
     assert "toy against toy on 8 episodes: +25.0 points" in words
     assert "3 to 1 that only one solved, p = 0.625" in words
+    assert "p_holm" not in found.as_json()
 
 
 def test_what_is_no_pair_is_not_compared() -> None:
-    a = summary(SETTINGS, entries("++"))
     for name in ("task", "robot", "perturbation"):
-        other = {**a, "settings": {**SETTINGS, name: {"name": "other"}}}
+        other = of(entries("++"), **{name: {"name": "other"}})
         with pytest.raises(InvalidValueError, match=f"one with another {name}"):
-            compared(a, other)
+            compare(of(entries("++")), other)
     far = [replace(entry, seed=entry.seed + 50) for entry in entries("++")]
     with pytest.raises(InvalidValueError, match="without any of these seeds"):
-        compared(a, summary(SETTINGS, far))
+        compare(of(entries("++")), of(far))
 
 
 def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:
     results = [replace(e, metrics={"t": float(e.seed)}) for e in entries("+-+++")]
-    found = summary(SETTINGS, [*results, errored(EpisodeSpec(index=5, seed=5), "bug")])
+    report = of([*results, errored(EpisodeSpec(index=5, seed=5), "bug")])
+    found = report.as_json()
     assert found["figures"]["t"] == {"n": 4, "median": 2.5, "p95": pytest.approx(3.85), "max": 4.0}
     assert (found["episodes"], found["successes"], found["errors"]) == (6, 4, 1)
     assert found["causes"] == {"drop": 1}
     assert sum(found["causes"].values()) + found["errors"] + found["successes"] == 6
+    read_back = json.loads(json.dumps(found, allow_nan=False))
+    assert EvaluationReport.of_json(read_back).as_json() == read_back
 
 
 def test_the_throughput_is_of_what_ran_now() -> None:
     results = [replace(e, timing={"wall_s": 3.0}) for e in entries("++++")]
-    found = throughput(results, 8.0, 2)
-    assert found["episodes_per_minute"] == 30.0
-    assert found["episodes_per_minute_per_worker"] == 15.0
-    assert found["busy"] == 0.75
-    assert throughput([], 8.0, 2) == {}
+    found = Throughput.of(results, 8.0, 2)
+    assert found is not None
+    assert found.episodes_per_minute == 30.0
+    assert found.episodes_per_minute_per_worker == 15.0
+    assert found.busy == 0.75
+    assert Throughput.of([], 8.0, 2) is None
 
 
 def test_a_long_list_of_failures_is_cut_and_told() -> None:
-    figures = {**summary(SETTINGS, entries("-" * (MOST + 7))), "timing": {}}
-    text = markdown(figures, ["a.png"])
+    text = markdown(of(entries("-" * (MOST + 7))), ["a.png"])
     assert text.count("| drop |") == MOST + 1
     assert "7 more are in the JSON file" in text
 
 
 def test_each_setting_has_a_row_and_versions_have_a_table() -> None:
-    settings = {**SETTINGS, "policy": {"name": "x", "speed": 0.5}, "versions": {"mink": "1"}}
-    text = markdown({**summary(settings, entries("+")), "timing": {}}, ["a.png"])
+    policy = {"name": "x", "speed": 0.5}
+    text = markdown(of(entries("+"), policy=policy, versions={"mink": "1"}), ["a.png"])
     assert "| policy: name | x |" in text
     assert "| policy: speed | 0.5 |" in text
     assert "| versions" not in text

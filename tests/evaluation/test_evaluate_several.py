@@ -18,15 +18,14 @@ from rich.console import Console
 
 from robo47_qp.cli import main
 from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
-from robo47_qp.evaluation import job
+from robo47_qp.evaluation import evaluate as evaluate_module
 from robo47_qp.evaluation.episode import (
     Episode,
     EpisodeResult,
     EpisodeSpec,
     errored,
 )
-from robo47_qp.evaluation.evaluate import evaluate
-from robo47_qp.evaluation.job import Job
+from robo47_qp.evaluation.evaluate import Job, evaluate
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.policies import (
@@ -36,10 +35,9 @@ from robo47_qp.evaluation.policies import (
     PolicyLoadError,
     labels,
 )
-from robo47_qp.evaluation.report.paired import paired
-from robo47_qp.evaluation.report.paired_words import paired_markdown
 from robo47_qp.evaluation.report.progress import EvaluationBar
-from robo47_qp.evaluation.report.summary import summary
+from robo47_qp.evaluation.report.report import EvaluationReport, compare_policies
+from robo47_qp.evaluation.report.words import paired_markdown
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
@@ -66,7 +64,7 @@ class InProcess:
     interrupted_after: int | None = None
 
     def __init__(self, *, workers: int, timeout: float) -> None:
-        pass
+        self.workers = workers
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         episode = pickle.loads(pickle.dumps(episode))
@@ -109,14 +107,14 @@ class Skilled:
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(InProcess, "ran", [])
     monkeypatch.setattr(InProcess, "interrupted_after", None)
-    monkeypatch.setattr(job, "LocalProcesses", InProcess)
+    monkeypatch.setattr(evaluate_module, "LocalProcesses", InProcess)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture
 def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Quick episodes in place of the simulation, and no drawing."""
-    monkeypatch.setattr(job, "plot_evaluation", lambda _, path: path.write_text(""))
+    monkeypatch.setattr(evaluate_module, "plot_evaluation", lambda _, path: path.write_text(""))
     monkeypatch.setattr(Job, "_episode", lambda self: Skilled(str(self.options.contender.ik)))
 
 
@@ -216,7 +214,7 @@ def test_promises_that_broke_and_causes_are_told_on_the_screen(
     screen = StringIO()
     chosen = options(tmp_path, policy=policies, failures=0)
     assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 0
-    assert screen.getvalue().count("1 episode broke the audit: jerk 1\n") == 1
+    assert screen.getvalue().count("1 episode violated the audit: jerk 1\n") == 1
     assert ("dls is stuck" in screen.getvalue()) == (len(policies) == 1)
 
 
@@ -229,7 +227,7 @@ def test_the_recordings_that_there_are_are_named(
             path.write_text("")
         return {}
 
-    monkeypatch.setattr(job, "record_failures", record)
+    monkeypatch.setattr(evaluate_module, "record_failures", record)
     screen = StringIO()
     assert evaluate(Reach(), PANDA, options(tmp_path), Console(file=screen, width=200)) == 0
     told = [line.split() for line in screen.getvalue().splitlines()]
@@ -274,7 +272,7 @@ def test_an_interruption_in_the_second_policy_is_gone_on_with(
     monkeypatch.setattr(InProcess, "interrupted_after", 41)
     screen = StringIO()
     assert evaluate(Reach(), PANDA, options(part), Console(file=screen, width=200)) == 130
-    assert "of all policies are kept: go on with --resume" in screen.getvalue()
+    assert "finished episodes are kept: continue with --resume" in screen.getvalue()
     assert not (part / "eval.json").exists()
     lines = [len((part / f"eval.classical-{k}.jsonl").read_text().splitlines()) for k in SKILL]
     assert lines == [31, 12, 1]
@@ -336,7 +334,7 @@ def test_policies_that_cannot_be_had_are_told_before_any_runs(tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("toys")
-def test_an_error_of_ours_is_told_and_counts_as_no_success(
+def test_an_internal_error_is_told_and_counts_as_no_success(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -345,31 +343,33 @@ def test_an_error_of_ours_is_told_and_counts_as_no_success(
     screen = StringIO()
     chosen = options(tmp_path, episodes=4)
     assert evaluate(Reach(), PANDA, chosen, Console(file=screen, width=200)) == 1
-    assert "1 episode ended with an error of our own" in screen.getvalue()
+    assert "1 episode ended with an internal error" in screen.getvalue()
     assert "ZeroDivisionError: a bug of ours" in screen.getvalue()
     found = read(tmp_path)
     assert [p["errors"] for p in found["policies"]] == [0, 1, 0]
     (told,) = [e for e in found["comparisons"][0]["differing"] if e["seed"] == 2]
     assert (told["cause"], told["evidence"]) == ("error", "ZeroDivisionError: a bug of ours")
-    assert "error of our own 1" in (tmp_path / "eval.md").read_text()
+    assert "internal error 1" in (tmp_path / "eval.md").read_text()
 
 
 def test_where_nothing_is_solved_by_both_no_times_are_compared() -> None:
-    def report(name: str, won: str) -> dict[str, Any]:
+    def report(name: str, won: str) -> EvaluationReport:
         results = [
             EpisodeResult(index=i, seed=i, success=c == "+", cause=None if c == "+" else "drop")
             for i, c in enumerate(won)
         ]
         results[-1] = errored(EpisodeSpec(index=len(won) - 1, seed=len(won) - 1), "x\nlast line")
-        return summary({**SETTINGS, "policy": {"name": name}}, results)
+        return EvaluationReport(settings={**SETTINGS, "policy": {"name": name}}, results=results)
 
-    found = paired({"a.json": report("one", "+-+."), "b.json": report("two", "-+-.")})
+    reports = {"a.json": report("one", "+-+."), "b.json": report("two", "-+-.")}
+    comparison = compare_policies(reports)
+    found = comparison.as_json()
     assert found["comparisons"][0]["cycle_time_s"] == {"episodes": 0, "median_difference": None}
     assert found["comparisons"][0]["identical"] == 0
     assert [p["median_cycle_time_s"] for p in found["policies"]] == [None, None]
     assert [e["seed"] for e in found["comparisons"][0]["differing"]] == [0, 1, 2]
-    assert "| [one](a.json) | 2 of 4 | 15.0 to 85.0 % | drop 1, error of our own 1 | 0 |  |" in (
-        paired_markdown(found)
+    assert "| [one](a.json) | 2 of 4 | 15.0 to 85.0 % | drop 1, internal error 1 | 0 |  |" in (
+        paired_markdown(comparison)
     )
 
 

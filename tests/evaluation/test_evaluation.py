@@ -15,10 +15,10 @@ import pytest
 
 from robo47_qp.errors import InvalidValueError, RecordingError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.evaluation import Evaluation, Finished, code_digest
-from robo47_qp.evaluation.failures import is_same, picked
+from robo47_qp.evaluation.evaluation import Evaluation, code_digest
 from robo47_qp.evaluation.journal import Journal, JournalError
-from robo47_qp.evaluation.report.summary import summary
+from robo47_qp.evaluation.replay import picked
+from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
 from tests.toy_episodes import SETTINGS, Toy
 
@@ -31,6 +31,7 @@ class Here:
 
     interrupted_after: int | None = None
     ran: list[int] = field(default_factory=list)
+    workers: int = 1
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         for spec in reversed(specs):
@@ -53,14 +54,15 @@ def evaluated(
     seed: int = 40,
     resume: bool = False,
     settings: dict[str, Any] = SETTINGS,
-) -> Finished:
+) -> EvaluationReport:
     evaluation = Evaluation(episode=Toy(), settings=settings, episodes=episodes, seed=seed)
-    return evaluation.run(executor, path, lambda _: None, resume=resume)
+    return evaluation.run(executor, path, resume=resume)
 
 
-def figures(done: Finished) -> dict[str, Any]:
+def figures(done: EvaluationReport) -> dict[str, Any]:
     """All that must not differ."""
-    found = summary(SETTINGS, done.results)
+    found = done.as_json()
+    del found["timing"]
     for entry in found["entries"]:
         del entry["timing"]
     return found
@@ -83,7 +85,8 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(tmp_path: Path) -> None:
     rest = Here()
     done = evaluated(path, rest, resume=True)
     assert sorted(rest.ran) == list(range(40, 47))
-    assert [r.seed for r in done.fresh] == rest.ran
+    assert done.timing is not None
+    assert done.timing.episodes == len(rest.ran)
     assert [r.seed for r in done.results] == list(range(40, 52))
     assert figures(done) == figures(evaluated(tmp_path / "whole.jsonl", Here()))
 
@@ -149,7 +152,8 @@ def test_a_torn_last_line_is_run_again(tmp_path: Path, torn: int) -> None:
 def test_a_torn_header_is_no_journal_yet(tmp_path: Path) -> None:
     path = tmp_path / "eval.jsonl"
     path.write_bytes(b'{"journal": 1, "ta')
-    assert len(evaluated(path, Here(), episodes=2, resume=True).fresh) == 2
+    ran = Here()
+    assert len(evaluated(path, ran, episodes=2, resume=True).results) == len(ran.ran) == 2
 
 
 def test_an_evaluation_can_be_made_longer(tmp_path: Path) -> None:
@@ -229,8 +233,8 @@ def test_nothing_to_evaluate_is_refused() -> None:
 
 def test_two_results_are_the_same_but_for_their_times() -> None:
     a = Toy()(EpisodeSpec(index=0, seed=1))
-    assert is_same(a, replace(a, timing={"wall_s": 9.0}))
-    assert not is_same(a, replace(a, sha256="0"))
+    assert a.is_same(replace(a, timing={"wall_s": 9.0}))
+    assert not a.is_same(replace(a, sha256="0"))
     assert EpisodeResult.of_entry(json.loads(json.dumps(a.entry()))) == a
 
 

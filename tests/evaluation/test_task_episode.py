@@ -13,7 +13,6 @@ import pytest
 from mink import SE3
 
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.failures import is_same
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import (
     PolicyDrive,
@@ -25,7 +24,7 @@ from robo47_qp.evaluation.task_episode import TaskEpisode, classical
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
-from robo47_qp.run.watchdog import Watch
+from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from robo47_qp.tasks.table import add_table
@@ -91,7 +90,7 @@ def test_an_episode_is_the_same_to_the_bit_with_a_recording_and_after_others(
     path = tmp_path / "replay.rrd"
     replayed = again(replace(SPEC, recording=path))
     assert path.stat().st_size > 100_000
-    assert is_same(noisy, replayed)
+    assert noisy.is_same(replayed)
     assert noisy.sha256 is not None
     assert len(noisy.sha256) == 64
     assert other.sha256 != noisy.sha256
@@ -189,13 +188,13 @@ def test_a_bug_of_ours_is_no_failure_of_the_robot(way: str, last: str) -> None:
 def test_an_episode_keeps_the_scenario_it_was_given_but_for_the_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bounds = Watch(time_limit=5.0, links_force_max=3.0)
+    bounds = Watchdog(time_limit=5.0, links_force_max=3.0)
     given = RunOptions.scenario
     monkeypatch.setattr(
-        RunOptions, "scenario", lambda *chosen: replace(given(*chosen), seed=99, watch=bounds)
+        RunOptions, "scenario", lambda *chosen: replace(given(*chosen), seed=99, watchdog=bounds)
     )
     scenario = episode().scenario(7)
-    assert (scenario.seed, scenario.watch) == (7, bounds)
+    assert (scenario.seed, scenario.watchdog) == (7, bounds)
 
 
 def test_the_classical_stack_drives_by_default() -> None:

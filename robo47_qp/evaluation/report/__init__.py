@@ -1,1 +1,1 @@
-"""Reports of an evaluation."""
+"""What an evaluation leaves for people: report, comparison, picture, progress."""

@@ -1,8 +1,7 @@
-"""A picture of an evaluation: how sure the rate is, why episodes failed, how long they took."""
+"""A picture of an evaluation: success rate, causes of failure, cycle times, contact forces."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,13 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from robo47_qp.errors import RecordingError
+from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.report import CYCLE, EvaluationReport
 from robo47_qp.evaluation.statistics import wilson
 
 _GOOD, _BAD, _BAND = "#2f8f46", "#b5391f", "#2563a8"
-_CYCLE, _FORCE = "cycle_time_s", "peak_contact_force_N"
+_FORCE = "peak_contact_force_N"
 
 
-def plot_evaluation(figures: Mapping[str, Any], path: Path) -> None:
+def plot_evaluation(report: EvaluationReport, path: Path) -> None:
     """Write a PNG.
 
     Raises:
@@ -26,14 +27,15 @@ def plot_evaluation(figures: Mapping[str, Any], path: Path) -> None:
     figure = Figure(figsize=(13.0, 7.5), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     rate, causes, cycle, last = figure.subplots(2, 2).ravel()
-    figure.suptitle(f"{figures['task']} with {figures['policy']}", fontsize=12)
-    _rate(rate, figures)
-    _causes(causes, figures)
-    _spread(cycle, figures, _CYCLE, "cycle time [s]")
-    if len({_factors(entry) for entry in figures["entries"]}) > 1:
-        _disturbance(last, figures)
+    figure.suptitle(f"{report.task} with {report.policy}", fontsize=12)
+    results = report.results
+    _rate(rate, results)
+    _causes(causes, report)
+    _spread(cycle, results, CYCLE, "cycle time [s]")
+    if len(set(map(_factors, results))) > 1:
+        _disturbance(last, results)
     else:
-        _spread(last, figures, _FORCE, "largest contact force on the tool [N]")
+        _spread(last, results, _FORCE, "largest contact force on the tool [N]")
     for axes in (rate, causes, cycle, last):
         axes.grid(alpha=0.3, lw=0.5)
     try:
@@ -42,9 +44,9 @@ def plot_evaluation(figures: Mapping[str, Any], path: Path) -> None:
         raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
 
 
-def _rate(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Success rate over the episodes, with its interval."""
-    won = np.cumsum([entry["success"] for entry in figures["entries"]])
+def _rate(axes: Axes, results: Sequence[EpisodeResult]) -> None:
+    """Plot the success rate over the episodes, with its interval."""
+    won = np.cumsum([result.success for result in results])
     n = np.unique(np.linspace(1, len(won), min(len(won), 200)).round().astype(int))
     bounds = 100.0 * np.array([wilson(int(won[k - 1]), int(k)) for k in n])
     axes.fill_between(n, bounds[:, 0], bounds[:, 1], color=_BAND, alpha=0.2, lw=0)
@@ -53,8 +55,8 @@ def _rate(axes: Axes, figures: Mapping[str, Any]) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _causes(axes: Axes, figures: Mapping[str, Any]) -> None:
-    counts = {"success": figures["successes"], **figures["causes"], "error": figures["errors"]}
+def _causes(axes: Axes, report: EvaluationReport) -> None:
+    counts = {"success": report.successes, **report.causes, "error": len(report.errors)}
     names = [name for name, count in counts.items() if count][::-1]
     colours = [_GOOD if name == "success" else _BAD for name in names]
     bars = axes.barh(names, [counts[name] for name in names], height=0.5, color=colours)
@@ -64,12 +66,13 @@ def _causes(axes: Axes, figures: Mapping[str, Any]) -> None:
     axes.margins(x=0.12)
 
 
-def _spread(axes: Axes, figures: Mapping[str, Any], metric: str, label: str) -> None:
-    """How a metric is spread over the episodes that succeeded and failed."""
+def _spread(axes: Axes, results: Sequence[EpisodeResult], metric: str, label: str) -> None:
+    """Plot the distribution of a metric over successful and failed episodes."""
     groups = {}
     for success, name in ((True, "succeeded"), (False, "failed")):
-        entries = [e for e in figures["entries"] if e["success"] is success]
-        values = [e["metrics"][metric] for e in entries if metric in e["metrics"]]
+        values = [
+            r.metrics[metric] for r in results if r.success is success and metric in r.metrics
+        ]
         if values:
             groups[name] = values
     if groups:
@@ -81,18 +84,17 @@ def _spread(axes: Axes, figures: Mapping[str, Any], metric: str, label: str) -> 
     axes.set(xlabel=label, ylabel="episodes")
 
 
-def _factors(entry: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Mass of the objects and friction over what is believed; None where they are not known."""
-    wrong = entry["disturbance"]
+def _factors(result: EpisodeResult) -> tuple[float, float] | None:
+    """Return mass of the objects and friction relative to the models; None if unknown."""
+    wrong = result.disturbance
     if "object_mass_factor" not in wrong:
         return None
     return wrong["object_mass_factor"], wrong["friction_factor"]
 
 
-def _disturbance(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Where, in mass and friction, episodes fail."""
+def _disturbance(axes: Axes, results: Sequence[EpisodeResult]) -> None:
+    """Plot at which masses and friction episodes succeed and fail."""
     for success, colour, marker in ((True, _GOOD, "."), (False, _BAD, "x")):
-        entries = [e for e in figures["entries"] if e["success"] is success]
-        drawn = [factors for factors in map(_factors, entries) if factors is not None]
+        drawn = [f for r in results if r.success is success and (f := _factors(r)) is not None]
         axes.plot(*np.reshape(drawn, (-1, 2)).T, marker, color=colour, alpha=0.7)
-    axes.set(xlabel="mass of the objects / believed", ylabel="friction / believed")
+    axes.set(xlabel="mass of the objects / modelled", ylabel="friction / modelled")

@@ -12,10 +12,10 @@ from robo47_qp.evaluation.statistics import wilson
 
 
 class EvaluationBar:
-    """A bar over the episodes, with the success rate so far and the time left."""
+    """Bar over the episodes, with the success rate so far and the time left."""
 
     def __init__(self, console: Console, episodes: int, title: str = "episodes") -> None:
-        """Prepare an empty bar, with a title before it."""
+        """Prepare an empty bar with a title."""
         self._progress = Progress(
             TextColumn(escape(title)),
             BarColumn(bar_width=30),
@@ -28,7 +28,7 @@ class EvaluationBar:
         self._bar = self._progress.add_task("", total=episodes)
 
     def __enter__(self) -> "EvaluationBar":
-        """Show it."""
+        """Show the bar."""
         self._progress.start()
         return self
 
@@ -38,16 +38,16 @@ class EvaluationBar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Remove it."""
+        """Remove the bar."""
         self._progress.stop()
 
     def show(self, results: Sequence[EpisodeResult]) -> None:
-        """Show how far it is."""
+        """Show the results so far."""
         self._progress.update(self._bar, completed=len(results), description=described(results))
 
 
 def described(results: Sequence[EpisodeResult]) -> str:
-    """The rate so far, with its interval and errors."""
+    """Return the success rate so far, with its interval, and the number of errors."""
     if not results:
         return "starting"
     successes = sum(result.success for result in results)

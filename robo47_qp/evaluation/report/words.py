@@ -1,164 +1,230 @@
-"""An evaluation in words: the report as Markdown, and a line for the terminal."""
+"""An evaluation as text: lines for the terminal, and reports in Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.report import (
+    EvaluationReport,
+    PairedComparison,
+    PolicyComparison,
+    Throughput,
+    median_cycle_time,
+)
+
 MOST = 50
-"""Failures that are listed one by one."""
+"""Rows of a table at most."""
 SEEDS = 20
-"""Seeds that are listed of a promise that broke."""
-VARIED = "Of the task, what it is without a seed: each episode draws its own objects and places."
+"""Seeds that are listed per violated limit."""
+_VARIED = "The task is given without a seed: each episode draws its own objects and places."
+_POLICIES = ("policy", "succeeded", "95 %", "causes of failure", "audits broken", "cycle time s")
+_DIFFERENCES = (
+    "against the baseline",
+    "points",
+    "95 %",
+    "p",
+    "p (Holm)",
+    "only it solved",
+    "only the baseline solved",
+    "cycle time s",
+)
+_UNEQUAL = ("seed", "solved by", "not by", "cause", "step", "time s", "evidence")
 
 
-def rate_line(figures: Mapping[str, Any]) -> str:
-    """Successes with their interval."""
-    low, high = figures["interval"]
+def rate_line(report: EvaluationReport) -> str:
+    """Return successes and their interval."""
+    low, high = report.interval
     return (
-        f"{figures['successes']} of {figures['episodes']} succeeded, "
-        f"{100 * figures['rate']:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
+        f"{report.successes} of {report.episodes} succeeded, "
+        f"{100 * report.rate:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
     )
 
 
-def causes_tail(figures: Mapping[str, Any]) -> str:
-    """Causes of failure, to follow the rate; nothing where there is none."""
-    counts = [f"{cause} {count}" for cause, count in figures["causes"].items()]
+def causes_tail(report: EvaluationReport) -> str:
+    """Return the causes of failure, to follow the rate; empty without failures."""
+    counts = [f"{cause} {count}" for cause, count in report.causes.items()]
     return f"; failed: {', '.join(counts)}" if counts else ""
 
 
-def comparison_line(comparison: Mapping[str, Any]) -> str:
-    """A paired comparison in a sentence."""
-    low, high = (100 * bound for bound in comparison["interval"])
+def comparison_line(comparison: PairedComparison) -> str:
+    """Return a paired comparison as a sentence, with the corrected p if there is one."""
+    low, high = (100 * bound for bound in comparison.interval)
+    p = f"p = {comparison.p:.3g} (McNemar, exact)"
+    if comparison.p_holm is not None:
+        p = f"p = {comparison.p_holm:.3g} (McNemar, exact; corrected by Holm)"
     return (
-        f"{comparison['a']} against {comparison['b']} on {comparison['episodes']} episodes: "
-        f"{100 * comparison['difference']:+.1f} points (95 %: {low:+.1f} to {high:+.1f}); "
-        f"{comparison['only_a']} to {comparison['only_b']} that only one solved, "
-        + p_words(comparison)
+        f"{comparison.a} against {comparison.b} on {comparison.episodes} episodes: "
+        f"{100 * comparison.difference:+.1f} points (95 %: {low:+.1f} to {high:+.1f}); "
+        f"{comparison.only_a} to {comparison.only_b} that only one solved, {p}"
     )
-
-
-def p_words(comparison: Mapping[str, Any]) -> str:
-    """The p of a comparison; of one among several, the corrected one."""
-    if "p_holm" not in comparison:
-        return f"p = {comparison['p']:.3g} (McNemar, exact)"
-    return f"p = {comparison['p_holm']:.3g} (McNemar, exact; corrected by Holm)"
 
 
 def counted(count: int, what: str) -> str:
-    """A number of things."""
+    """Return a number with its noun."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def broken_line(figures: Mapping[str, Any]) -> str:
-    """How many episodes broke a promise, and which; nothing where none did."""
-    if not figures["broken_audits"]:
+def broken_line(report: EvaluationReport) -> str:
+    """Return how many episodes violated the audit, and which limits; empty if none did."""
+    if not report.broken_audits:
         return ""
-    promises = ", ".join(f"{signal} {len(seeds)}" for signal, seeds in _broken(figures).items())
-    return f"{counted(figures['broken_audits'], 'episode')} broke the audit: {promises}"
+    limits = ", ".join(f"{signal} {len(seeds)}" for signal, seeds in _broken(report).items())
+    return f"{counted(report.broken_audits, 'episode')} violated the audit: {limits}"
 
 
-def cause_lines(figures: Mapping[str, Any]) -> list[str]:
-    """Each cause of failure with the evidence of the first episode."""
-    first = {e["cause"]: e for e in reversed(figures["entries"]) if e["cause"] is not None}
+def cause_lines(report: EvaluationReport) -> list[str]:
+    """Return each cause of failure with the evidence of its first episode."""
+    first = {r.cause: r for r in reversed(report.results) if r.cause is not None}
     return [
-        f"  {cause:<10} {count}; seed {first[cause]['seed']}: {first[cause]['evidence']}"
-        for cause, count in figures["causes"].items()
+        f"  {cause:<10} {count}; seed {first[cause].seed}: {first[cause].evidence}"
+        for cause, count in report.causes.items()
     ]
 
 
-def markdown(figures: Mapping[str, Any], pictures: Sequence[str]) -> str:
-    """The report; `pictures` are files beside it."""
-    lines = [f"# {figures['task']} with {figures['policy']}", "", rate_line(figures) + ".", ""]
-    if figures["errors"]:
-        ended = counted(figures["errors"], "episode")
-        lines += [f"**{ended} ended with an error of our own.**", ""]
-    if "comparison" in figures:
-        lines += [comparison_line(figures["comparison"]) + ".", ""]
-    if figures["causes"]:
-        lines += ["## Why episodes failed", "", *table(("cause", "episodes"), _causes(figures))]
-    if figures["broken_audits"]:
-        lines += ["## Promises of the audit that broke", ""]
-        lines += table(("promise", "episodes", "seeds"), _promises(figures))
-    if figures["figures"]:
-        lines += ["## Figures of the successes", ""]
-        lines += table(("figure", "median", "95th percentile", "largest"), _rows(figures))
-    lines += [f"![{name}]({name})\n" for name in pictures]
-    failures = [e for e in figures["entries"] if not e["success"]]
-    if failures:
-        lines += ["## Failures", ""]
-        lines += table(("seed", "cause", "step", "time s", "evidence"), map(_failure, failures))
-    if figures.get("timing"):
-        lines += ["## Throughput", "", throughput_line(figures["timing"]) + ".", ""]
-    lines += ["## Settings", "", VARIED, ""]
-    lines += table(("setting", "value"), settings_rows(figures["settings"]))
-    lines += ["## Versions", "", *table(("package", "version"), figures["versions"].items())]
-    return "\n".join(lines)
-
-
-def throughput_line(timing: Mapping[str, Any]) -> str:
-    """How fast it went."""
+def throughput_line(timing: Throughput) -> str:
+    """Return how fast the evaluation ran."""
     return (
-        f"{counted(timing['episodes'], 'episode')} in {timing['wall_s']:.1f} s on "
-        f"{counted(timing['workers'], 'worker')}: {timing['episodes_per_minute']:.1f} per minute, "
-        f"{timing['episodes_per_minute_per_worker']:.1f} per worker"
+        f"{counted(timing.episodes, 'episode')} in {timing.wall_s:.1f} s on "
+        f"{counted(timing.workers, 'worker')}: {timing.episodes_per_minute:.1f} per minute, "
+        f"{timing.episodes_per_minute_per_worker:.1f} per worker"
     )
 
 
-def table(head: Sequence[str], rows: Any) -> list[str]:
-    """A table with as many rows as are read; the rest is told."""
+def markdown(report: EvaluationReport, pictures: Sequence[str]) -> str:
+    """Return the report of one policy; `pictures` are files beside it."""
+    lines = [f"# {report.task} with {report.policy}", "", rate_line(report) + ".", ""]
+    if report.errors:
+        lines += [f"**{counted(len(report.errors), 'episode')} ended with an internal error.**", ""]
+    if report.comparison is not None:
+        lines += [comparison_line(report.comparison) + ".", ""]
+    if report.causes:
+        lines += ["## Causes of failure", ""]
+        lines += _table(("cause", "episodes"), report.causes.items())
+    if report.broken_audits:
+        lines += ["## Violated limits", ""]
+        lines += _table(("limit", "episodes", "seeds"), _violations(report))
+    if report.figures:
+        lines += ["## Figures of the successful episodes", ""]
+        rows = (
+            (name, *(f"{value:.4g}" for value in (figure.median, figure.p95, figure.max)))
+            for name, figure in report.figures.items()
+        )
+        lines += _table(("figure", "median", "95th percentile", "largest"), rows)
+    lines += [f"![{name}]({name})\n" for name in pictures]
+    failures = [result for result in report.results if not result.success]
+    if failures:
+        lines += ["## Failures", ""]
+        head = ("seed", "cause", "step", "time s", "evidence")
+        lines += _table(head, ((r.seed, *_stopped(r)) for r in failures))
+    if report.timing is not None:
+        lines += ["## Throughput", "", throughput_line(report.timing) + ".", ""]
+    return "\n".join([*lines, *_settings(report.settings, report.versions)])
+
+
+def paired_markdown(comparison: PolicyComparison) -> str:
+    """Return the report of several policies; the links are files beside it."""
+    first = comparison.baseline
+    lines = [f"# {first.task}: {len(comparison.reports)} policies on the same seeds", ""]
+    lines += [f"{first.episodes} episodes each; Wilson intervals.", ""]
+    lines += _table(_POLICIES, (_policy(*named) for named in comparison.reports.items()))
+    lines += [f"## Against {first.policy}", ""]
+    lines += _table(_DIFFERENCES, map(_difference, comparison.comparisons))
+    lines += [
+        "Points are percentage points of the success rate, with the interval of Bonett and Price; "
+        "p is that of McNemar's exact test, followed by p after Holm's correction for several "
+        "comparisons. The difference of cycle times is the median over the episodes that both "
+        "solved.",
+        "",
+    ]
+    for one in comparison.comparisons:
+        lines += [f"## {one.a}", "", f"{comparison_line(one)}.", ""]
+        if one.identical:
+            lines += [f"{counted(one.identical, 'episode')} identical bit by bit.", ""]
+        if one.differing:
+            lines += ["Episodes that only one solved:", "", *_table(_UNEQUAL, _unequal(one))]
+    return "\n".join([*lines, *_settings(comparison.settings, first.versions)])
+
+
+def _policy(file: str, report: EvaluationReport) -> tuple[str, ...]:
+    causes = dict(report.causes)
+    if report.errors:
+        causes["internal error"] = len(report.errors)
+    low, high = report.interval
+    return (
+        f"[{report.policy}]({file})",
+        f"{report.successes} of {report.episodes}",
+        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+        ", ".join(f"{cause} {count}" for cause, count in causes.items()) or "none",
+        str(report.broken_audits),
+        _optional(median_cycle_time(report), ".2f"),
+    )
+
+
+def _difference(comparison: PairedComparison) -> tuple[object, ...]:
+    low, high = comparison.interval
+    return (
+        comparison.a,
+        f"{100.0 * comparison.difference:+.1f}",
+        f"{100.0 * low:+.1f} to {100.0 * high:+.1f}",
+        f"{comparison.p:.3g}",
+        _optional(comparison.p_holm, ".3g"),
+        comparison.only_a,
+        comparison.only_b,
+        _optional(comparison.cycle_time_s.median_difference, "+.2f"),
+    )
+
+
+def _unequal(comparison: PairedComparison) -> Iterator[tuple[object, ...]]:
+    names = comparison.a, comparison.b
+    for one in comparison.differing:
+        solved, failed = names if one.solved_by == "a" else names[::-1]
+        time = _optional(one.time, ".2f")
+        yield one.seed, solved, failed, one.cause, one.step or "", time, one.evidence
+
+
+def _stopped(result: EpisodeResult) -> tuple[object, ...]:
+    time = _optional(result.time, ".2f")
+    return result.failure, result.step or "", time, result.explanation
+
+
+def _optional(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
+
+
+def _broken(report: EvaluationReport) -> dict[str, list[int]]:
+    """Return the seeds by violated limit, the most frequent one first."""
+    seeds: dict[str, list[int]] = {}
+    for result in report.results:
+        for signal in result.broken_promises:
+            seeds.setdefault(signal, []).append(result.seed)
+    return dict(sorted(seeds.items(), key=lambda item: -len(item[1])))
+
+
+def _violations(report: EvaluationReport) -> Iterator[tuple[str, int, str]]:
+    for signal, seeds in _broken(report).items():
+        more = f" and {len(seeds) - SEEDS} more" if len(seeds) > SEEDS else ""
+        yield signal, len(seeds), ", ".join(map(str, seeds[:SEEDS])) + more
+
+
+def _settings(settings: Mapping[str, Any], versions: Mapping[str, str]) -> list[str]:
+    rows: list[tuple[str, object]] = []
+    for name, value in settings.items():
+        if name == "versions":
+            continue
+        inner = value.items() if isinstance(value, Mapping) else None
+        rows += [(name, value)] if inner is None else [(f"{name}: {key}", v) for key, v in inner]
+    lines = ["## Settings", "", _VARIED, "", *_table(("setting", "value"), rows)]
+    return [*lines, "## Versions", "", *_table(("package", "version"), versions.items())]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """Return a table of at most `MOST` rows, and how many were left out."""
     every = list(rows)
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in every[:MOST]]
     if len(every) > MOST:
         lines.append(f"\n{len(every) - MOST} more are in the JSON file.")
     return [*lines, ""]
-
-
-def _broken(figures: Mapping[str, Any]) -> dict[str, list[int]]:
-    """Seeds by the promise that broke, the one that broke most often first."""
-    seeds: dict[str, list[int]] = {}
-    for entry in figures["entries"]:
-        for signal in entry["broken_promises"]:
-            seeds.setdefault(signal, []).append(entry["seed"])
-    return dict(sorted(seeds.items(), key=lambda item: -len(item[1])))
-
-
-def _promises(figures: Mapping[str, Any]) -> list[tuple[str, int, str]]:
-    rows = []
-    for signal, seeds in _broken(figures).items():
-        more = f" and {len(seeds) - SEEDS} more" if len(seeds) > SEEDS else ""
-        rows.append((signal, len(seeds), ", ".join(map(str, seeds[:SEEDS])) + more))
-    return rows
-
-
-def _causes(figures: Mapping[str, Any]) -> list[tuple[str, int]]:
-    return list(figures["causes"].items())
-
-
-def _rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    return [
-        (name, *(f"{column[key]:.4g}" for key in ("median", "p95", "max")))
-        for name, column in figures["figures"].items()
-    ]
-
-
-def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, object]]:
-    """One row for each; the versions have a table of their own."""
-    rows: list[tuple[str, object]] = []
-    for name, value in settings.items():
-        if name == "versions":
-            continue
-        if isinstance(value, Mapping):
-            rows += [(f"{name}: {inner}", one) for inner, one in value.items()]
-        else:
-            rows.append((name, value))
-    return rows
-
-
-def _failure(entry: Mapping[str, Any]) -> tuple[Any, ...]:
-    if entry["error"] is not None:
-        return entry["seed"], "error", "", "", entry["error"].splitlines()[-1]
-    time = "" if entry["time"] is None else f"{entry['time']:.2f}"
-    return entry["seed"], entry["cause"], entry["step"] or "", time, entry["evidence"]
 
 
 def _cell(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Executor: where episodes run; here, worker processes of this machine."""
+"""Executor: where episodes run, for example in worker processes of this machine."""
 
 import os
 import pickle
@@ -23,7 +23,7 @@ _START_TIMEOUT = 300.0
 
 
 def cores() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -32,21 +32,25 @@ def cores() -> int:
 class Executor(Protocol):
     """Runs episodes somewhere."""
 
-    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
-        """Run episodes, in any order; one result for each spec.
+    @property
+    def workers(self) -> int:
+        """Episodes that run at once."""
+        ...
 
-        Every episode ends: one that takes too long, or takes its process with it, has a result
-        that says so.
+    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
+        """Run episodes, in any order, and yield one result for each.
+
+        An episode that takes too long, or whose process dies, has a result that says so.
 
         Raises:
-            WorkerError: There is nowhere to run.
+            WorkerError: No worker can be started.
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class LocalProcesses:
-    """Worker processes of this machine, each with a thread and an interpreter of its own."""
+    """Worker processes of this machine, single-threaded, each with an interpreter of its own."""
 
     workers: int
     """Processes at once."""
@@ -65,7 +69,7 @@ class LocalProcesses:
             raise InvalidValueError("--timeout", self.timeout, "above 0")
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
-        """See `Executor.run`; workers are ended with the iterator."""
+        """See `Executor.run`; the workers end when the iterator is closed."""
         payload, waiting = pickle.dumps(episode), deque(specs)
         pool = [Worker(payload, _START_TIMEOUT) for _ in range(min(self.workers, len(waiting)))]
         try:
@@ -80,7 +84,7 @@ class LocalProcesses:
                             pool.append(Worker(payload, _START_TIMEOUT))
                     elif worker.ready and worker.spec is None:
                         self._next(worker, waiting, pool)
-                    # Last: whoever gets the result takes time that workers need not wait.
+                    # Last: the workers need not wait while the caller handles the result.
                     if result is not None:
                         yield result
         finally:
@@ -88,7 +92,7 @@ class LocalProcesses:
                 worker.stop()
 
     def _heard(self, worker: Worker, *, foreign: bool) -> tuple[EpisodeResult | None, bool]:
-        """A result that is there now, and whether the worker is lost."""
+        """Return the result that has arrived, if any, and whether the worker is lost."""
         spec, heard = worker.spec, worker.heard()
         if isinstance(heard, EpisodeResult):
             return heard, False

@@ -1,12 +1,18 @@
 """What an evaluation says and draws: audits, causes, corrected p, forces that are all zero."""
 
+from dataclasses import replace
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from robo47_qp.evaluation.episode import EpisodeResult
 from robo47_qp.evaluation.report.plots import _spread
-from robo47_qp.evaluation.report.summary import summary
+from robo47_qp.evaluation.report.report import (
+    CycleTimes,
+    EvaluationReport,
+    PairedComparison,
+    Throughput,
+)
 from robo47_qp.evaluation.report.words import (
     broken_line,
     cause_lines,
@@ -16,11 +22,24 @@ from robo47_qp.evaluation.report.words import (
 )
 
 SETTINGS: dict[str, Any] = {"task": {"name": "reach"}, "policy": {"name": "mine.py:Mine"}}
-PAIR = {"a": "x", "b": "y", "episodes": 9, "difference": 0.1, "interval": (-0.1, 0.3)}
-COUNTS = {"only_a": 2, "only_b": 1, "p": 0.25}
+PAIR = PairedComparison(
+    a="x",
+    b="y",
+    episodes=9,
+    successes_a=5,
+    successes_b=4,
+    only_a=2,
+    only_b=1,
+    p=0.25,
+    difference=0.1,
+    interval=(-0.1, 0.3),
+    identical=0,
+    cycle_time_s=CycleTimes(episodes=0, median_difference=None),
+    differing=(),
+)
 
 
-def figures(*episodes: tuple[str | None, tuple[str, ...]]) -> dict[str, Any]:
+def figures(*episodes: tuple[str | None, tuple[str, ...]]) -> EvaluationReport:
     """Of episodes with a cause of failure, or None, and the promises that broke."""
     results = [
         EpisodeResult(
@@ -35,16 +54,16 @@ def figures(*episodes: tuple[str | None, tuple[str, ...]]) -> dict[str, Any]:
         )
         for i, (cause, broken) in enumerate(episodes)
     ]
-    return {**summary(SETTINGS, results), "replayed": {}}
+    return EvaluationReport(settings=SETTINGS, results=results)
 
 
 def test_the_promises_that_broke_are_told_with_their_seeds() -> None:
     found = figures((None, ("jerk",)), (None, ()), ("drop", ("speed", "jerk")), (None, ("jerk",)))
-    assert broken_line(found) == "3 episodes broke the audit: jerk 3, speed 1"
+    assert broken_line(found) == "3 episodes violated the audit: jerk 3, speed 1"
     text = markdown(found, [])
     assert "| jerk | 3 | 10, 12, 13 |" in text
     assert "| speed | 1 | 12 |" in text
-    assert broken_line(figures((None, ("jerk",)))) == "1 episode broke the audit: jerk 1"
+    assert broken_line(figures((None, ("jerk",)))) == "1 episode violated the audit: jerk 1"
     kept = figures((None, ()))
     assert broken_line(kept) == ""
     assert "audit" not in markdown(kept, [])
@@ -66,30 +85,37 @@ def test_each_cause_has_the_evidence_of_its_first_episode() -> None:
 
 
 def test_of_one_comparison_among_several_the_corrected_p_is_told() -> None:
-    assert comparison_line({**PAIR, **COUNTS}).endswith("p = 0.25 (McNemar, exact)")
-    among = comparison_line({**PAIR, **COUNTS, "p_holm": 0.5})
+    assert comparison_line(PAIR).endswith("p = 0.25 (McNemar, exact)")
+    among = comparison_line(replace(PAIR, p_holm=0.5))
     assert among.endswith("p = 0.5 (McNemar, exact; corrected by Holm)")
 
 
 def test_without_a_success_there_are_no_figures_of_successes() -> None:
-    assert "Figures of the successes" in markdown(figures((None, ())), [])
-    assert "Figures of the successes" not in markdown(figures(("ik", ())), [])
+    assert "Figures of the successful episodes" in markdown(figures((None, ())), [])
+    assert "Figures of the successful episodes" not in markdown(figures(("ik", ())), [])
 
 
 def test_one_is_not_told_as_several() -> None:
-    timing = {"wall_s": 2.0, "episodes_per_minute": 30.0, "episodes_per_minute_per_worker": 30.0}
-    assert throughput_line({**timing, "episodes": 1, "workers": 1}) == (
+    one = Throughput(
+        episodes=1,
+        workers=1,
+        wall_s=2.0,
+        episodes_per_minute=30.0,
+        episodes_per_minute_per_worker=30.0,
+        busy=1.0,
+    )
+    assert throughput_line(one) == (
         "1 episode in 2.0 s on 1 worker: 30.0 per minute, 30.0 per worker"
     )
     assert "2 episodes in 2.0 s on 2 workers" in throughput_line(
-        {**timing, "episodes": 2, "workers": 2}
+        replace(one, episodes=2, workers=2)
     )
 
 
 def test_where_nothing_is_touched_no_negative_force_is_drawn() -> None:
     axes = Figure().subplots()
-    entries = [{"success": True, "metrics": {"peak_contact_force_N": 0.0}}] * 3
-    _spread(axes, {"entries": entries}, "peak_contact_force_N", "force [N]")
+    one = EpisodeResult(index=0, seed=0, success=True, metrics={"peak_contact_force_N": 0.0})
+    _spread(axes, [one] * 3, "peak_contact_force_N", "force [N]")
     low, high = axes.get_xlim()
     assert low == 0.0
     assert high > 0.0

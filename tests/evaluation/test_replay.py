@@ -13,10 +13,10 @@ from robo47_qp.evaluation.episode import (
     failed,
     overdue,
 )
-from robo47_qp.evaluation.failures import record_failures
-from robo47_qp.evaluation.job import sound
+from robo47_qp.evaluation.replay import record_failures
+from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.run.failure import Cause, Failure
-from tests.toy_episodes import Toy
+from tests.toy_episodes import SETTINGS, Toy
 
 SPEC = EpisodeSpec(index=0, seed=5)
 LATE = overdue(SPEC, 6.0)
@@ -29,6 +29,7 @@ class Answers:
     """An executor that has known what comes out."""
 
     result: EpisodeResult
+    workers: int = 1
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         yield from [self.result for _ in specs]
@@ -50,4 +51,5 @@ def test_a_recording_that_is_not_over_in_time_tells_nothing(
 ) -> None:
     replayed = record_failures(Toy(), Answers(again), [before], tmp_path / "eval.rrd")
     assert replayed == {5: same}
-    assert sound({"errors": 0, "replayed": replayed}) is (same is not False)
+    report = EvaluationReport(settings=SETTINGS, results=[before], replayed=replayed)
+    assert report.sound is (same is not False)

@@ -1,0 +1,371 @@
+"""EvaluationReport: what an evaluation found, and comparisons of policies on the same seeds."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_difference, wilson
+from robo47_qp.report.run_report import versions
+
+CYCLE = "cycle_time_s"
+"""The metric that comparisons look at."""
+PAIRED = ("task", "robot", "perturbation")
+"""Settings that two evaluations must share, or their episodes are not pairs."""
+_SHARED = (*PAIRED, "code")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureSummary:
+    """Distribution of one figure over the successful episodes."""
+
+    n: int
+    median: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Throughput:
+    """Speed of an evaluation."""
+
+    episodes: int
+    """Episodes that were run now; those read from a journal do not count."""
+    workers: int
+    wall_s: float
+    """Wall time, including the start of the workers [s]."""
+    episodes_per_minute: float
+    episodes_per_minute_per_worker: float
+    busy: float
+    """Share of the workers' time that was spent on episodes [-]."""
+
+    @classmethod
+    def of(
+        cls, results: Sequence[EpisodeResult], seconds: float, workers: int
+    ) -> "Throughput | None":
+        """Return the throughput of episodes that took `seconds` together; None without any."""
+        if not results or seconds <= 0.0:
+            return None
+        rate = 60.0 * len(results) / seconds
+        busy = sum(result.timing.get("wall_s", 0.0) for result in results)
+        return cls(
+            episodes=len(results),
+            workers=workers,
+            wall_s=seconds,
+            episodes_per_minute=rate,
+            episodes_per_minute_per_worker=rate / workers,
+            busy=busy / (seconds * workers),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleTimes:
+    """Difference of cycle times over the episodes that both policies solved."""
+
+    episodes: int
+    median_difference: float | None
+    """Median of a less b [s]; None without such an episode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnequalEpisode:
+    """An episode that only one of two policies solved, and what stopped the other."""
+
+    seed: int
+    solved_by: Literal["a", "b"]
+    cause: str | None
+    """Value of `Cause`, or "error"."""
+    evidence: str
+    step: str | None
+    time: float | None
+    """When the failure was seen, in simulated time [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedComparison:
+    """Policy a against policy b, episode by episode."""
+
+    a: str
+    b: str
+    episodes: int
+    """Seeds that both have."""
+    successes_a: int
+    successes_b: int
+    only_a: int
+    only_b: int
+    p: float
+    """Of McNemar's exact test, two-sided."""
+    difference: float
+    """Success rate of a less that of b."""
+    interval: tuple[float, float]
+    """Of the difference, 95 %."""
+    identical: int
+    """Episodes whose recorded signals are the same bit by bit."""
+    cycle_time_s: CycleTimes
+    differing: tuple[UnequalEpisode, ...]
+    p_holm: float | None = None
+    """p corrected for several comparisons; None for a single one."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON."""
+        return {k: v for k, v in asdict(self).items() if (k, v) != ("p_holm", None)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluationReport:
+    """Outcome of all episodes of one policy. Nothing but `timing` differs from run to run.
+
+    An episode that ended with an internal error counts as not successful and has no cause.
+    """
+
+    settings: Mapping[str, Any]
+    """All that the results depend on, as JSON."""
+    results: Sequence[EpisodeResult]
+    """In the order of the seeds."""
+    timing: Throughput | None = None
+    """None where every episode was read from a journal."""
+    comparison: PairedComparison | None = None
+    """With another evaluation, if one was asked for."""
+    replayed: Mapping[int, bool | None] = field(default_factory=dict)
+    """By seed of the recorded failures: whether the recorded run was identical bit by bit; None
+    where it ran out of wall time."""
+    versions: Mapping[str, str] = field(default_factory=versions)
+    """Of the packages that a result depends on."""
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return str(self.settings["task"]["name"])
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy; "classical" names its IK where that is not the default."""
+        name, ik = self.settings["policy"]["name"], self.settings["policy"].get("ik", "qp")
+        return f"{name}:{ik}" if name == "classical" and ik != "qp" else str(name)
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes."""
+        return len(self.results)
+
+    @property
+    def successes(self) -> int:
+        """Number of successful episodes."""
+        return sum(result.success for result in self.results)
+
+    @property
+    def rate(self) -> float:
+        """Success rate."""
+        return self.successes / self.episodes
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's interval of the success rate, 95 %."""
+        return wilson(self.successes, self.episodes)
+
+    @property
+    def causes(self) -> dict[str, int]:
+        """Number of failures by cause, the most frequent one first."""
+        counts = Counter(result.cause for result in self.results if result.cause is not None)
+        return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+    @property
+    def errors(self) -> list[EpisodeResult]:
+        """Episodes that ended with an internal error."""
+        return [result for result in self.results if result.error is not None]
+
+    @property
+    def broken_audits(self) -> int:
+        """Number of episodes that violated a limit of the audit."""
+        return sum(result.audit_ok is False for result in self.results)
+
+    @property
+    def sound(self) -> bool:
+        """True if there were no internal errors and every replay was identical."""
+        return not self.errors and False not in self.replayed.values()
+
+    @cached_property
+    def figures(self) -> dict[str, FigureSummary]:
+        """Measures and metrics over the successful episodes, by name with unit."""
+        columns: dict[str, list[float]] = {}
+        for result in self.results:
+            if result.success:
+                for name, value in (*result.measures.items(), *result.metrics.items()):
+                    if isinstance(value, int | float):
+                        columns.setdefault(name, []).append(float(value))
+        return {
+            name: FigureSummary(
+                n=len(values),
+                median=float(np.median(values)),
+                p95=float(np.percentile(values, 95.0)),
+                max=max(values),
+            )
+            for name, values in columns.items()
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON, all figures and episodes included."""
+        compared = {} if self.comparison is None else {"comparison": self.comparison.as_json()}
+        return {
+            **self.headline(),
+            "figures": {name: asdict(figure) for name, figure in self.figures.items()},
+            "settings": dict(self.settings),
+            "versions": dict(self.versions),
+            "entries": [result.entry() for result in self.results],
+            "timing": {} if self.timing is None else asdict(self.timing),
+            **compared,
+            "replayed": dict(self.replayed),
+        }
+
+    def headline(self) -> dict[str, Any]:
+        """Return name and counts as JSON."""
+        return {
+            "task": self.task,
+            "policy": self.policy,
+            "episodes": self.episodes,
+            "successes": self.successes,
+            "rate": self.rate,
+            "interval": list(self.interval),
+            "confidence": CONFIDENCE,
+            "causes": self.causes,
+            "errors": len(self.errors),
+            "broken_audits": self.broken_audits,
+        }
+
+    @classmethod
+    def of_json(cls, content: Mapping[str, Any]) -> "EvaluationReport":
+        """Return the report that was written as JSON, with its figures computed again.
+
+        Raises:
+            KeyError, TypeError: It is not a report.
+        """
+        results = [EpisodeResult.of_entry(entry) for entry in content["entries"]]
+        return cls(settings=content["settings"], results=results)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolicyComparison:
+    """Several policies on the same seeds: each one by itself, and against the first."""
+
+    reports: Mapping[str, EvaluationReport]
+    """By the names of their files; the first is the baseline."""
+    comparisons: Sequence[PairedComparison]
+    """Of each other policy with the baseline."""
+
+    @property
+    def baseline(self) -> EvaluationReport:
+        """The first report."""
+        return next(iter(self.reports.values()))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON."""
+        first = self.baseline
+        return {
+            "task": first.task,
+            "baseline": first.policy,
+            "episodes": first.episodes,
+            "confidence": CONFIDENCE,
+            "policies": [
+                {"report": name, **report.headline(), f"median_{CYCLE}": median_cycle_time(report)}
+                for name, report in self.reports.items()
+            ],
+            "comparisons": [comparison.as_json() for comparison in self.comparisons],
+            "settings": self.settings,
+            "versions": dict(first.versions),
+        }
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What all policies have in common."""
+        return {name: self.baseline.settings.get(name) for name in _SHARED}
+
+
+def median_cycle_time(report: EvaluationReport) -> float | None:
+    """Return the median cycle time of the successful episodes [s]; None without any."""
+    return report.figures[CYCLE].median if CYCLE in report.figures else None
+
+
+def compare_policies(reports: Mapping[str, EvaluationReport]) -> PolicyComparison:
+    """Compare every policy with the first one, with Holm's correction.
+
+    Raises:
+        InvalidValueError: Their episodes are not pairs.
+    """
+    baseline, *others = reports.values()
+    found = [compare(other, baseline) for other in others]
+    corrected = holm([comparison.p for comparison in found])
+    comparisons = [replace(c, p_holm=p) for c, p in zip(found, corrected, strict=True)]
+    return PolicyComparison(reports=reports, comparisons=comparisons)
+
+
+def compare(a: EvaluationReport, b: EvaluationReport) -> PairedComparison:
+    """Compare two evaluations on the seeds that both have.
+
+    Raises:
+        InvalidValueError: Their episodes are not pairs.
+    """
+    check_paired(a.settings, [result.seed for result in a.results], b)
+    theirs = {result.seed: result for result in b.results}
+    pairs = [(x, theirs[x.seed]) for x in a.results if x.seed in theirs]
+    won = np.array([(x.success, y.success) for x, y in pairs], dtype=np.bool_)
+    only_a, only_b, p = mcnemar(won[:, 0], won[:, 1])
+    return PairedComparison(
+        a=a.policy,
+        b=b.policy,
+        episodes=len(pairs),
+        successes_a=int(won[:, 0].sum()),
+        successes_b=int(won[:, 1].sum()),
+        only_a=only_a,
+        only_b=only_b,
+        p=p,
+        difference=float(won[:, 0].mean() - won[:, 1].mean()),
+        interval=paired_difference(only_a, only_b, len(pairs)),
+        identical=sum(x.sha256 is not None and x.sha256 == y.sha256 for x, y in pairs),
+        cycle_time_s=_cycle_times(pairs),
+        differing=tuple(_unequal(x, y) for x, y in pairs if x.success != y.success),
+    )
+
+
+def check_paired(
+    settings: Mapping[str, Any], seeds: Sequence[int], other: EvaluationReport
+) -> None:
+    """Check that an evaluation with these settings and seeds can be compared with another one.
+
+    Raises:
+        InvalidValueError: Task, robot or perturbation differ, or there is no common seed.
+    """
+    for name in PAIRED:
+        if settings.get(name) != other.settings.get(name):
+            raise InvalidValueError(
+                "--against", f"one with another {name}", "a result of the same task and world"
+            )
+    if not {result.seed for result in other.results}.intersection(seeds):
+        raise InvalidValueError("--against", "one without any of these seeds", "of the same seeds")
+
+
+def _cycle_times(pairs: Sequence[tuple[EpisodeResult, EpisodeResult]]) -> CycleTimes:
+    both = [
+        x.metrics[CYCLE] - y.metrics[CYCLE]
+        for x, y in pairs
+        if x.success and y.success and CYCLE in x.metrics and CYCLE in y.metrics
+    ]
+    return CycleTimes(
+        episodes=len(both), median_difference=float(np.median(both)) if both else None
+    )
+
+
+def _unequal(a: EpisodeResult, b: EpisodeResult) -> UnequalEpisode:
+    failed = b if a.success else a
+    return UnequalEpisode(
+        seed=a.seed,
+        solved_by="a" if a.success else "b",
+        cause=failed.failure,
+        evidence=failed.explanation,
+        step=failed.step,
+        time=failed.time,
+    )
