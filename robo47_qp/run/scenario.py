@@ -60,3 +60,8 @@ class Run:
     def legs(self) -> list[Leg]:
         """The motions that were begun, in order."""
         return [phase.leg for phase in self.phases if phase.leg is not None]
+
+    def spans(self) -> list[tuple[Phase, slice]]:
+        """Return every phase with the rows that it lasts."""
+        starts = [*(phase.start for phase in self.phases), len(self.rows)]
+        return [(p, slice(p.start, end)) for p, end in zip(self.phases, starts[1:], strict=True)]
