@@ -12,7 +12,7 @@ from robo47_qp import tasks
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.policy.runner import PolicyRunner, check_judged
+from robo47_qp.run.policy.drivers import PolicyDriver, check_judged
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
@@ -40,7 +40,7 @@ def run(options: EvaluateOptions, console: Console) -> int:
     task = known[options.task]()
     if any(contender.ik is None for contender in options.contenders):
         check_judged(task, Simulation(PANDA, task.build_scene))
-    return evaluate(task, PANDA, options, console, partial(PolicyRunner, timing=options.timing))
+    return evaluate(task, PANDA, options, console, partial(PolicyDriver, timing=options.timing))
 
 
 if __name__ == "__main__":

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.observers import Observer
+from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
 from robo47_qp.run.policy.policy import Action, Observation, Policy
-from robo47_qp.run.policy.runner import PolicyRunner, PolicyTiming
 from robo47_qp.run.recording import Sink
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
@@ -48,7 +49,5 @@ def follow(
     if simulation is None:
         simulation = Simulation(robot, task.build_scene)
     scenario = RunOptions(seed=seed).scenario(robot, task)
-    runner = PolicyRunner(
-        scenario, simulation, policy, PolicyTiming(seconds=1.0) if timing is None else timing
-    )
-    return runner.run(sinks=sinks, observers=observers)
+    driver = PolicyDriver(policy, PolicyTiming(seconds=1.0) if timing is None else timing)
+    return Runner(scenario, simulation, driver).run(sinks=sinks, observers=observers)

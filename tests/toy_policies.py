@@ -8,7 +8,8 @@ import numpy as np
 
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.evaluation.policies import PolicyFailed
-from robo47_qp.run.runner import Runner
+from robo47_qp.run.failure import Failure
+from robo47_qp.run.runner import ProgramDriver, Runner
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,13 @@ class NoPolicy:
         pass
 
 
-class GoodCell(Runner):
+class GoodDriver(ProgramDriver):
     """Lets the classical stack do the work while the policy looks on."""
 
-    def __init__(self, scenario: Any, simulation: Any, policy: Any) -> None:
-        super().__init__(scenario, simulation)
-        policy.reset(simulation.state())
-        policy.act(simulation.state())
+    def __init__(self, policy: Any) -> None:
+        self.policy = policy
+
+    def drive(self, runner: Runner) -> Failure | None:
+        self.policy.reset(runner.loop.sim.state())
+        self.policy.act(runner.loop.sim.state())
+        return super().drive(runner)

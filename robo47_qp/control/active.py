@@ -13,7 +13,7 @@ class ActiveController:
     """Runs a controller within the arm's limits, and changes it without a bump.
 
     asked = controller + push away from the joint limits + (1 - s) bump
-    torque = the torque closest to `asked` within tau_max, and within tau_rate_max of the last
+    torque = the torque closest to `commanded` within tau_max, and within tau_rate_max of the last
 
     A new controller, new gains or a new belief about the payload change the torque at once. The
     bump is the difference at that instant between what would have been asked for and what is
@@ -41,9 +41,9 @@ class ActiveController:
         low, high = self._stops.inside(arm)
         columns = (robot.tau_rate_max * dt, robot.tau_max, low, high)
         self._bounds = [column.tolist() for column in columns]
-        self.asked: Vector = arm.inverse_dynamics(arm.home, still, still)
+        self.commanded: Vector = arm.inverse_dynamics(arm.home, still, still)
         """Torque of the last period before the limits (n,) [N·m]."""
-        self._last: list[float] = np.clip(self.asked, -robot.tau_max, robot.tau_max).tolist()
+        self._last: list[float] = np.clip(self.commanded, -robot.tau_max, robot.tau_max).tolist()
         self._before: tuple[Controller, Arm, Vector] | None = None
         self._bump, self._left, self._fade = still, 0, 0
 
@@ -59,7 +59,7 @@ class ActiveController:
         """
         self._change(controller, self.arm, seconds)
 
-    def believe(self, arm: Arm, *, seconds: float = 0.1) -> None:
+    def set_arm(self, arm: Arm, *, seconds: float = 0.1) -> None:
         """Change the belief, for example about what the tool holds.
 
         Args:
@@ -91,13 +91,13 @@ class ActiveController:
         for ask, last, q, step, most, low, high in joints:
             if not (-step <= ask - last <= step and -most <= ask <= most and low <= q <= high):
                 return self._limited(asked, reference, state)
-        self.asked, self._last = asked, new
+        self.commanded, self._last = asked, new
         return asked
 
     def _limited(self, asked: Vector, reference: JointReference, state: JointState) -> Vector:
         """Add the push of the stops, and keep the limits."""
         self._stops.push(asked, self.arm, reference.q, state.q)
-        self.asked = asked
+        self.commanded = asked
         robot, last = self.arm.robot, np.array(self._last)
         step = robot.tau_rate_max * self._dt
         tau: Vector = np.minimum(np.maximum(asked, last - step), last + step)

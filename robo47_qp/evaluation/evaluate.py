@@ -17,7 +17,7 @@ from robo47_qp.evaluation.episode import Episode
 from robo47_qp.evaluation.evaluation import Evaluation, code_digest
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions, policy_settings
-from robo47_qp.evaluation.policies import CLASSICAL, Cell, PolicyDrive
+from robo47_qp.evaluation.policies import CLASSICAL, MakeDriver, PolicyDrive
 from robo47_qp.evaluation.replay import picked, record_failures, replay
 from robo47_qp.evaluation.report.plots import plot_evaluation
 from robo47_qp.evaluation.report.progress import EvaluationBar
@@ -58,8 +58,8 @@ class Job:
     robot: Robot
     options: EvaluateOptions
     """Of a single policy."""
-    cell: Cell | None
-    """Makes the runner of a policy other than the classical stack."""
+    driver: MakeDriver | None
+    """Makes the driver of a policy other than the classical stack."""
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -67,7 +67,7 @@ class Job:
 
         Raises:
             PolicyLoadError: The policy cannot be loaded.
-            InvalidValueError: There is no cell for it.
+            InvalidValueError: Nothing makes a driver for it.
         """
         return Evaluation(
             episode=self._episode(),
@@ -118,9 +118,9 @@ class Job:
         drive: Drive = classical
         if reference is not None:
             reference.load()
-            if self.cell is None:
+            if self.driver is None:
                 raise InvalidValueError("--policy", self.options.contender.name, CLASSICAL)
-            drive = PolicyDrive(reference=reference, cell=self.cell)
+            drive = PolicyDrive(reference=reference, driver=self.driver)
         return TaskEpisode(
             robot=self.robot,
             task=self.task,
@@ -148,7 +148,11 @@ class Job:
 
 
 def evaluate(
-    task: Task, robot: Robot, options: EvaluateOptions, console: Console, cell: Cell | None = None
+    task: Task,
+    robot: Robot,
+    options: EvaluateOptions,
+    console: Console,
+    driver: MakeDriver | None = None,
 ) -> int:
     """Run an evaluation, or one episode of it, and write its files; returns the exit code.
 
@@ -157,7 +161,7 @@ def evaluate(
         robot: Robot that does it.
         options: All that was chosen; of several policies, the first is the baseline.
         console: Where progress and the outcome are printed.
-        cell: Makes the runner of a policy other than the classical stack.
+        driver: Makes the driver of a policy other than the classical stack.
 
     Returns:
         0 for a finished evaluation, whatever the success rate; 1 if an episode ended with an
@@ -166,7 +170,7 @@ def evaluate(
     Raises:
         Robo47Error: Bad input, before anything runs, or a file that cannot be written.
     """
-    jobs = [Job(task=task, robot=robot, options=one, cell=cell) for one in options.each]
+    jobs = [Job(task=task, robot=robot, options=one, driver=driver) for one in options.each]
     if options.replay is not None:
         return _replay(jobs[0], options.replay, console)
     several = len(jobs) > 1

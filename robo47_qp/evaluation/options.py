@@ -8,7 +8,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
-from robo47_qp.run.policy.runner import PolicyTiming
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.stack import LOGS, IkName, RunOptions
 
 _MILLI = 1e-3

@@ -16,15 +16,15 @@ from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.policy.guard import Guard
 from robo47_qp.run.recording import Sink
-from robo47_qp.run.runner import Runner
+from robo47_qp.run.runner import Driver, Runner
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import IkName
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
-Cell: TypeAlias = Callable[[Scenario, Simulation, Any], Runner]
-"""Makes the runner of a policy in a world; goes to worker processes by pickle."""
+MakeDriver: TypeAlias = Callable[[Any], Driver]
+"""Makes the driver of a run from a policy; goes to worker processes by pickle."""
 
 
 class PolicyLoadError(Robo47Error):
@@ -112,7 +112,7 @@ class PolicyDrive:
     """Drives an episode by a policy, made anew for it; see `Drive`."""
 
     reference: PolicyReference
-    cell: Cell
+    driver: MakeDriver
 
     def __call__(
         self,
@@ -123,7 +123,7 @@ class PolicyDrive:
         observers: Sequence[Observer],
     ) -> Run:
         """See `Drive`."""
-        runner = self.cell(scenario, simulation, self.reference.make())
+        runner = Runner(scenario, simulation, self.driver(self.reference.make()))
         return runner.run(sinks=sinks, observers=observers)
 
 

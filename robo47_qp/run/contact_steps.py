@@ -1,202 +1,164 @@
-"""Steps that look for contact or live with it."""
+"""Steps that look for contact or keep it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from typing import ClassVar
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.control.cartesian_impedance import CartesianImpedance
-from robo47_qp.control.controller import Controller
-from robo47_qp.control.pressing import Pressing
-from robo47_qp.model.arm import Arm, JointReference, JointState
-from robo47_qp.motion.paths.speed_limits import PathProfile
-from robo47_qp.motion.planner import Planner
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.payload import Payload
 from robo47_qp.motion.trajectory import hold
-from robo47_qp.run.conditions import Broken, demand, planned
-from robo47_qp.run.control_loop import ControlLoop
-from robo47_qp.run.failure import Failure, StepFailed
-from robo47_qp.run.steps import Compliance, Comply, Guarded
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
+from robo47_qp.run.step_executor import Step, StepExecutor
 
-_GUARD_ROWS = 2
-"""Control periods between two looks at the world while something may be touched."""
-_STILL = 2e-3
-"""Joint speed below which the arm counts as at rest [rad/s]."""
+_TICK_ROWS = 2
+"""Control periods between two checks of the world while something may be touched."""
 
 
-class ContactSteps:
-    """Carries out guarded and compliant motions."""
+@dataclass(frozen=True, kw_only=True)
+class Guarded(Step):
+    """Move on a straight line until something is touched, and stop there."""
 
-    def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
-        self._loop = loop
-        self._stiff: Controller | None = None
-        self._compliance: Compliance | None = None
+    waypoint: Waypoint
+    """Where the line ends; the tool moves at its pace, or slower: see `speed`."""
+    force: float
+    """Change of the contact force on the tool that counts as touching [N]."""
+    speed: float = 0.02
+    """Largest speed of the tool [m/s]."""
+    missing: Cause | None = Cause.TIMEOUT
+    """Why the run failed if nothing was touched up to the end; None where that is fine."""
 
-    def guarded(self, step: Guarded) -> None:
-        """Go until something is touched.
+    def __post_init__(self) -> None:
+        """Check motion and force.
 
         Raises:
-            StepFailed: The line cannot be planned, or nothing was touched.
+            InvalidValueError: The motion is not LIN, or force or speed are not positive.
         """
-        loop = self._loop
-        (leg,) = planned(loop, [step.waypoint], _no_faster(loop.scenario.planner, step.speed))
-        loop.believe(step.waypoint.carried)
+        if self.waypoint.motion is not Motion.LIN:
+            raise InvalidValueError("guarded motion", self.waypoint.motion.name, "LIN")
+        for name in ("force", "speed"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise InvalidValueError(name, getattr(self, name), "positive and finite")
+
+    @property
+    def name(self) -> str:
+        """Name of the waypoint."""
+        return self.waypoint.name
+
+    @property
+    def path(self) -> tuple[Waypoint, ...]:
+        """See `Step.path`."""
+        return (self.waypoint,)
+
+    def carry_out(self, executor: StepExecutor) -> None:
+        """See `Step.carry_out`."""
+        loop = executor.loop
+        (leg,) = executor.plan([self.waypoint], self.speed)
+        loop.set_payload(self.waypoint.carried)
         before = loop.sim.felt_force()
 
         def touched() -> bool:
             change = loop.sim.felt_force() - before
-            return float(np.sqrt(change.dot(change))) >= step.force
+            return float(np.sqrt(change.dot(change))) >= self.force
 
         # What is touched pushes the tool off its line before the arm stops.
-        loop.begin(step.name, leg, compliant=True)
-        if loop.track(leg.trajectory, touched, block=_GUARD_ROWS):
+        loop.begin(self.name, leg, compliant=True)
+        if loop.track(leg.trajectory, touched, block=_TICK_ROWS):
             loop.halt()
-        elif step.missing is not None:
-            evidence = f"nothing was touched on the way; {step.force:.1f} N were waited for"
-            raise StepFailed(Failure(cause=step.missing, evidence=evidence, step=step.name))
+        elif self.missing is not None:
+            evidence = f"nothing was touched on the way; {self.force:.1f} N were expected"
+            raise StepFailed(Failure(cause=self.missing, evidence=evidence, step=self.name))
 
-    def comply(self, step: Comply) -> None:
-        """Lead the tool on springs, pressing or not.
+
+@dataclass(frozen=True, kw_only=True)
+class Comply(Step):
+    """Move the tool along waypoints on springs, pressing where that is asked for.
+
+    The tool starts from where it is and may end elsewhere than at its last waypoint.
+    """
+
+    waypoints: tuple[Waypoint, ...]
+    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`."""
+    compliance: Compliance
+    carried: Payload | None = None
+    """What the tool holds from now on; None keeps the payload that was set before."""
+    speed: float = inf
+    """Largest speed along the waypoints, beside their own pace [m/s]."""
+    seconds: float = 0.0
+    """How long to stay at the last waypoint, at most [s]."""
+    until: Condition | None = None
+    """What ends the step at once; it fails with the condition's cause if that does not hold at
+    the end. None goes on to the end."""
+    during: tuple[Condition, ...] = ()
+    """What has to hold all the time: where it is violated, the arm stops and the step fails."""
+    observe: Callable[[], None] | None = None
+    """Called every few periods, to take notes of the world."""
+    stay: bool = False
+    """True: stay compliant for the next step, if that is a `Comply`, too. It then starts from the
+    reference of this one, and with the same compliance nothing changes in between."""
+    renew: bool = False
+    """After a step that stays compliant: True starts from where the tool is, its springs without
+    load, instead of from the reference of that step."""
+    name: str = "comply"
+    starts_stiff: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Check that there is something to do.
 
         Raises:
-            StepFailed: The way cannot be planned, or what was to be so was not.
+            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or the
+                step is over at once.
         """
-        looking = _Looking(step)
-        try:
-            self._lead(step, looking)
-            looking.judge()
-        except StepFailed:
-            self.stiffen()
-            raise
-        if not step.stay:
-            self.stiffen()
-
-    def soften(self, compliance: Compliance) -> None:
-        """Give way from now on, until `stiffen`."""
-        control = self._loop.control
-        if compliance is self._compliance:
-            return
-        if self._stiff is None:
-            self._stiff = control.controller
-        self._compliance = compliance
-        control.switch(self._controller(compliance))
-
-    def stiffen(self) -> None:
-        """Take where a yielding arm has come to as the reference, and bring it to rest there."""
-        if self._stiff is None:
-            return
-        loop, stiff = self._loop, self._stiff
-        self._stiff = self._compliance = None
-        speed = loop.sim.state().v
-        self._renew(stiff)
-        if np.abs(speed).max() > _STILL:
-            loop.reference = JointReference(loop.reference.q, speed, np.zeros(loop.arm.n))
-            loop.halt()
-
-    def _renew(self, controller: Controller) -> None:
-        """Take where the arm is as the reference, at rest, and go on with a controller.
-
-        Springs that lose their load at once would be felt: the torque goes over smoothly from
-        what it was, not from what the old law asks for at the new reference.
-        """
-        loop, control = self._loop, self._loop.control
-        loop.rest(np.clip(loop.sim.state().q, loop.arm.q_min, loop.arm.q_max))
-        control.switch(_ConstantTorque(control.asked.copy()), seconds=0.0)
-        control.switch(controller)
-
-    def _lead(self, step: Comply, looking: "_Looking") -> None:
-        loop = self._loop
-        planner = _no_faster(loop.scenario.planner, step.speed)
-        if step.renew and self._stiff is not None:
-            self._renew(loop.control.controller)
-        legs = planned(loop, step.waypoints, planner) if step.waypoints else []
-        if step.carried is not None:
-            loop.believe(step.carried)
-        self.soften(step.compliance)
-        for leg in legs:
-            loop.begin(leg.waypoint.name, leg, compliant=True)
-            if loop.track(leg.trajectory, looking, block=_GUARD_ROWS):
-                # What is broken ends the yielding at once: an arm that presses would run on.
-                if not looking.broken:
-                    loop.halt()
-                return
-        if step.seconds:
-            loop.begin(step.name, compliant=True)
-            still = hold(loop.reference.q, round(step.seconds / TIMESTEP), TIMESTEP)
-            loop.track(still, looking, block=_GUARD_ROWS)
-
-    def _controller(self, compliance: Compliance) -> Controller:
-        springs = CartesianImpedance(stiffness=compliance.stiffness, frame=compliance.frame)
-        if compliance.axis is None:
-            return springs
-        loop, axis = self._loop, compliance.axis
-        if compliance.frame == "tool":
-            axis = loop.arm.pose(loop.reference.q).rotation().as_matrix().T @ axis
-        pressing = Pressing(
-            force=compliance.force, axis=axis, impedance=springs, speed_max=compliance.speed
-        )
-        return pressing.build(loop.control.arm, self._felt)
-
-    def _felt(self) -> Vector:
-        """Contact force on the tool and what it is believed to hold (3,), in the world [N]."""
-        arm, felt = self._loop.control.arm, self._loop.sim.felt_force()
-        if arm.payload is not None:
-            felt -= arm.payload.mass * arm.model.opt.gravity
-        return felt
-
-
-@dataclass(frozen=True, eq=False)
-class _ConstantTorque:
-    """A torque that stays as it was."""
-
-    tau: Vector
-
-    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
-        return self.tau.copy()
-
-
-class _Looking:
-    """Looks at the world while a step complies: whether it is over, and how."""
-
-    def __init__(self, step: Comply) -> None:
-        self._step, self._broken = step, Broken(step.name, step.during)
-        self._met = False
-
-    def __call__(self) -> bool:
-        step = self._step
-        if step.observe is not None:
-            step.observe()
-        self._met = step.until is not None and step.until.against() is None
-        return self._broken() or self._met
+        ptp = [waypoint.name for waypoint in self.waypoints if waypoint.motion is Motion.PTP]
+        if ptp:
+            raise InvalidValueError("compliant motion", ptp, "waypoints reached by LIN or CIRC")
+        if not self.speed > 0.0:
+            raise InvalidValueError("speed", self.speed, "positive")
+        if not (np.isfinite(self.seconds) and self.seconds >= 0.0):
+            raise InvalidValueError("seconds", self.seconds, "finite and not negative")
+        if not self.waypoints and self.seconds == 0.0:
+            raise InvalidValueError(
+                self.name, "no waypoint and 0 s", "waypoints, or a time to stay"
+            )
 
     @property
-    def broken(self) -> bool:
-        """True where a condition was seen that does not hold."""
-        return self._broken.error is not None
+    def path(self) -> tuple[Waypoint, ...]:
+        """See `Step.path`."""
+        return self.waypoints
 
-    def judge(self) -> None:
-        """Go on only where nothing was broken and what was waited for has come about.
+    def carry_out(self, executor: StepExecutor) -> None:
+        """See `Step.carry_out`."""
+        monitor = StepMonitor(self.name, self.during, self.until, self.observe)
+        try:
+            self._move(executor, monitor)
+            monitor.judge()
+        except StepFailed:
+            executor.compliance.stiffen()
+            raise
+        if not self.stay:
+            executor.compliance.stiffen()
 
-        Raises:
-            StepFailed: Not so.
-        """
-        if self._broken.error is not None:
-            raise self._broken.error
-        if self._step.until is not None and not self._met:
-            demand(self._step.name, (self._step.until,))
-
-
-def _no_faster(planner: Planner, speed: float) -> Planner:
-    """The planner with the speed of the tool bounded; accelerations stay."""
-
-    def bounded(profile: PathProfile) -> PathProfile:
-        v, a, j = profile.linear
-        return replace(profile, linear=(min(speed, v), a, j))
-
-    lin, continuous = planner.lin, planner.continuous
-    return replace(
-        planner,
-        lin=replace(lin, profile=bounded(lin.profile)),
-        continuous=replace(continuous, profile=bounded(continuous.profile)),
-    )
+    def _move(self, executor: StepExecutor, monitor: StepMonitor) -> None:
+        loop = executor.loop
+        if self.renew:
+            executor.compliance.unload()
+        legs = executor.plan(self.waypoints, self.speed) if self.waypoints else []
+        if self.carried is not None:
+            loop.set_payload(self.carried)
+        executor.compliance.soften(self.compliance)
+        for leg in legs:
+            loop.begin(leg.waypoint.name, leg, compliant=True)
+            if loop.track(leg.trajectory, monitor, block=_TICK_ROWS):
+                # A violation ends the compliance at once: an arm that presses would run on.
+                if monitor.error is None:
+                    loop.halt()
+                return
+        if self.seconds:
+            loop.begin(self.name, compliant=True)
+            still = hold(loop.reference.q, round(self.seconds / TIMESTEP), TIMESTEP)
+            loop.track(still, monitor, block=_TICK_ROWS)

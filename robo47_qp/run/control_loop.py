@@ -1,6 +1,7 @@
 """ControlLoop: reference, controller, simulation and recording, period by period."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -8,9 +9,10 @@ import numpy as np
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
-from robo47_qp.model.arm import MARGIN, Arm, JointReference
+from robo47_qp.control.controller import Controller
+from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.payload import Payload
-from robo47_qp.model.robot import Robot
+from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.timing.stopping import stop
 from robo47_qp.motion.trajectory import Trajectory, hold
@@ -18,61 +20,90 @@ from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Recording, Signal, slices
-from robo47_qp.run.scenario import Phase, Scenario
 from robo47_qp.sim.simulation import Simulation
 
 TICK_ROWS = 20
-"""Control periods between two looks at the world while a motion runs."""
+"""Control periods between two checks of the world while a motion runs."""
 
 LOAD_CHANGES = 0.02
-"""How long the torque takes to change with what the tool holds [s]: at once, a heavy load would
-ask for more than the motors' rate."""
+"""How long the torque takes to change with the payload [s]: at once, a heavy load would ask for
+more than the motors' rate."""
 
 
 class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never shown
-    """The watch ended the run."""
+    """The run cannot go on."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.evidence)
         self.failure = failure
 
 
-class ControlLoop:
-    """Moves one scenario on in time; every period fills one row of the recording."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Phase:
+    """A stretch of the run under one reference."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, recording: Recording) -> None:
-        """Stand still where the simulation is."""
-        self.scenario, self.sim = scenario, simulation
-        self.arm = Arm(scenario.robot, obstacles=scenario.task.obstacles)
-        """The belief while nothing is held."""
-        inner = Arm(scenario.robot, obstacles=scenario.task.obstacles, margin=MARGIN)
-        self._inner = self.arm if inner.limit_margin(inner.home) < 0.0 else inner
-        self.control = ActiveController(scenario.controller, self.arm, dt=TIMESTEP)
-        self.recording = recording
+    name: str
+    start: int
+    """First row."""
+    leg: Leg | None
+    """The planned motion; None while the arm holds still."""
+    compliant: bool = False
+    """True where the tool gives way: it need not be where its reference is."""
+    streamed: bool = False
+    """True where the reference follows a moving target tick by tick: its jerk is not bounded."""
+
+
+class ControlLoop:
+    """Tracks references with a controller in a simulation; every period fills one row."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        controller: Controller,
+        simulation: Simulation,
+        *,
+        profile: MotionProfile | None = None,
+        check: Callable[["ControlLoop"], None] | None = None,
+    ) -> None:
+        """Stand still at home.
+
+        Args:
+            arm: The controller's model while nothing is held.
+            controller: The control law to start with.
+            simulation: The world, with the same robot at home.
+            profile: Limits of the joints' motion when the arm brakes; by default the robot's.
+            check: Called every few periods, after a block of rows; may raise `Aborted`.
+        """
+        self.arm, self.sim = arm, simulation
+        self.profile = arm.robot.profile if profile is None else profile
+        self.control = ActiveController(controller, arm, dt=TIMESTEP)
+        self.recording = Recording(signals.all_signals(arm.robot, simulation.objects))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
-        self._columns = _Columns(scenario.robot, simulation.objects)
-        self.rest(np.array(scenario.robot.home))
+        self._check = check
+        self._columns = _Columns(arm.robot, simulation.objects)
+        self.rest(np.array(arm.robot.home))
+
+    @property
+    def reference(self) -> JointReference:
+        """What the joints should do at this instant."""
+        return self._reference
+
+    def take_over(self, reference: JointReference) -> None:
+        """Go on from another reference than the one that was tracked last."""
+        self._reference = reference
 
     def rest(self, q: Vector) -> None:
-        """Take q, at rest, as the reference from now on."""
+        """Go on from q, at rest."""
         still = np.zeros(self.arm.n)
-        self.reference = JointReference(q, still, still)
-        """What the joints should do at this instant."""
-
-    def planning_arm(self, q: Vector) -> Arm:
-        """The belief that motions from q are planned with, its limits drawn in.
-
-        Where q itself or home is beyond those, it is the one with the whole range.
-        """
-        return self.arm if self._inner.limit_margin(q) < 0.0 else self._inner
+        self.take_over(JointReference(q, still, still))
 
     @property
     def resting(self) -> bool:
         """True where the reference does not move."""
-        return not (self.reference.v.any() or self.reference.a.any())
+        return not (self._reference.v.any() or self._reference.a.any())
 
     def begin(
         self,
@@ -83,7 +114,7 @@ class ControlLoop:
         streamed: bool = False,
         afresh: bool = True,
     ) -> None:
-        """Start a phase; with `afresh` False go on with the last one, if it has this name."""
+        """Start a phase; with `afresh` False continue the last one, if it has this name."""
         if not afresh and self.phases and self.phases[-1].name == name:
             return
         start = len(self.recording)
@@ -108,14 +139,14 @@ class ControlLoop:
 
         Args:
             trajectory: Starts with the reference of now.
-            until: Looked at after every block; ends the tracking where it is True.
+            until: Called after every block; ends the tracking where it returns True.
             block: Control periods in a block.
 
         Returns:
             True where `until` ended it, with the reference still in motion.
 
         Raises:
-            Aborted: The watch saw something that ends the run.
+            Aborted: The run cannot go on.
         """
         references = self._references(trajectory)
         done, ended = 0, False
@@ -123,51 +154,37 @@ class ControlLoop:
             count = min(trajectory.steps - done, self.recording.room, block)
             self._advance(trajectory, references, done, count)
             done += count
-            self.reference = JointReference(
+            self._reference = JointReference(
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             for observer in self.observers:
                 observer.tick(self.sim)
-            self.scenario.task.monitor(self.sim)
-            self._look()
+            if self._check is not None:
+                self._check(self)
             ended = until is not None and until()
         return ended
 
     def hold(self, seconds: float) -> None:
-        """Stay at the reference, which rests."""
+        """Stay at the reference, which is at rest."""
         self.track(hold(self.reference.q, round(seconds / TIMESTEP), TIMESTEP))
 
     def halt(self) -> None:
         """Bring a moving reference to rest, as fast as the profile allows."""
         if not self.resting:
-            planner = self.scenario.planner
-            profile = planner.profile.slowed(planner.pace)
-            way = stop(self.arm, self.reference, profile, TIMESTEP)
+            braking = stop(self.arm, self.reference, self.profile, TIMESTEP)
             self.begin("stop", compliant=self.phases[-1].compliant)
-            self.track(way)
+            self.track(braking)
 
-    def believe(self, payload: Payload | None) -> None:
-        """Take something to be held by the tool, or nothing."""
+    def set_payload(self, payload: Payload | None) -> None:
+        """Tell the controller what the tool holds; None is nothing."""
         if payload is not self.control.arm.payload:
             arm = self.arm if payload is None else self.arm.carrying(payload)
-            self.control.believe(arm, seconds=LOAD_CHANGES)
+            self.control.set_arm(arm, seconds=LOAD_CHANGES)
 
     def note(self, text: str, failure: Failure | None = None) -> None:
         """Tell the observers."""
         for observer in self.observers:
             observer.note(self.sim.time, text, "INFO" if failure is None else "ERROR")
-
-    def _look(self) -> None:
-        stiff = not self.phases[-1].compliant
-        seen = self.scenario.watchdog.seen(
-            self.sim,
-            self.arm,
-            self.reference,
-            stiff=stiff,
-            force_max=self.scenario.task.force_max,
-        )
-        if seen is not None:
-            raise Aborted(seen)
 
     def _advance(self, trajectory: Trajectory, references: Matrix, first: int, count: int) -> None:
         """The control loop: `count` periods, one row of the recording each."""
@@ -187,7 +204,7 @@ class ControlLoop:
         ):
             sim.write_now(row[now])
             tau = control.torque(JointReference(q, v, a), sim.state())
-            row[command] = control.asked
+            row[command] = control.commanded
             sim.step(tau)
             sim.write_last(row[last])
         self.recording.close_rows(count)

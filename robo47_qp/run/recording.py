@@ -85,12 +85,13 @@ class Recording:
         Args:
             signals: The columns, in order.
             chunk_rows: Rows that are handed on at once; a run that is killed loses no more.
-            sinks: Who gets the chunks.
+            sinks: See `sinks`.
         """
         self.signals = tuple(signals)
         self._width = sum(len(signal.labels) for signal in signals)
         self._chunk_rows = chunk_rows
-        self._sinks = tuple(sinks)
+        self.sinks = tuple(sinks)
+        """Who gets the chunks."""
         self._chunks: list[Matrix] = []
         self._chunk = self._empty()
         self._filled = 0
@@ -134,7 +135,7 @@ class Recording:
         return Rows(self.signals, np.concatenate([*self._chunks, self._chunk[: self._filled]]))
 
     def _hand_on(self, values: Matrix) -> None:
-        for sink in self._sinks:
+        for sink in self.sinks:
             sink.write(Rows(self.signals, values))
 
     def _empty(self) -> Matrix:

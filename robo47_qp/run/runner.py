@@ -1,73 +1,113 @@
 """Runner: the one place that sees the whole path from task to recording."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from robo47_qp.errors import NoGripperError
+from robo47_qp.model.arm import Arm
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run import signals
-from robo47_qp.run.conditions import plan_through
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Recording, Rows, Sink
+from robo47_qp.run.recording import Rows, Sink
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.step_executor import StepExecutor
-from robo47_qp.run.steps import (
-    Comply,
-    Grasp,
-    Guarded,
-    Move,
-    Release,
-    StepLike,
-)
+from robo47_qp.run.steps import as_step
 from robo47_qp.sim.simulation import Simulation
 
 _LAST_HOLD = 0.3
 """Time at rest before the end is judged [s]."""
 
 
-class Runner:
-    """Runs a scenario, once."""
+class Driver(Protocol):
+    """Decides what the arm does in a run: a program, a policy, or whoever calls."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
+    def drive(self, runner: "Runner") -> Failure | None:
+        """Move the arm to the end of the run; return why it gave up, if so.
+
+        Raises:
+            Aborted: The run cannot go on.
+        """
+        ...
+
+
+class ProgramDriver:
+    """Carries out the program of the task."""
+
+    def drive(self, runner: "Runner") -> Failure | None:
+        """See `Driver.drive`."""
+        failure = self._carried_out(runner)
+        runner.executor.compliance.stiffen()
+        return failure
+
+    def _carried_out(self, runner: "Runner") -> Failure | None:
+        loop = runner.loop
+        program = runner.scenario.task.program(loop.sim)
+        failed: StepFailed | None = None
+        try:
+            while True:
+                step = next(program) if failed is None else program.throw(failed)
+                failed = None
+                try:
+                    runner.executor.perform(as_step(step))
+                except StepFailed as error:
+                    failed = StepFailed(replace(error.failure, time=loop.sim.time))
+                    loop.note(f"step failed: {failed}", failed.failure)
+        except StopIteration as end:
+            failure: Failure | None = end.value
+            return failure
+        except StepFailed as error:
+            return error.failure
+
+
+class Runner:
+    """Runs a scenario, once: a driver moves the arm, then the task judges the world."""
+
+    def __init__(
+        self, scenario: Scenario, simulation: Simulation, driver: Driver | None = None
+    ) -> None:
         """Put the world at the start of the scenario.
 
         Args:
             scenario: What to run.
             simulation: The world, built from the scenario's robot and task.
+            driver: What moves the arm; by default the task's program.
         """
         self.scenario = scenario
-        self.signals = signals.all_signals(scenario.robot, simulation.objects)
-        self._sim = simulation
-        self._loop = ControlLoop(scenario, simulation, Recording(self.signals))
+        self._driver = ProgramDriver() if driver is None else driver
+        self._sim, planner = simulation, scenario.planner
+        self.loop = ControlLoop(
+            Arm(scenario.robot, obstacles=scenario.task.obstacles),
+            scenario.controller,
+            simulation,
+            profile=planner.profile.slowed(planner.pace),
+            check=self._check,
+        )
+        self.executor = StepExecutor(self.loop, planner)
+        self.signals = self.loop.recording.signals
         simulation.reset()
         seed = scenario.seed
         scenario.task.reset(simulation, None if seed is None else np.random.default_rng(seed))
 
     def rehearse(self) -> list[Leg]:
-        """Plan the way through the waypoints that the task foresees; nothing moves.
+        """Plan the motions through the waypoints that the task foresees; nothing moves.
 
         Raises:
             PlanError: One of them cannot be reached.
-            NoGripperError: One of them asks for a grip and the robot has no gripper.
+            NoGripperError: One of them needs a gripper and the robot has none.
         """
         legs: list[Leg] = []
-        q, robot = self._loop.reference.q, self.scenario.robot
-        for step in self.scenario.task.preview(self._sim):
-            waypoints = tuple(_waypoints(step))
-            grips = [w.name for w in waypoints if w.grip is not None]
-            if isinstance(step, Grasp | Release):
-                grips.append(step.name)
-            if robot.gripper is None and grips:
-                raise NoGripperError(robot.name, f"waypoint {grips[0]!r}")
-            if waypoints:
-                legs += plan_through(
-                    self.scenario.planner, self._loop.planning_arm(q), waypoints, q
-                )
+        q, robot = self.loop.reference.q, self.scenario.robot
+        for step in map(as_step, self.scenario.task.preview(self._sim)):
+            grips = [w.name for w in step.path if w.grip is not None]
+            if robot.gripper is None and (grips or step.grips):
+                raise NoGripperError(robot.name, f"waypoint {[*grips, step.name][0]!r}")
+            if step.path:
+                legs += self.executor.rehearse(step.path, q)
                 q = legs[-1].trajectory.end.q
         return legs
 
@@ -76,18 +116,17 @@ class Runner:
 
         Args:
             sinks: Who gets the rows of the recording.
-            observers: Who looks on.
+            observers: Who is told what happens.
 
         Raises:
             RecordingError: A sink could not keep the recording.
         """
         gripper = self.scenario.robot.gripper
         derive = _Derive(() if gripper is None else gripper.fingers)
-        loop, task = self._loop, self.scenario.task
-        loop.recording = Recording(self.signals, sinks=(derive, *sinks))
+        loop, task = self.loop, self.scenario.task
+        loop.recording.sinks = (derive, *sinks)
         loop.observers = tuple(observers)
-        failure = self._carried_out()
-        failure = failure or task.verdict(self._sim)
+        failure = self.finish()
         if failure is not None and failure.time is None:
             failure = replace(failure, time=self._sim.time)
         loop.note(
@@ -104,13 +143,11 @@ class Runner:
             objects=self._sim.objects,
         )
 
-    def _carried_out(self) -> Failure | None:
-        """Run the program, come to rest, and tell why it gave up, if so."""
-        loop = self._loop
+    def finish(self) -> Failure | None:
+        """Let the driver go on to its end, come to rest and judge the world; call it once."""
+        loop = self.loop
         try:
-            executor = StepExecutor(loop)
-            failure = self._programmed(executor)
-            executor.finish()
+            failure = self._driver.drive(self)
             loop.note(f"gave up: {failure.evidence}" if failure else "program done", failure)
             loop.halt()
             loop.begin("end")
@@ -118,40 +155,21 @@ class Runner:
         except Aborted as aborted:
             failure = replace(aborted.failure, time=self._sim.time)
             loop.note(f"stopped: {failure.evidence}", failure)
-        return failure
+        return failure or self.scenario.task.verdict(self._sim)
 
-    def _programmed(self, executor: StepExecutor) -> Failure | None:
-        program = self.scenario.task.program(self._sim)
-        failed: StepFailed | None = None
-        try:
-            while True:
-                step = next(program) if failed is None else program.throw(failed)
-                failed = None
-                try:
-                    executor.perform(step)
-                except StepFailed as error:
-                    failed = StepFailed(replace(error.failure, time=self._sim.time))
-                    self._loop.note(f"step failed: {failed}", failed.failure)
-        except StopIteration as end:
-            failure: Failure | None = end.value
-            return failure
-        except StepFailed as error:
-            return error.failure
-
-
-def _waypoints(step: StepLike) -> Iterator[Waypoint]:
-    """The waypoints that a step visits, as far as they are known."""
-    match step:
-        case Waypoint():
-            yield step
-        case tuple():
-            yield from step
-        case Move() | Comply():
-            yield from step.waypoints
-        case Guarded():
-            yield step.waypoint
-        case _:
-            pass
+    def _check(self, loop: ControlLoop) -> None:
+        """Let the task note what it needs, and end the run where the watchdog says so."""
+        scenario = self.scenario
+        scenario.task.monitor(loop.sim)
+        failure = scenario.watchdog.seen(
+            loop.sim,
+            loop.arm,
+            loop.reference,
+            stiff=not loop.phases[-1].compliant,
+            force_max=scenario.task.force_max,
+        )
+        if failure is not None:
+            raise Aborted(failure)
 
 
 class _Derive:

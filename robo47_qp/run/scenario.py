@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from robo47_qp.control.controller import Controller
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.run.control_loop import Phase
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.task import Task
@@ -24,21 +25,6 @@ class Scenario:
     """Seed of the task's random start; None takes the task's default start."""
     watchdog: Watchdog = Watchdog()
     """What ends the run at once."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Phase:
-    """A stretch of the run under one reference."""
-
-    name: str
-    start: int
-    """First row."""
-    leg: Leg | None
-    """The planned motion; None while the arm holds still."""
-    compliant: bool = False
-    """True where the tool gives way: it need not be where its reference is."""
-    streamed: bool = False
-    """True where the reference follows a moving target tick by tick: its jerk is not bounded."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,127 +1,143 @@
-"""What each step of a program does with the control loop."""
+"""StepExecutor: carries out the steps of a program, each from where the last one has ended."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
+from typing import ClassVar
+
+from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.model.gripper import Grip
-from robo47_qp.run.conditions import Broken, demand, planned
-from robo47_qp.run.contact_steps import ContactSteps
-from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
-from robo47_qp.run.follow_step import FollowSteps
-from robo47_qp.run.steps import (
-    Compliance,
-    Comply,
-    Follow,
-    Grasp,
-    Guarded,
-    Move,
-    Release,
-    StepLike,
-    Wait,
-    as_step,
-)
+from robo47_qp.errors import PlanError
+from robo47_qp.ik.stream.stream import IkStream, StreamIk
+from robo47_qp.model.arm import MARGIN, Arm
+from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.motion.waypoint import Waypoint
+from robo47_qp.run.compliance import CompliantMode
+from robo47_qp.run.control_loop import ControlLoop
+from robo47_qp.run.failure import Condition, StepFailed, refusal, require
 
-_GRIP_STILL = 0.05
-"""How long the fingers must stand still for a grip to count as done [s]."""
-_GRIP_TIMEOUT = 3.0
-"""When a grip is over whether or not the fingers stand still [s]."""
+_GAIN = 15.0
+"""Rate at which a stream removes a short remaining distance [1/s]. The target's own velocity is
+known, so that this only acts on the rest; a higher one would ask too much of the motors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(ABC):
+    """One step of a program: what it needs, and how it is carried out."""
+
+    before: tuple[Condition, ...] = ()
+    """What has to hold before the step starts."""
+    after: tuple[Condition, ...] = ()
+    """What has to hold at its end, or the step has failed."""
+    starts_stiff: ClassVar[bool] = True
+    """False: an arm that the last step left compliant stays so."""
+    starts_at_rest: ClassVar[bool] = True
+    """False: a reference that the last step left in motion goes on moving."""
+    grips: ClassVar[bool] = False
+    """True: it needs a gripper, whatever its waypoints ask for."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name for the recording and for messages."""
+
+    @property
+    def path(self) -> tuple[Waypoint, ...]:
+        """The waypoints that it visits, as far as they are known before."""
+        return ()
+
+    @abstractmethod
+    def carry_out(self, executor: "StepExecutor") -> None:
+        """Move the arm and its fingers.
+
+        Raises:
+            StepFailed: It cannot be planned, or one of its conditions is violated.
+            Aborted: See `ControlLoop.track`.
+        """
 
 
 class StepExecutor:
-    """Carries out steps, each from where the one before has left the arm."""
+    """Carries out steps, and offers them what they share: plans, a stream, compliance."""
 
-    def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
-        self._loop = loop
-        self._touching = ContactSteps(loop)
-        self._following = FollowSteps(loop)
+    def __init__(self, loop: ControlLoop, planner: Planner) -> None:
+        """Keep the loop to act with, and what plans its motions."""
+        self.loop, self.compliance = loop, CompliantMode(loop)
+        self._planner = planner
+        inner = Arm(loop.arm.robot, obstacles=loop.arm.obstacles, margin=MARGIN)
+        self._inner = loop.arm if inner.limit_margin(inner.home) < 0.0 else inner
 
-    def perform(self, step: StepLike) -> None:
+    def perform(self, step: Step) -> None:
         """Carry out one step.
 
         Raises:
-            StepFailed: It cannot be planned, or one of its conditions does not hold.
+            StepFailed: It cannot be planned, or one of its conditions is violated.
             Aborted: See `ControlLoop.track`.
         """
-        step = as_step(step)
-        demand(step.name, step.before)
-        if not isinstance(step, Comply):
-            self.finish()
-        if not isinstance(step, Follow):
-            self._loop.halt()
-        match step:
-            case Move():
-                self._move(step)
-            case Grasp():
-                grip = Grip(width=step.width, force=step.force, speed=step.speed)
-                self._grip(step.name, grip, step.compliance)
-            case Release():
-                self._release(step)
-            case Wait():
-                self._wait(step)
-            case Guarded():
-                self._touching.guarded(step)
-            case Comply():
-                self._touching.comply(step)
-            case Follow():
-                self._following.follow(step)
-        demand(step.name, step.after)
+        require(step.name, step.before)
+        if step.starts_stiff:
+            self.compliance.stiffen()
+        if step.starts_at_rest:
+            self.loop.halt()
+        step.carry_out(self)
+        require(step.name, step.after)
 
-    def finish(self) -> None:
-        """Make an arm stiff that has been left yielding.
+    def plan(self, waypoints: Sequence[Waypoint], speed: float = inf) -> list[Leg]:
+        """Return motions through waypoints that are known together, from the reference at rest.
+
+        Args:
+            waypoints: At least one.
+            speed: Largest speed of the tool on LIN and CIRC, beside that of the planner [m/s].
 
         Raises:
-            Aborted: See `ControlLoop.track`.
+            StepFailed: There are none.
         """
-        self._touching.stiffen()
+        planner = self._planner if speed == inf else _limited(self._planner, speed)
+        try:
+            return self._planned(planner, waypoints, self.loop.reference.q)
+        except PlanError as error:
+            raise StepFailed(refusal(error)) from error
 
-    def _move(self, step: Move) -> None:
-        loop = self._loop
-        for leg in planned(loop, step.waypoints):
-            waypoint = leg.waypoint
-            loop.believe(waypoint.carried)
-            if leg.trajectory.steps:
-                loop.begin(waypoint.name, leg)
-                broken = Broken(step.name, step.during)
-                loop.track(leg.trajectory, broken)
-                if broken.error is not None:
-                    loop.halt()
-                    raise broken.error
-            if waypoint.grip is not None:
-                opening = waypoint.grip.width > loop.sim.width()
-                self._grip("open gripper" if opening else "close gripper", waypoint.grip)
+    def rehearse(self, waypoints: Sequence[Waypoint], q_start: Vector) -> list[Leg]:
+        """Return motions through waypoints from rest at q_start, as `plan` would.
 
-    def _release(self, step: Release) -> None:
-        gripper = self._loop.sim.gripper
-        width = gripper.width_max if step.width is None else step.width
-        self._grip(step.name, Grip(width=width, force=gripper.force_max))
+        Raises:
+            PlanError: There are none.
+        """
+        return self._planned(self._planner, waypoints, q_start)
 
-    def _grip(self, name: str, grip: Grip, compliance: Compliance | None = None) -> None:
-        loop, sim = self._loop, self._loop.sim
-        if grip.width > sim.width():
-            loop.believe(None)
-        sim.command_grip(grip)
-        if compliance is not None:
-            self._touching.soften(compliance)
-        loop.begin(name, compliant=compliance is not None, afresh=False)
-        still, waited = 0.0, 0.0
-        while still < _GRIP_STILL and waited < _GRIP_TIMEOUT:
-            loop.hold(TICK_ROWS * TIMESTEP)
-            waited += TICK_ROWS * TIMESTEP
-            still = still + TICK_ROWS * TIMESTEP if sim.grip_settled() else 0.0
-        self.finish()
-        force = sim.last_finger_forces()
-        loop.note(f"{name}: {1e3 * sim.width():.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
+    @cached_property
+    def stream(self) -> IkStream:
+        """Differential inverse kinematics within the loop's motion limits."""
+        settings = StreamIk(dt=TIMESTEP, profile=self.loop.profile, homing=0.0, gain=_GAIN)
+        return settings.build(self.loop.arm)
 
-    def _wait(self, step: Wait) -> None:
-        until, waited = step.until, 0.0
-        while until is None or until.against() is not None:
-            if waited >= step.seconds - 0.5 * TIMESTEP:
-                break
-            seconds = min(TICK_ROWS * TIMESTEP, step.seconds - waited)
-            self._hold(step.name, seconds)
-            waited += seconds
-        if until is not None:
-            demand(step.name, (until,))
+    def planning_arm(self, q: Vector) -> Arm:
+        """Return the arm that motions from q are planned with: its joint limits have a margin.
 
-    def _hold(self, name: str, seconds: float) -> None:
-        self._loop.begin(name, afresh=False)
-        self._loop.hold(seconds)
+        Where q or home is inside that margin, it is the one with the whole range.
+        """
+        return self.loop.arm if self._inner.limit_margin(q) < 0.0 else self._inner
+
+    def _planned(self, planner: Planner, waypoints: Sequence[Waypoint], q: Vector) -> list[Leg]:
+        arm = self.planning_arm(q)
+        if len(waypoints) == 1:
+            return [planner.plan(arm, waypoints[0], q, TIMESTEP)]
+        return planner.plan_chain(arm, waypoints, q, TIMESTEP)
+
+
+def _limited(planner: Planner, speed: float) -> Planner:
+    """Return the planner with the speed of the tool bounded; accelerations stay."""
+
+    def bounded(profile: PathProfile) -> PathProfile:
+        v, a, j = profile.linear
+        return replace(profile, linear=(min(speed, v), a, j))
+
+    lin, continuous = planner.lin, planner.continuous
+    return replace(
+        planner,
+        lin=replace(lin, profile=bounded(lin.profile)),
+        continuous=replace(continuous, profile=bounded(continuous.profile)),
+    )

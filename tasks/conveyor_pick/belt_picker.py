@@ -9,13 +9,9 @@ from scipy.interpolate import BPoly
 
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Waypoint
-from robo47_qp.run.failure import Cause
-from robo47_qp.run.steps import (
-    Condition,
-    Follow,
-    StepLike,
-    Wait,
-)
+from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.run.follow_step import Follow
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker

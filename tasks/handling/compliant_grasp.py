@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from mink import SE3
 
-from robo47_qp.run.steps import Compliance, Grasp, StepLike
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.steps import Grasp, StepLike
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from mink import SE3
 
-from robo47_qp.run.failure import Cause
-from robo47_qp.run.steps import Condition
+from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 

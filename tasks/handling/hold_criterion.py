@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.run.failure import Cause, Failure
-from robo47_qp.run.steps import Condition
+from robo47_qp.run.failure import Cause, Condition, Failure
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.task_state import (
     add_task_state,

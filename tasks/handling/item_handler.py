@@ -8,14 +8,8 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
-from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import (
-    Condition,
-    Grasp,
-    Move,
-    Release,
-    StepLike,
-)
+from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.steps import Grasp, Move, Release, StepLike
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck

@@ -7,13 +7,10 @@ from mink import SE3
 
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.waypoint import Motion, Waypoint
-from robo47_qp.run.failure import Cause
-from robo47_qp.run.steps import (
-    Compliance,
-    Comply,
-    Condition,
-    StepLike,
-)
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.contact_steps import Comply
+from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.run.steps import StepLike
 from robo47_qp.sim.simulation import Simulation
 
 _UP = 0.01

@@ -7,14 +7,10 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
-from robo47_qp.run.failure import Cause
-from robo47_qp.run.steps import (
-    Compliance,
-    Comply,
-    Condition,
-    Move,
-    StepLike,
-)
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.contact_steps import Comply
+from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.run.steps import Move, StepLike
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.wipe.board import SURFACE, WipeMonitor, WipeSettings

@@ -50,7 +50,7 @@ def test_within_the_limits_it_changes_nothing(controller: Controller, arm: Arm) 
     state = JointState(arm.home + 1e-4, np.full(arm.n, 1e-4))
     tau = active.torque(at_rest(arm.home), state)
     assert tau.tolist() == controller.torque(arm, at_rest(arm.home), state).tolist()
-    assert active.asked.tolist() == tau.tolist()
+    assert active.commanded.tolist() == tau.tolist()
 
 
 def test_torque_and_rate_are_the_closest_within_the_limits(robot: Robot, arm: Arm) -> None:
@@ -63,7 +63,7 @@ def test_torque_and_rate_are_the_closest_within_the_limits(robot: Robot, arm: Ar
     assert last.tolist() == robot.tau_max.tolist()
     active.switch(Fixed(-1e4 * np.ones(arm.n)), seconds=0.0)
     assert ask(active, arm) == pytest.approx(robot.tau_max - robot.tau_rate_max * DT)
-    assert active.asked.tolist() == [-1e4] * arm.n
+    assert active.commanded.tolist() == [-1e4] * arm.n
     for _ in range(800):
         last = ask(active, arm)
     assert last.tolist() == (-robot.tau_max).tolist()
@@ -105,7 +105,7 @@ def test_a_switch_has_no_bump_and_ends_with_the_new_controller(arm: Arm, new: Co
     path = []
     for _ in range(60):
         active.torque(reference, state)
-        path.append(active.asked)
+        path.append(active.commanded)
     assert path[0] == pytest.approx(old, abs=1e-12)
     assert path[-1].tolist() == final.tolist()
     # As 3x² - 2x³: never steeper than one and a half times the mean slope.
@@ -123,9 +123,9 @@ def test_a_switch_during_a_switch_has_no_bump_either(arm: Arm) -> None:
         if k in (20, 40):
             active.switch(JointImpedance(stiffness_scale=0.5 if k == 20 else 2.0), seconds=0.05)
         if k == 60:
-            active.believe(arm.carrying(LOAD), seconds=0.05)
+            active.set_arm(arm.carrying(LOAD), seconds=0.05)
         active.torque(reference, state)
-        path.append(active.asked)
+        path.append(active.commanded)
     jump = np.abs(np.diff(path, axis=0)).max()
     spring = np.abs(JointImpedance().torque(arm, reference, state) - home_torque(arm)).max()
     assert jump < 0.15 * spring + 1.0
@@ -137,16 +137,16 @@ def test_a_switch_during_a_switch_has_no_bump_either(arm: Arm) -> None:
 def test_in_no_time_the_change_is_at_once(arm: Arm) -> None:
     active = ActiveController(JointImpedance(), arm, dt=DT)
     ask(active, arm)
-    active.believe(arm.carrying(LOAD), seconds=0.0)
+    active.set_arm(arm.carrying(LOAD), seconds=0.0)
     ask(active, arm)
-    assert active.asked == pytest.approx(home_torque(arm.carrying(LOAD)), abs=1e-12)
+    assert active.commanded == pytest.approx(home_torque(arm.carrying(LOAD)), abs=1e-12)
 
 
 def test_an_updated_payload_takes_the_error_away(robot: Robot, arm: Arm) -> None:
     sim = DisturbedSimulation(robot, no_objects, Disturbance(payload=LOAD))
     active, errors = ActiveController(JointImpedance(), arm, dt=DT), {}
     for phase, belief in (("unknown", arm), ("known", arm.carrying(LOAD))):
-        active.believe(belief)
+        active.set_arm(belief)
         for _ in range(2500):
             sim.step(ask_state(active, arm, sim))
         errors[phase] = np.abs(sim.state().q - arm.home)
@@ -265,7 +265,7 @@ def test_close_to_a_limit_the_stops_push(robot: Robot, arm: Arm, side: float) ->
     limit, width = (arm.q_max if side > 0 else arm.q_min), 0.03 * (arm.q_max - arm.q_min)
     q = limit - side * 0.9 * width
     tau = active.torque(at_rest(arm.home), JointState(q, np.zeros(arm.n)))
-    assert active.asked == pytest.approx(home_torque(arm) - side * 0.01 * robot.tau_max)
+    assert active.commanded == pytest.approx(home_torque(arm) - side * 0.01 * robot.tau_max)
     assert (side * (tau - home_torque(arm)) < 0.0).all()
 
 
@@ -277,10 +277,10 @@ def test_a_change_at_once_forgets_one_that_was_under_way(arm: Arm) -> None:
     active.switch(middle, seconds=0.0)
     active.torque(reference, state)
     expected = middle.torque(arm, reference, state)
-    assert active.asked.tolist() == expected.tolist()
+    assert active.commanded.tolist() == expected.tolist()
     active.switch(JointImpedance(stiffness_scale=2.0), seconds=0.05)
     active.torque(reference, state)
-    assert active.asked == pytest.approx(expected, abs=1e-12)
+    assert active.commanded == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_reference_near_the_lower_limit_is_followed_for_nothing_too(arm: Arm) -> None:

@@ -182,11 +182,11 @@ def test_it_takes_over_without_a_bump_and_keeps_its_trim_with_another_payload(ar
         if k == 50:
             active.switch(presser, seconds=0.05)
         if k == 150:
-            active.believe(arm.carrying(LOAD), seconds=0.05)
+            active.set_arm(arm.carrying(LOAD), seconds=0.05)
         if k == 220:
             active.switch(JointImpedance(), seconds=0.05)
         active.torque(at_rest(arm.home), JointState(q.copy(), v.copy()))
-        path.append(active.asked)
+        path.append(active.commanded)
         trims.append(presser.trim)
     jumps = np.abs(np.diff(path, axis=0)).max(axis=0)
     assert (jumps < 0.1 * np.ptp(path, axis=0) + 1e-3).all()

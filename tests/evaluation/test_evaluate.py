@@ -42,7 +42,7 @@ from robo47_qp.sim.simulation import Simulation
 from scenarios import evaluate as scenario
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
-from tests.toy_policies import GoodCell
+from tests.toy_policies import GoodDriver
 
 QUIET = Console(quiet=True)
 
@@ -205,7 +205,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
 
 def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
     chosen = options(tmp_path, episodes=1, policy=("tests.toy_policies:GoodPolicy",), workers=1)
-    assert evaluate(Odd(), PANDA, chosen, QUIET, GoodCell) == 0
+    assert evaluate(Odd(), PANDA, chosen, QUIET, GoodDriver) == 0
     assert read(tmp_path)["policy"] == "tests.toy_policies:GoodPolicy"
 
 

@@ -29,7 +29,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from robo47_qp.tasks.table import add_table
 from tests.runs import Reach
-from tests.toy_policies import Drive, GoodCell
+from tests.toy_policies import Drive, GoodDriver
 
 SPEC = EpisodeSpec(index=2, seed=7)
 TOYS = "tests.toy_policies"
@@ -114,7 +114,7 @@ def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> N
 
 def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None:
     """Scene, start, mass and friction depend on the seed, not on policy, speed or noise."""
-    drive = PolicyDrive(reference=PolicyReference(text=f"{TOYS}:GoodPolicy"), cell=GoodCell)
+    drive = PolicyDrive(reference=PolicyReference(text=f"{TOYS}:GoodPolicy"), driver=GoodDriver)
     other = episode(
         perturbation=replace(NOISY, noise_q=0.0, pose_noise=0.0, pushes=0),
         options=RunOptions(ik="lm", speed=0.5),
@@ -252,5 +252,5 @@ def test_a_policy_that_cannot_be_made_fails_its_episode() -> None:
     unmakeable = PolicyReference(text=f"{TOYS}:UnmakeablePolicy")
     with pytest.raises(PolicyFailed, match="raised OSError as it was made: no weights"):
         unmakeable.make()
-    result = episode(drive=PolicyDrive(reference=unmakeable, cell=GoodCell), foreign=True)(SPEC)
+    result = episode(drive=PolicyDrive(reference=unmakeable, driver=GoodDriver), foreign=True)(SPEC)
     assert (result.cause, result.error) == ("limit", None)

@@ -15,14 +15,10 @@ from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
-from robo47_qp.run.failure import Cause, StepFailed
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.contact_steps import Comply, Guarded
+from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import (
-    Compliance,
-    Comply,
-    Condition,
-    Guarded,
-)
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from tests.examples import shifted
@@ -131,7 +127,7 @@ def test_where_nothing_is_touched_it_fails_as_asked(missing: Cause | None) -> No
         return
     assert run.failure is not None
     assert (run.failure.cause, run.failure.step) == (missing, "line")
-    assert "nothing was touched on the way; 2.0 N were waited for" in run.failure.evidence
+    assert "nothing was touched on the way; 2.0 N were expected" in run.failure.evidence
 
 
 def touched(simulation: Simulation, force: float, cause: Cause = Cause.TIMEOUT) -> Condition:

@@ -18,13 +18,12 @@ from robo47_qp.model.arm import (
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place
-from robo47_qp.run.control_loop import LOAD_CHANGES, TICK_ROWS, ControlLoop
+from robo47_qp.run.control_loop import LOAD_CHANGES, TICK_ROWS
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Recording, Rows
+from robo47_qp.run.recording import Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.signals import all_signals
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -388,13 +387,12 @@ def test_different_seeds_give_different_runs() -> None:
 
 def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
     scenario, simulation = RunOptions().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
-    recording = Recording(all_signals(PANDA, simulation.objects))
-    loop, arm = ControlLoop(scenario, simulation, recording), Arm(PANDA)
+    executor, arm = Runner(scenario, simulation).executor, Arm(PANDA)
     room = MARGIN * (arm.q_max - arm.q_min)
-    inner = loop.planning_arm(arm.home)
+    inner = executor.planning_arm(arm.home)
     np.testing.assert_allclose(inner.q_min, arm.q_min + room)
     np.testing.assert_allclose(inner.q_max, arm.q_max - room)
-    whole = loop.planning_arm(arm.q_max - 0.5 * room)
+    whole = executor.planning_arm(arm.q_max - 0.5 * room)
     np.testing.assert_array_equal(whole.q_max, arm.q_max)
 
 

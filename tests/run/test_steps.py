@@ -11,20 +11,12 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
-from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.contact_steps import Guarded
+from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.follow_step import Follow
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import (
-    Compliance,
-    Condition,
-    Follow,
-    Grasp,
-    Guarded,
-    Move,
-    Release,
-    StepLike,
-    Wait,
-    as_step,
-)
+from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait, as_step
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from tests.examples import shifted

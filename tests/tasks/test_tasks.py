@@ -11,7 +11,7 @@ import scenarios
 from robo47_qp.errors import PlanError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause
-from robo47_qp.run.policy.runner import PolicyTiming
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions

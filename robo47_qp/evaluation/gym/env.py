@@ -20,7 +20,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.policy.runner import PolicyTiming, Stepwise, check_judged
+from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver, check_judged
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import RunOptions
@@ -82,7 +82,7 @@ class TaskEnv(_Base):
         self.render_mode = render_mode
         self._arm = Arm(robot)
         self._camera: OffscreenCamera | None = None
-        self._episode: Stepwise | None = None
+        self._episode: StepwiseDriver | None = None
         self._build(self._task)
         check_judged(self._task, self._simulation)
         self.scale = ActionScale(self._arm, mode)
@@ -104,7 +104,7 @@ class TaskEnv(_Base):
             task = task.variant(np.random.default_rng([drawn, 2]))
             self._build(task)
         scenario = RunOptions(seed=drawn).scenario(self._robot, task)
-        self._episode = Stepwise(scenario, self._simulation, self._timing)
+        self._episode = StepwiseDriver(scenario, self._simulation, self._timing)
         self._good = 0
         return self._observed(self._episode), {"seed": drawn, "success": False}
 
@@ -144,7 +144,7 @@ class TaskEnv(_Base):
         self.close()
         self._simulation = Simulation(self._robot, task.build_scene)
 
-    def _observed(self, episode: Stepwise) -> dict[str, Single]:
+    def _observed(self, episode: StepwiseDriver) -> dict[str, Single]:
         return numbers_of(episode.observe(), self._space)
 
 

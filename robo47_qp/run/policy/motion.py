@@ -13,7 +13,6 @@ from robo47_qp.model.arm import (
     JointReference,
     JointState,
 )
-from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.timing.state_to_state import Leap, to_state
 from robo47_qp.motion.trajectory import Trajectory
@@ -28,18 +27,12 @@ _TAKEOVER = 0.1
 """How long the controller takes over for, after torques of the policy's own [s]."""
 
 
-def profile_of(loop: ControlLoop) -> MotionProfile:
-    """Bounds of the joints at the pace of the scenario."""
-    planner = loop.scenario.planner
-    return planner.profile.slowed(planner.pace)
-
-
 class JointTargets:
     """Goes to joint positions that may change at any time, time-optimal with bounded jerk."""
 
     def __init__(self, loop: ControlLoop) -> None:
         """Keep the loop to act with."""
-        self._loop, self._profile = loop, profile_of(loop)
+        self._loop = loop
         self._goal: Vector = loop.reference.q
         self._leap: Leap | None = None
         self._left: JointReference | None = None
@@ -61,7 +54,7 @@ class JointTargets:
         self._left = loop.reference
 
     def _aim(self, q_goal: Vector) -> None:
-        arm, profile = self._loop.arm, self._profile
+        arm, profile = self._loop.arm, self._loop.profile
         start, still = np.stack(self._loop.reference), np.zeros(arm.n)
         goal = np.stack([q_goal, still, still])
         leap = to_state(start, goal, profile.v_max, profile.a_max, profile.j_max)
@@ -121,7 +114,7 @@ class ToolTargets:
 
     def _built(self) -> SmoothStream:
         if self._stream is None:
-            settings = StreamIk(dt=TIMESTEP, profile=profile_of(self._loop), margin=MARGIN)
+            settings = StreamIk(dt=TIMESTEP, profile=self._loop.profile, margin=MARGIN)
             self._stream = SmoothStream(settings.build(self._loop.arm), _SMOOTHED)
         return self._stream
 
@@ -143,7 +136,7 @@ class OwnTorques:
         """
         loop = self._loop
         if self._usual is None:
-            self._torque.start(loop.control.asked)
+            self._torque.start(loop.control.commanded)
             self._usual = loop.control.controller
             loop.control.switch(self._torque, seconds=0.0)
         loop.begin("torques", compliant=True, streamed=True, afresh=False)
@@ -165,7 +158,7 @@ class OwnTorques:
         arm, state = self._loop.arm, self._loop.sim.state()
         # Sensors with noise may say that a joint at its limit is outside.
         q = np.clip(state.q, arm.q_min, arm.q_max)
-        self._loop.reference = JointReference(q, state.v, np.zeros(arm.n))
+        self._loop.take_over(JointReference(q, state.v, np.zeros(arm.n)))
 
 
 class _RateLimited:

@@ -14,13 +14,13 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import (
     JointTarget,
     ToolTarget,
     Torques,
     vector_of,
 )
-from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
@@ -37,7 +37,7 @@ from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
     numbers_of,
     observation_space,
 )
-from robo47_qp.run.policy.runner import Stepwise  # noqa: E402
+from robo47_qp.run.policy.drivers import StepwiseDriver  # noqa: E402
 from scenarios.evaluate import known_tasks  # noqa: E402
 from scenarios.gym_envs import register  # noqa: E402
 
@@ -333,7 +333,7 @@ def test_any_quaternion_is_made_a_unit_one() -> None:
 def test_readings_saturate_at_the_bounds_of_the_space() -> None:
     made = env()
     made.reset(seed=0)
-    assert isinstance(made._episode, Stepwise)
+    assert isinstance(made._episode, StepwiseDriver)
     seen = made._episode.observe()
     seen.force[:] = [600.0, -700.0, 5.0]
     numbers = numbers_of(seen, observation_space(ARM, 0, 0, 3.0))

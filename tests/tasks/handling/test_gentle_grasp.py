@@ -16,8 +16,9 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Compliance, Grasp, Release
+from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace

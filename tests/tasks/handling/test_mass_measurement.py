@@ -8,11 +8,11 @@ from mink import SE3
 
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
-from robo47_qp.run.conditions import demand
-from robo47_qp.run.failure import Cause, StepFailed
+from robo47_qp.run.contact_steps import Comply
+from robo47_qp.run.failure import Cause, Condition, StepFailed, require
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Comply, Condition, as_step
+from robo47_qp.run.steps import as_step
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
@@ -62,7 +62,7 @@ def weighed(forces: list[float]) -> float:
     for force in forces:
         world.felt = np.array([3.0, -2.0, force])
         reading.observe()
-    demand("weigh", reading.after)
+    require("weigh", reading.after)
     with pytest.raises(StopIteration) as end:
         next(program)
     mass: float = end.value.value

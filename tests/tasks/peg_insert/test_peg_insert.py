@@ -12,9 +12,9 @@ from mink import SE3, SO3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.contact_steps import Comply
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Comply
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,

@@ -62,8 +62,8 @@ def test_without_detours_the_same_seed_is_refused() -> None:
     task = drawn(DETOURS)
     scenario = RunOptions(seed=DETOURS).scenario(PANDA, task)
     blocked = replace(scenario.planner, detour=None)
-    runner, _ = make_runner(task, seed=DETOURS)
-    runner._loop.scenario = replace(scenario, planner=blocked)
+    simulation = Simulation(PANDA, task.build_scene)
+    runner = Runner(replace(scenario, planner=blocked), simulation)
     failure = runner.run().failure
     assert failure is not None
     assert failure.cause is Cause.PLAN

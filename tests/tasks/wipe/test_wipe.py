@@ -12,8 +12,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
-from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import upright

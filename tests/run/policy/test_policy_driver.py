@@ -15,6 +15,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import (
     Action,
     JointTarget,
@@ -23,7 +24,6 @@ from robo47_qp.run.policy.policy import (
     Torques,
     vector_of,
 )
-from robo47_qp.run.policy.runner import PolicyTiming
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation

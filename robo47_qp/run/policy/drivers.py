@@ -1,4 +1,4 @@
-"""PolicyRunner: a task carried out by a policy in place of its program, and judged the same way."""
+"""Drivers of a run in place of the task's program: a policy, or one action at a time."""
 
 from dataclasses import dataclass
 
@@ -6,14 +6,13 @@ import numpy as np
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.run.control_loop import Aborted
+from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.policy.cell import PolicyCell
 from robo47_qp.run.policy.guard import Guard
 from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario
-from robo47_qp.run.step_executor import StepExecutor
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
@@ -57,54 +56,45 @@ def check_judged(task: Task, simulation: Simulation) -> None:
         raise InvalidValueError("task", repr(task.name), expected)
 
 
-class PolicyRunner(Runner):
-    """Runs a scenario with a policy, once. What comes of it is a run like any other.
+class PolicyDriver:
+    """Lets a policy move the arm. What comes of it is a run like any other.
 
     The episode ends when the policy says so, when its time is over, when the policy does what no
-    policy may (it raises, or answers what is no action), or when the watch ends it. Then the arm
-    comes to rest, and the task's own verdict judges the world: what the task asks for at the end,
-    an arm at home or an open gripper, it asks of a policy, too.
+    policy may (it raises, or its answer is not a valid action), or when the watchdog ends it. Then
+    the arm comes to rest, and the task's own verdict judges the world: what the task asks for at
+    the end, an arm at home or an open gripper, it asks of a policy, too.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        simulation: Simulation,
-        policy: Policy,
-        timing: PolicyTiming | None = None,
-    ) -> None:
-        """Put the world at the start of the scenario.
+    def __init__(self, policy: Policy, timing: PolicyTiming | None = None) -> None:
+        """Keep what decides.
 
         Args:
-            scenario: What to run; its planner gives the bounds of all motions.
-            simulation: The world, built from the scenario's robot and task.
-            policy: What decides.
+            policy: Chooses the actions; the scenario's planner gives the limits of all motions.
             timing: How often and for how long; by default `PolicyTiming()`.
         """
-        super().__init__(scenario, simulation)
         self._policy, self._timing = policy, PolicyTiming() if timing is None else timing
-        self._cell = PolicyCell(self._loop)
 
-    def _programmed(self, executor: StepExecutor) -> Failure | None:
-        """The episode, in place of the task's program."""
-        failure = self._episode()
+    def drive(self, runner: Runner) -> Failure | None:
+        """See `Driver.drive`."""
+        loop, cell = runner.loop, PolicyCell(runner.loop)
+        failure = self._episode(loop, cell)
         try:
-            self._cell.rest()
+            cell.rest()
         except PlanError as error:
-            raise Aborted(failure or self._amiss(str(error))) from error
+            raise Aborted(failure or _fault(loop, str(error))) from error
         return failure
 
-    def _episode(self) -> Failure | None:
-        cell, timing = self._cell, self._timing
+    def _episode(self, loop: ControlLoop, cell: PolicyCell) -> Failure | None:
+        timing = self._timing
         with Guard() as guard:
             self._policy.reset(cell.observe())
         if guard.error is not None:
-            return self._raised("reset", guard.error)
+            return _raised(loop, "reset", guard.error)
         k, now, end = 0, 0, round(timing.seconds / TIMESTEP)
         while now < end:
-            answer = self._answer(cell.observe())
+            answer = self._answer(loop, cell)
             if answer is None:
-                self._loop.note("the policy says that all is done")
+                loop.note("the policy says that all is done")
                 return None
             if isinstance(answer, Failure):
                 return answer
@@ -113,38 +103,33 @@ class PolicyRunner(Runner):
             try:
                 cell.carry_out(answer, due - now)
             except (PlanError, InvalidValueError) as error:
-                return self._amiss(str(error))
+                return _fault(loop, str(error))
             now = due
-        self._loop.note(f"the episode's {timing.seconds:g} s are over")
+        loop.note(f"the episode's {timing.seconds:g} s are over")
         return None
 
-    def _answer(self, observation: Observation) -> Action | Failure | None:
-        """What the policy answers, checked; a failure where it is nothing to be carried out."""
+    def _answer(self, loop: ControlLoop, cell: PolicyCell) -> Action | Failure | None:
+        """Return the policy's answer, checked; a failure where it cannot be carried out."""
+        observation = cell.observe()
         with Guard() as guard:
             answer = self._policy.act(observation)
             # What is no number may raise anything when it is taken for one.
-            return None if answer is None else self._cell.checked(answer)
+            return None if answer is None else cell.checked(answer)
         error = guard.error
         if isinstance(error, InvalidValueError):
-            return self._amiss(str(error))
-        return self._raised("act", error)
-
-    def _raised(self, where: str, error: Exception | SystemExit | None) -> Failure:
-        return self._amiss(f"it raised {type(error).__name__} in {where}: {error}")
-
-    def _amiss(self, what: str) -> Failure:
-        time = self._sim.time
-        return Failure(cause=Cause.LIMIT, evidence=f"the policy at {time:.3f} s: {what}", time=time)
+            return _fault(loop, str(error))
+        return _raised(loop, "act", error)
 
 
-class Stepwise(Runner):
-    """A scenario under actions from outside; judged as `PolicyRunner` judges."""
+class StepwiseDriver:
+    """A scenario under actions from outside, one at a time; judged as every run is."""
 
     def __init__(self, scenario: Scenario, simulation: Simulation, timing: PolicyTiming) -> None:
         """Put the world at the start of the scenario."""
-        super().__init__(scenario, simulation)
+        self._runner = Runner(scenario, simulation, self)
+        self._cell = PolicyCell(self._runner.loop)
+        self._task, self._sim = scenario.task, simulation
         self._timing, self._decisions, self._periods = timing, 0, 0
-        self._cell = PolicyCell(self._loop)
 
     @property
     def over(self) -> bool:
@@ -154,14 +139,14 @@ class Stepwise(Runner):
     @property
     def done(self) -> bool:
         """True while the world is as the task wants it at the end."""
-        return self.scenario.task.verdict(self._sim) is None
+        return self._task.verdict(self._sim) is None
 
     def observe(self) -> Observation:
-        """What can be known now."""
+        """Return what can be known now."""
         return self._cell.observe()
 
     def step(self, action: object) -> Failure | None:
-        """Carry out an action until the next one is due; what ended the episode, if anything."""
+        """Carry out an action until the next one is due; return what ended the episode, if so."""
         self._decisions += 1
         due = self._timing.decision(self._decisions)
         try:
@@ -175,16 +160,25 @@ class Stepwise(Runner):
 
     def end(self) -> Failure | None:
         """Come to rest and judge the world."""
-        return self._carried_out() or self.scenario.task.verdict(self._sim)
+        return self._runner.finish()
 
     def measures(self) -> dict[str, float]:
-        """The task's figures of the world now."""
-        return self.scenario.task.measures(self._sim)
+        """Return the task's figures of the world now."""
+        return self._task.measures(self._sim)
 
-    def _programmed(self, executor: StepExecutor) -> Failure | None:
-        """What is left of the program: coming to rest."""
+    def drive(self, runner: Runner) -> Failure | None:
+        """Come to rest; see `Driver.drive`."""
         try:
             self._cell.rest()
         except PlanError as error:
             raise Aborted(Failure(cause=Cause.LIMIT, evidence=str(error))) from error
         return None
+
+
+def _raised(loop: ControlLoop, where: str, error: Exception | SystemExit | None) -> Failure:
+    return _fault(loop, f"it raised {type(error).__name__} in {where}: {error}")
+
+
+def _fault(loop: ControlLoop, what: str) -> Failure:
+    time = loop.sim.time
+    return Failure(cause=Cause.LIMIT, evidence=f"the policy at {time:.3f} s: {what}", time=time)

@@ -1,0 +1,146 @@
+"""Compliance: how the tool gives way in contact, and the change to it and back without a bump."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.controller import Controller
+from robo47_qp.control.pressing import Pressing
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.run.control_loop import ControlLoop
+
+_AT_REST = 2e-3
+"""Joint speed below which the arm counts as at rest [rad/s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compliance:
+    """How the tool gives way while it is in contact, and how hard it presses."""
+
+    stiffness: Vector = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
+    """Per axis of the frame (6,), linear part first [N/m, N·m/rad]."""
+    frame: Literal["world", "tool"] = "world"
+    """Frame whose axes the stiffness has."""
+    axis: Vector | None = None
+    """Direction to press in, a unit vector in the world (3,); None does not press. With the frame
+    "tool" it turns with the tool from the start of the step on. Motion of the reference along it
+    is ignored, so the waypoints should lie in a plane normal to it."""
+    force: float = 0.0
+    """Force to press with along the axis, whatever the surface does [N]."""
+    speed: float = 0.1
+    """Largest speed along the axis while nothing is touched [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze the numbers.
+
+        Raises:
+            InvalidValueError: A number is negative, not finite or of the wrong shape.
+        """
+        stiffness = frozen_vector("stiffness", self.stiffness, 6)
+        if (stiffness < 0.0).any():
+            raise InvalidValueError("stiffness", stiffness.tolist(), "six numbers, none negative")
+        object.__setattr__(self, "stiffness", stiffness)
+        if self.axis is not None:
+            axis = frozen_vector("axis", self.axis, 3)
+            if abs(np.linalg.norm(axis) - 1.0) > 1e-6:
+                raise InvalidValueError("axis", axis.tolist(), "of length 1")
+            object.__setattr__(self, "axis", axis)
+        if self.frame not in ("world", "tool"):
+            raise InvalidValueError("frame", repr(self.frame), "'world' or 'tool'")
+        for name in ("force", "speed"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise InvalidValueError(name, getattr(self, name), "finite and not negative")
+        if (self.axis is None) != (self.force == 0.0):
+            raise InvalidValueError(
+                "force", f"{self.force} N with axis {self.axis}", "above 0 with an axis, or neither"
+            )
+
+
+class CompliantMode:
+    """Makes the arm of a control loop compliant, and stiff again."""
+
+    def __init__(self, loop: ControlLoop) -> None:
+        """Start stiff."""
+        self._loop = loop
+        self._stiff: Controller | None = None
+        self._compliance: Compliance | None = None
+
+    @property
+    def active(self) -> bool:
+        """True while the arm is compliant."""
+        return self._stiff is not None
+
+    def soften(self, compliance: Compliance) -> None:
+        """Make the arm compliant until `stiffen`."""
+        control = self._loop.control
+        if compliance is self._compliance:
+            return
+        if self._stiff is None:
+            self._stiff = control.controller
+        self._compliance = compliance
+        control.switch(self._controller(compliance))
+
+    def stiffen(self) -> None:
+        """Make a compliant arm stiff where it is, and bring it to rest.
+
+        Raises:
+            Aborted: See `ControlLoop.track`.
+        """
+        if self._stiff is None:
+            return
+        loop, stiff = self._loop, self._stiff
+        self._stiff = self._compliance = None
+        speed = loop.sim.state().v
+        self._restart(stiff)
+        if np.abs(speed).max() > _AT_REST:
+            loop.take_over(JointReference(loop.reference.q, speed, np.zeros(loop.arm.n)))
+            loop.halt()
+
+    def unload(self) -> None:
+        """Take the arm's position as the reference of the springs, so that they carry no load."""
+        if self.active:
+            self._restart(self._loop.control.controller)
+
+    def _restart(self, controller: Controller) -> None:
+        """Take the arm's position as the reference, at rest, and go on with a controller.
+
+        Springs that lose their load at once would be felt: the torque fades from what it was,
+        not from what the old control law commands at the new reference.
+        """
+        loop, control = self._loop, self._loop.control
+        loop.rest(np.clip(loop.sim.state().q, loop.arm.q_min, loop.arm.q_max))
+        control.switch(_ConstantTorque(control.commanded.copy()), seconds=0.0)
+        control.switch(controller)
+
+    def _controller(self, compliance: Compliance) -> Controller:
+        springs = CartesianImpedance(stiffness=compliance.stiffness, frame=compliance.frame)
+        if compliance.axis is None:
+            return springs
+        loop, axis = self._loop, compliance.axis
+        if compliance.frame == "tool":
+            axis = loop.arm.pose(loop.reference.q).rotation().as_matrix().T @ axis
+        pressing = Pressing(
+            force=compliance.force, axis=axis, impedance=springs, speed_max=compliance.speed
+        )
+        return pressing.build(loop.control.arm, self._felt)
+
+    def _felt(self) -> Vector:
+        """Contact force on the tool and its known payload (3,), in the world [N]."""
+        arm, felt = self._loop.control.arm, self._loop.sim.felt_force()
+        if arm.payload is not None:
+            felt -= arm.payload.mass * arm.model.opt.gravity
+        return felt
+
+
+@dataclass(frozen=True, eq=False)
+class _ConstantTorque:
+    """Commands the same torque in every period."""
+
+    tau: Vector
+
+    def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
+        return self.tau.copy()
