@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 import mujoco
 import numpy as np
 import pytest
+import rerun as rr
+import rerun.blueprint as rrb
 from mink import SE3
 from rerun.chunk import RrdReader
 
@@ -26,7 +28,9 @@ from robo47_qp.report.rerun import blueprint as rerun_blueprint
 from robo47_qp.report.rerun import viewer as live_viewer
 from robo47_qp.report.rerun.columns import component
 from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.rerun.reading import Note, read_recording, read_recordings
 from robo47_qp.report.rerun.scene import body_shapes, undrawn
+from robo47_qp.report.rerun.stream import RerunStream
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows
 from robo47_qp.sim.simulation import Simulation
@@ -89,10 +93,12 @@ def read(path: Path, entity: str) -> Table:
     return table
 
 
-def assert_holds(table: Table, rows: Rows) -> None:
-    assert table["time"] == [round(1e9 * t) for t in rows["time"][:, 0]]
-    for found in LOGGED:
-        np.testing.assert_array_equal(np.array(table[component(found.name)]), rows[found.name])
+def assert_holds(found: Rows, rows: Rows) -> None:
+    assert found["time"][:, 0].tolist() == [round(1e9 * t) / 1e9 for t in rows["time"][:, 0]]
+    logged = {signal.name: signal for signal in found.signals if signal.name != "time"}
+    assert logged == {signal.name: signal for signal in LOGGED}
+    for name in logged:
+        np.testing.assert_array_equal(found[name], rows[name])
 
 
 def test_every_number_comes_back_at_its_instant(log: RerunLog, path: Path) -> None:
@@ -101,7 +107,7 @@ def test_every_number_comes_back_at_its_instant(log: RerunLog, path: Path) -> No
         log.write(rows)
     log.finish("done")
     assert_holds(
-        read(path, "/signals"), Rows(SIGNALS, np.concatenate([rows.values for rows in blocks]))
+        read_recording(path).rows, Rows(SIGNALS, np.concatenate([rows.values for rows in blocks]))
     )
 
 
@@ -171,6 +177,7 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     log.planned(0.0, leg, np.array([arm.pose(q).translation() for q in leg.trajectory.q]))
     log.tick(world)
     log.tick(world)
+    log.write(block(0))
     log.note(0.5, "lost the cube", "WARN")
     log.finish("# Well done")
     assert read(path, "/phases")["StateChange:state"] == [["above"]]
@@ -185,7 +192,11 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     np.testing.assert_allclose(origins, [goal.translation()] * 3, atol=1e-6)
     markers = read(path, "/frames/markers")
     np.testing.assert_allclose(markers["Transform3D:translation"], [[[0.1, 0.2, 0.3]]], atol=1e-6)
-    assert read(path, "/summary")["TextDocument:text"] == [["# Well done"]]
+    run = read_recording(path)
+    assert run.summary == "# Well done"
+    assert run.phases == [(0.0, "above")]
+    assert run.notes[1] == Note(time=0.5, level="WARN", text="0.50 s  lost the cube")
+    assert run.notes[0].text == events["TextLog:text"][0][0]
 
 
 def test_plots_and_views_show_what_is_recorded(
@@ -208,6 +219,43 @@ def test_plots_and_views_show_what_is_recorded(
         assert {len(row) for row in held[component(name)]} == {len(labels)} == {len(colours)}
 
 
+def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    with pytest.raises(RecordingError, match=r"run\.rrd cannot be read: there is no such file"):
+        read_recording(path)
+    path.write_text("no recording")
+    with pytest.raises(RecordingError, match="it is not a Rerun recording, or it is damaged"):
+        read_recording(path)
+    stream = RerunStream(path, "other", rrb.Blueprint(), None)
+    stream.log("signals", rr.TextLog("no signals"), time=0.0)
+    stream.finish(0.0)
+    with pytest.raises(RecordingError, match="does not hold the signals of a run"):
+        read_recording(path)
+
+
+def test_a_torn_file_is_refused_with_what_repairs_it(log: RerunLog, path: Path) -> None:
+    log.write(block(0))
+    log.finish("done")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(RecordingError, match=r"damaged(.|\n)*rerun rrd optimize .*run\.rrd"):
+        read_recording(path)
+
+
+def test_several_runs_in_a_file_are_read_one_by_one(world: Simulation, tmp_path: Path) -> None:
+    files = [str(tmp_path / f"{name}.rrd") for name in ("a", "b", "both")]
+    for first, file in zip((0, 250), files, strict=False):
+        log = RerunLog(Path(file), world.model, PANDA, SIGNALS)
+        log.write(block(first))
+        log.finish(f"run {first}")
+    command = [sys.executable, "-m", "rerun", "rrd", "merge", *files[:2], "-o", files[2]]
+    subprocess.run(command, check=True, capture_output=True)
+    runs = {run.summary: run for run in read_recordings(Path(files[2]))}
+    assert set(runs) == {"run 0", "run 250"}
+    assert_holds(runs["run 250"].rows, block(250))
+    with pytest.raises(RecordingError, match="holds 2 runs; read them with read_recordings"):
+        read_recording(Path(files[2]))
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_value_that_is_no_number_is_refused(log: RerunLog, path: Path, value: float) -> None:
     log.write(block(0))
@@ -217,7 +265,7 @@ def test_a_value_that_is_no_number_is_refused(log: RerunLog, path: Path, value: 
     with pytest.raises(RecordingError, match=message):
         log.write(rows)
     log.finish("done")
-    assert_holds(read(path, "/signals"), block(0))
+    assert_holds(read_recording(path).rows, block(0))
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.001])
@@ -287,8 +335,8 @@ for first in range(0, 10_000, 250):
     )
     assert "RecordingError: " in ended.stderr
     assert "there is room for only 16 MB more" in ended.stderr
-    table = read(path, "/signals")
-    kept = len(table["time"])
+    table = read_recording(path).rows
+    kept = len(table)
     assert kept >= 250
     assert f"run.rrd was closed at {(kept - 1) * TIMESTEP:.3f} s" in ended.stderr
     blocks = [block(first).values for first in range(0, kept, 250)]
@@ -327,7 +375,6 @@ log.finish("done")
     assert "run.rrd could not be written to its end" in ended.stderr
 
 
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_killed_process_leaves_all_but_the_last_moments(path: Path) -> None:
     ended = write_elsewhere(
         path,
@@ -340,8 +387,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 """,
     )
     assert ended.returncode == -signal.SIGKILL
-    table = read(path, "/signals")
-    kept = len(table["time"])
+    table = read_recording(path).rows
+    kept = len(table)
     assert kept >= 3000 - 250
     blocks = [block(first).values for first in range(0, kept, 250)]
     assert_holds(table, Rows(SIGNALS, np.concatenate(blocks)))
