@@ -1,8 +1,6 @@
 """Joint targets that change while the arm moves: no jump, bounds kept, limits kept."""
 
-from dataclasses import dataclass, field, replace
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -12,16 +10,18 @@ from hypothesis import strategies as st
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
-from robo47_qp.ik.dls import DlsIk
 from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.robot import MotionProfile
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.timing.lower_bound import least_time
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.policy.motion import JointTargets
+from robo47_qp.run.runner import Runner
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import RunOptions
+from tests.runs import Reach
 
 ARM, PROFILE = Arm(PANDA), PANDA.profile
-PLANNER = Planner(ik=DlsIk(), profile=PROFILE)
 
 
 def at_rest(q: Vector) -> JointReference:
@@ -35,7 +35,7 @@ class Loop:
     reference: JointReference = field(default_factory=lambda: at_rest(ARM.home))
     tracked: list[Trajectory] = field(default_factory=list)
     arm: Arm = ARM
-    scenario: Any = field(default_factory=lambda: SimpleNamespace(planner=PLANNER))
+    profile: MotionProfile = PROFILE
 
     def begin(self, name: str, **_: bool) -> None:
         pass
@@ -118,7 +118,8 @@ def test_a_refused_goal_leaves_the_old_one() -> None:
 
 
 def test_the_pace_of_the_planner_slows_it_down() -> None:
-    loop = Loop()
-    loop.scenario.planner = replace(PLANNER, pace=0.5)
+    task = Reach()
+    scenario = RunOptions(speed=0.5).scenario(PANDA, task)
+    loop = Loop(profile=Runner(scenario, Simulation(PANDA, task.build_scene)).loop.profile)
     JointTargets(loop).go(ARM.home + 0.5, 3000)  # type: ignore[arg-type]
     assert np.abs(loop.tracked[0].v).max() <= 0.5 * PROFILE.v_max[0] * (1 + 1e-6)
