@@ -1,20 +1,26 @@
-"""Command: a scenario as a script, from its options to its exit code."""
+"""Command line of one run, and what every command shares: options, messages, exit codes."""
 
 import json
 import sys
-from collections.abc import Callable
+from argparse import ArgumentParser
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field, fields, make_dataclass
+from inspect import getdoc
+from pathlib import Path
 from signal import SIGTERM, default_int_handler, signal
 from threading import current_thread, main_thread
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.errors import Robo47Error
+from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import claim, write_text
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.log import RerunLog
@@ -23,52 +29,232 @@ from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.report.terminal import ProgressBar, print_summary
 from robo47_qp.report.video import Video
 from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
+from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Task
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import CONTROLLERS, IK_SOLVERS, QP_SOLVERS, ClassicalStack
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes: success, the robot tried and failed, bad input, Ctrl-C or SIGTERM."""
+LOGS = Path("logs")
+"""Folder for recordings and reports, in the working directory."""
+DEFAULT_TASK = "pick_place"
 Options = TypeVar("Options")
 ObserverT = TypeVar("ObserverT", bound=Observer)
 
 
-def main(
-    options: type[Options],
-    run: Callable[[Options, Console], int],
-    description: str,
-    *,
-    repeated: bool = False,
-) -> int:
-    """Parse the command line, run, and turn errors into one message and an exit code.
+def _one_of(names: Sequence[str]) -> Any:
+    return tyro.conf.arg(metavar="{" + ",".join(names) + "}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StackOptions:
+    """Options of the robot and of the classical stack."""
+
+    robot: Annotated[str, _one_of(robot_names())] = "panda"
+    """Robot that does the task; all but the panda take their model from MuJoCo Menagerie."""
+    ik: Annotated[str, _one_of([*IK_SOLVERS])] = ClassicalStack.ik
+    """Inverse kinematics: mink's QP inside the joint limits, the faster Levenberg-Marquardt
+    inside them, or damped least squares clamped to them. Each starts from home and is restarted
+    from other configurations, at most 100 times, where it gets stuck; the names with -single
+    start from home alone, with the more patient settings of a solver without restarts (100 QPs,
+    200 steps of dls), and offer one configuration per goal where the others offer several. Among
+    obstacles qp and lm step around what is in the way; with dls, answers that are too close to
+    an obstacle are refused. Straight lines are followed from one start per point with any of
+    them, and where one fails, a slower search near it helps."""
+    qp_solver: Annotated[str, _one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
+    """QP solver for --ik qp and qp-single."""
+    controller: Annotated[str, _one_of([*CONTROLLERS])] = ClassicalStack.controller
+    """Controller that tracks the planned motion."""
+    speed: float = ClassicalStack.pace
+    """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
+
+    @property
+    def stack(self) -> ClassicalStack:
+        """The stack that was chosen.
+
+        Raises:
+            InvalidValueError: A number is out of range.
+            UnknownNameError: No solver or controller has the name.
+        """
+        try:
+            return ClassicalStack(
+                ik=self.ik,
+                qp_solver=self.qp_solver,
+                controller=self.controller,
+                pace=self.speed,
+            )
+        except InvalidValueError as error:
+            option = {"pace": "--speed", "qp_solver": "--qp-solver"}[error.name]
+            raise InvalidValueError(option, error.found, error.expected) from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(StackOptions):
+    """Options of one run."""
+
+    seed: int | None = None
+    """Draw what the task leaves open, as starts and goals, at random from this seed; without it,
+    the default ones are used."""
+    log: Path = LOGS / "run.rrd"
+    """Recording to write; the report goes beside it, with the ending .json."""
+    plot: Path | None = None
+    """Picture of path and errors to write (PNG); by default beside the recording."""
+    video: Path | None = None
+    """Video to write (mp4); needs the extra "video" and OpenGL."""
+    live: bool = False
+    """Also show the recording in a viewer while it runs, at the pace of real time."""
+    realtime: bool = False
+    """Run no faster than real time."""
+    viewer: bool = False
+    """Open MuJoCo's interactive viewer and run no faster than real time; needs a display."""
+    visuals: Literal["primitives", "menagerie"] = "primitives"
+    """Looks of the robot: its own simple shapes, or the meshes of MuJoCo Menagerie (needs the
+    extra "visuals"). The physics is the same."""
+    json: bool = False
+    """Print the report as JSON on the standard output and nothing else."""
+
+    def __post_init__(self) -> None:
+        """Check what no type can.
+
+        Raises:
+            InvalidValueError: A number is out of range, or a file has the wrong ending.
+            UnknownNameError: No solver or controller has the name.
+        """
+        self.stack  # noqa: B018  # checks its settings
+        if self.seed is not None and self.seed < 0:
+            raise InvalidValueError("--seed", self.seed, "0 or more")
+        check_endings({"--log": (self.log, ".rrd"), "--plot": (self.plot, ".png")})
+        check_endings({"--video": (self.video, ".mp4")})
+
+    @property
+    def paced(self) -> bool:
+        """True where the run must not go faster than real time."""
+        return self.realtime or self.live or self.viewer
+
+
+def check_endings(files: dict[str, tuple[Path | None, str]]) -> None:
+    """Check the endings of file names.
 
     Args:
-        options: What can be chosen.
-        run: Runs what was chosen.
-        description: What the help begins with.
-        repeated: An option with several values is given once for each, and not once for all.
+        files: File and ending by the name of the option; None where the file is left out.
+
+    Raises:
+        InvalidValueError: A file has another ending.
+    """
+    for option, (path, ending) in files.items():
+        if path is not None and path.suffix != ending:
+            raise InvalidValueError(option, path, f"a file that ends with {ending}")
+
+
+def guarded(command: Callable[[], int]) -> int:
+    """Run a command and turn errors into one message and an exit code.
 
     Returns:
-        0 for success, 1 where the robot tried and failed, 2 for bad input, 130 for Ctrl-C and
-        for SIGTERM.
+        What the command returns; 2 for bad input, 130 for Ctrl-C and for SIGTERM.
     """
     if current_thread() is main_thread():
-        # So that files are closed and what is temporary is put away.
+        # So that files are closed and temporary files are removed.
         signal(SIGTERM, default_int_handler)
-    flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
-    if repeated:
-        flags += (tyro.conf.UseAppendAction,)
     try:
-        chosen = tyro.cli(options, description=description, config=flags)
-        return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))
+        return command()
     except Robo47Error as error:
         Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
         return BAD_INPUT
     except KeyboardInterrupt:
         Console(stderr=True).print("interrupted; what was recorded so far is kept")
         return INTERRUPTED
+
+
+def main(
+    options: type[Options],
+    run: Callable[[Options, Console], int],
+    description: str | None,
+    *,
+    repeated: bool = False,
+    args: Sequence[str] | None = None,
+    prog: str | None = None,
+) -> int:
+    """Parse the command line, run, and return the exit code; see `guarded`.
+
+    Args:
+        options: What can be chosen.
+        run: Runs what was chosen.
+        description: What the help begins with.
+        repeated: An option with several values is given once for each, and not once for all.
+        args: The command line; None takes that of the process.
+        prog: Name of the command in the help; None takes the script's.
+    """
+
+    def parsed_and_run() -> int:
+        flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
+        if repeated:
+            flags += (tyro.conf.UseAppendAction,)
+        chosen = tyro.cli(options, description=description, config=flags, args=args, prog=prog)
+        return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))
+
+    return guarded(parsed_and_run)
+
+
+def run_command(
+    name: str | None = None, args: Sequence[str] | None = None, prog: str | None = None
+) -> int:
+    """Run a task from the command line, and return the exit code; see `guarded`.
+
+    Args:
+        name: Name of the task; None takes it from `--task`, or from the first argument.
+        args: The command line; None takes that of the process.
+        prog: Name of the command in the help; None takes the script's.
+    """
+    rest = list(sys.argv[1:] if args is None else args)
+    if name is None:
+        parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+        parser.add_argument("--task", default=None)
+        named = rest.pop(0) if rest and not rest[0].startswith("-") else None
+        chosen, rest = parser.parse_known_args(rest)
+        name = named or chosen.task or DEFAULT_TASK
+
+    def run() -> int:
+        kind = load_task(name)
+        told = (getdoc(kind) or "").partition("\n\n")[0]
+        text = f"{told}\n\nTasks: {', '.join(task_names())} (the default: {DEFAULT_TASK})."
+        return main(task_options(kind), _run_chosen(kind), text, args=rest, prog=prog)
+
+    return guarded(run)
+
+
+def task_options(kind: type[Task]) -> type[RunOptions]:
+    """Return the options of a run with those that the task offers of its own.
+
+    A task offers the fields that it declares with `robo47_qp.run.task.option`.
+    """
+    own: list[Any] = [
+        (
+            one.name,
+            Annotated[one.type, tyro.conf.arg(help=one.metadata["help"])],
+            field(default=one.default),
+        )
+        for one in fields(kind)  # type: ignore[arg-type]
+        if "help" in one.metadata
+    ]
+    return make_dataclass(
+        f"{kind.__name__}Options", own, bases=(RunOptions,), frozen=True, kw_only=True
+    )
+
+
+def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
+    def run(options: RunOptions, console: Console) -> int:
+        names = [one.name for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
+        task = kind(**{name: getattr(options, name) for name in names})
+        stream = getattr(kind, "scene_stream", None)
+        if options.seed is not None and stream is not None:
+            task = task.variant(np.random.default_rng([options.seed, stream]))
+        return run_task(task, load_robot(options.robot), options, console)
+
+    return run
 
 
 def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) -> int:
@@ -78,7 +264,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
         Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
             a `RecordingError`, what was recorded before is in the file.
     """
-    scenario = options.scenario(robot, task)
+    scenario = options.stack.scenario(robot, task, options.seed)
     looks: BuildScene = task.build_scene
     if options.visuals == "menagerie":
         looks = with_menagerie_looks(robot, looks)

@@ -18,12 +18,11 @@ from rich.console import Console
 from scipy.linalg import solve_discrete_are
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
 from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
 from robo47_qp.files import claim
-from robo47_qp.stack import LOGS
 
 MJCF = """
 <mujoco model="cart-pole">

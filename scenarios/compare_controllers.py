@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from robo47_qp.cli import OK, main
+from robo47_qp.cli import LOGS, OK, main
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
@@ -35,7 +35,6 @@ from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.run_report import versions
 from robo47_qp.sim.disturbance import Disturbance, Push
-from robo47_qp.stack import LOGS
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
 """From home to the goal [rad]."""

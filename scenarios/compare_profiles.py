@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robo47_qp.arrays import Matrix
-from robo47_qp.cli import main
+from robo47_qp.cli import LOGS, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.model.arm import Arm, JointReference
@@ -28,7 +28,6 @@ from robo47_qp.motion.timing.time_law import (
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.report.run_plot import plot_curves
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import LOGS
 
 LAWS: Mapping[str, TimeLaw] = {
     "trapezoid": Trapezoid(),

@@ -12,23 +12,22 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from robo47_qp.arrays import Matrix
-from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import (
     InvalidValueError,
     MissingExtraError,
     RecordingError,
-    UnknownNameError,
 )
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.observers import Observer
+from robo47_qp.run.registry import load_task
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import LOGS, RunOptions
-from scenarios.evaluate import known_tasks
+from robo47_qp.stack import ClassicalStack
 
 _RATE = 30
 """Frames per second."""
@@ -201,10 +200,7 @@ class Dataset:
 
 def run(options: DemoOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
-    known = known_tasks()
-    if options.task not in known:
-        raise UnknownNameError("task", options.task, known)
-    kind, task = lerobot_dataset(), known[options.task]()
+    task, kind = load_task(options.task)(), lerobot_dataset()
     simulation = Simulation(PANDA, task.build_scene)
     simulation.model.vis.quality.shadowsize = 0  # shadows take most of the time
     camera = OffscreenCamera(simulation.model, "overview", options.size[1], options.size[0])
@@ -212,7 +208,7 @@ def run(options: DemoOptions, console: Console) -> int:
     attempts = 2 * options.episodes if options.attempts is None else options.attempts
     for seed in range(options.seed, options.seed + attempts):
         frames = Frames(camera)
-        scenario = RunOptions(seed=seed).scenario(PANDA, task)
+        scenario = ClassicalStack().scenario(PANDA, task, seed)
         result = Runner(scenario, simulation).run(observers=[frames])
         if result.failure is None:
             dataset.add(result, frames)

@@ -15,14 +15,13 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.reproduce.comparison import compare
 from robo47_qp.evaluation.benchmarks.reproduce.page import comparison_page, outcome, row
 from robo47_qp.files import read_json, write_json
-from robo47_qp.stack import LOGS
 
-ROOT = LOGS.parent
+ROOT = Path(__file__).resolve().parents[1]
 REPORTS = {
     "settling": "settling.json",
     "cartpole_lqr": "cartpole_lqr.json",

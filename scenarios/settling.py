@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from robo47_qp.arrays import Vector
-from robo47_qp.cli import FAILED, OK, main
+from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
@@ -26,7 +26,6 @@ from robo47_qp.files import claim
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import LOGS
 
 
 @dataclass(frozen=True, kw_only=True)

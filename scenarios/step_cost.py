@@ -28,7 +28,7 @@ from robo47_qp.run.recording import Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 
@@ -65,7 +65,7 @@ class TimedLog:
 def run(options: StepCostOptions, console: Console) -> int:
     """Measure and print; returns the exit code."""
     task = PickPlace()
-    scenario = RunOptions().scenario(PANDA, task)
+    scenario = ClassicalStack().scenario(PANDA, task)
     costs: dict[str, list[float]] = {}
     numbers = 0
     for _ in range(options.rounds):

@@ -13,7 +13,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from tests.runs import Reach
 
 
@@ -48,6 +48,6 @@ def follow(
     task = Reach() if task is None else task
     if simulation is None:
         simulation = Simulation(robot, task.build_scene)
-    scenario = RunOptions(seed=seed).scenario(robot, task)
+    scenario = ClassicalStack().scenario(robot, task, seed)
     driver = PolicyDriver(policy, PolicyTiming(seconds=1.0) if timing is None else timing)
     return Runner(scenario, simulation, driver).run(sinks=sinks, observers=observers)

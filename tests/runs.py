@@ -23,7 +23,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.table import add_table
 
@@ -39,7 +39,7 @@ def make_runner(
     task: Task, *, seed: int | None = None, speed: float = 1.0
 ) -> tuple[Runner, Simulation]:
     """A runner at the start of a task on the Panda, with the default choices."""
-    scenario = RunOptions(seed=seed, speed=speed).scenario(PANDA, task)
+    scenario = ClassicalStack(pace=speed).scenario(PANDA, task, seed)
     simulation = Simulation(PANDA, task.build_scene)
     return Runner(scenario, simulation), simulation
 

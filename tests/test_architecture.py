@@ -8,6 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "robo47_qp"
+FRONT_DOOR = ROOT / PACKAGE / "__init__.py"
 ROOMS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("arrays", "files", "constants"),
@@ -99,6 +100,8 @@ def imported(path: Path) -> Iterator[str]:
                 yield full if full in MODULES else node.module
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
             name = node.args[0]
+            if path == FRONT_DOOR and not isinstance(name, ast.Constant):
+                continue  # its names are imported above, for the type checker
             assert isinstance(name, ast.Constant), f"{path}: import of a computed name"
             yield str(name.value)
 
@@ -142,6 +145,7 @@ def test_imports_make_no_circle() -> None:
     graph = {
         module_name(path): {n for n in imported(path) if n in MODULES} - {PACKAGE}
         for path in files(PACKAGE)
+        if path != FRONT_DOOR
     }
     done: set[str] = set()
 

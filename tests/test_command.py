@@ -158,9 +158,8 @@ def test_json_is_all_there_is_on_the_standard_output(tmp_path: Path) -> None:
 
 STRICT = """
 import sys
-from robo47_qp.command import main, run_task
-from robo47_qp.options import RunOptions
-from robo47_qp.robots.panda import PANDA
+from robo47_qp.cli import RunOptions, main, run_task
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 def run(options, console):
@@ -190,15 +189,19 @@ GENTLE = STRICT.replace("place_tolerance=1e-9", "force_max=0.5").replace(
     "sys.exit(main(RunOptions,",
     """from dataclasses import dataclass, replace
 from robo47_qp.run.watchdog import Watchdog
+from robo47_qp.stack import ClassicalStack
 
 class Blind(Watchdog):
     def seen(self, *_, **__):
         return None
 
+class BlindStack(ClassicalStack):
+    def scenario(self, *chosen):
+        return replace(super().scenario(*chosen), watchdog=Blind())
+
 @dataclass(frozen=True, kw_only=True)
 class Unwatched(RunOptions):
-    def scenario(self, robot, task):
-        return replace(super().scenario(robot, task), watchdog=Blind())
+    stack = BlindStack()
 
 sys.exit(main(Unwatched,""",
 )
@@ -237,8 +240,8 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--ik", "magic"], ["magic", "'qp'", "'dls'"]),
-        (["--qp-solver", "magic"], ["magic", "'daqp'", "'osqp'"]),
+        (["--ik", "magic"], ["magic", "qp", "dls"]),
+        (["--qp-solver", "magic"], ["magic", "daqp", "osqp"]),
         (["--speed", "0"], ["speed must be", "found 0.0"]),
         (["--speed", "2"], ["speed must be", "found 2.0"]),
         (["--speed", "nan"], ["speed must be", "found nan"]),
@@ -314,7 +317,7 @@ def test_a_rehearsal_that_fails_does_not_touch_the_last_recording(tmp_path: Path
 
 ANNOUNCE = """
 import runpy, signal, sys
-from robo47_qp.pacing import RealTime
+from robo47_qp.run.observers import RealTime
 
 # Where tests run in the background, Ctrl-C is ignored unless asked for again.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -66,7 +66,7 @@ class Job:
         """What is to be run.
 
         Raises:
-            PolicyLoadError: The policy cannot be loaded.
+            ClassLoadError: The policy cannot be loaded.
             InvalidValueError: Nothing makes a driver for it.
         """
         return Evaluation(
@@ -124,7 +124,7 @@ class Job:
         return TaskEpisode(
             robot=self.robot,
             task=self.task,
-            options=self.options.run_options,
+            stack=self.options.contending,
             perturbation=self.options.perturbation,
             drive=drive,
             foreign=reference is not None,

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from robo47_qp.cli import LOGS, StackOptions
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.run.policy.drivers import PolicyTiming
-from robo47_qp.stack import LOGS, IkName, RunOptions
+from robo47_qp.stack import ClassicalStack
 
 _MILLI = 1e-3
 
@@ -63,7 +64,7 @@ class PerturbOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(PerturbOptions):
+class EvaluateOptions(StackOptions, PerturbOptions):
     """What can be chosen for an evaluation."""
 
     task: str = "pick_place"
@@ -87,11 +88,6 @@ class EvaluateOptions(PerturbOptions):
     """Wall time of an episode, after which its process is killed and replaced [s]."""
     cluster: Literal["local", "ray"] = "local"
     """Where episodes run: processes of this machine, or a Ray cluster (needs the extra "ray")."""
-    ik: IkName = "qp"
-    """Inverse kinematics of plain classical: restarted from other configurations where it gets
-    stuck, or from a single start (-single)."""
-    speed: float = 1.0
-    """Pace of the classical stack, 0.01 to 1."""
     perturb: Literal["none", "moderate", "severe"] = "none"
     """How far the world is from what the controller believes: moderate is 5 mm of camera noise,
     30 % of mass and friction, 2 ms of latency."""
@@ -203,13 +199,13 @@ class EvaluateOptions(PerturbOptions):
         return self.over(PRESETS[self.perturb])
 
     @property
-    def run_options(self) -> RunOptions:
-        """What the classical stack is to be.
+    def contending(self) -> ClassicalStack:
+        """The classical stack with the IK of the policy.
 
         Raises:
-            InvalidValueError: The speed is out of range.
+            InvalidValueError: A number is out of range.
         """
-        return RunOptions(ik=self.contender.ik or self.ik, speed=self.speed)
+        return replace(self.stack, ik=self.contender.ik or self.ik)
 
     @property
     def files(self) -> dict[str, Path]:

@@ -1,42 +1,26 @@
 """Policies from elsewhere: where they are found, and how they drive an episode."""
 
-import importlib.util
-import pkgutil
 import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from inspect import signature
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
+from robo47_qp.run.foreign_code import Guard, absolute, load_class
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.policy.guard import Guard
 from robo47_qp.run.recording import Sink
 from robo47_qp.run.runner import Driver, Runner
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import IkName
+from robo47_qp.stack import IK_SOLVERS
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
 MakeDriver: TypeAlias = Callable[[Any], Driver]
 """Makes the driver of a run from a policy; goes to worker processes by pickle."""
-
-
-class PolicyLoadError(Robo47Error):
-    """A policy that cannot be had."""
-
-    def __init__(self, reference: str, why: str) -> None:
-        """Tell what was asked for and why it cannot be had."""
-        super().__init__(
-            f"The policy {reference!r} cannot be loaded: {why}. Name it module:Class or "
-            f"file.py:Class, a class that needs no arguments and has reset(observation) and "
-            f"act(observation), or {CLASSICAL}, or {CLASSICAL}:IK with a name that --ik takes."
-        )
 
 
 class PolicyFailed(Robo47Error):  # noqa: N818  # what it tells is a failure, as StepFailed does
@@ -51,38 +35,19 @@ class PolicyReference:
     """module:Class or path/to/file.py:Class."""
 
     def load(self) -> Callable[[], Any]:
-        """The class.
+        """Return the class.
 
         Raises:
-            PolicyLoadError: There is no such module, file or class, or it is no policy.
+            ClassLoadError: There is no such module, file or class, or it is no policy.
         """
-        place, _, name = self.text.rpartition(":")
-        if not place or not name.isidentifier():
-            raise PolicyLoadError(self.text, "it names no place and class")
-        with Guard() as guard:
-            of_file = place.endswith(".py")
-            module = _file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
-            found = getattr(module, name, None)
-        if guard.error is not None:
-            why = f"{type(guard.error).__name__}: {guard.error}"
-            raise PolicyLoadError(self.text, why) from guard.error
-        if found is None:
-            raise PolicyLoadError(self.text, f"{place} has no {name}")
-        missing = [method for method in ("reset", "act") if not hasattr(found, method)]
-        if missing or not isinstance(found, type):
-            why = f"it has no {' and no '.join(missing)}" if missing else "it is no class"
-            raise PolicyLoadError(self.text, why)
-        with Guard() as guard:
-            signature(found).bind()
-        if guard.error is not None:
-            raise PolicyLoadError(self.text, f"it cannot be made without arguments: {guard.error}")
-        return found
+        known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
+        return load_class("policy", self.text, ("reset", "act"), known)
 
     def make(self) -> Any:
         """A new policy.
 
         Raises:
-            PolicyLoadError: See `load`.
+            ClassLoadError: See `load`.
             PolicyFailed: The class raised something.
         """
         maker = self.load()
@@ -95,10 +60,7 @@ class PolicyReference:
     @property
     def absolute(self) -> "PolicyReference":
         """The same for a process in another folder."""
-        place, _, name = self.text.rpartition(":")
-        if not place.endswith(".py"):
-            return self
-        return PolicyReference(text=f"{Path(place).resolve()}:{name}")
+        return PolicyReference(text=absolute(self.text))
 
     @property
     def digest(self) -> str | None:
@@ -127,21 +89,7 @@ class PolicyDrive:
         return runner.run(sinks=sinks, observers=observers)
 
 
-def _file_module(path: Path) -> ModuleType:
-    """The module in a file, the same one every time in a process."""
-    path = path.resolve(strict=True)
-    name = f"policy_{sha256(str(path).encode()).hexdigest()[:16]}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{path} is no Python file")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
-IK_NAMES: tuple[IkName, ...] = get_args(IkName)
+IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)
 NAMES = (CLASSICAL, *(f"{CLASSICAL}:{ik}" for ik in IK_NAMES))
 """Names of the classical stack; plain, it takes the IK of --ik."""
 _LONGEST = 60
@@ -154,11 +102,11 @@ class Contender:
 
     name: str
     """As it was asked for."""
-    ik: IkName | None
+    ik: str | None
     """Inverse kinematics of the classical stack; None for a policy from elsewhere."""
 
     @classmethod
-    def of(cls, name: str, ik: IkName) -> "Contender":
+    def of(cls, name: str, ik: str) -> "Contender":
         """The policy of a name; `ik` is for a classical stack that names none.
 
         Raises:

@@ -1,7 +1,7 @@
 """TaskEpisode: an episode of a task in its own world, driven by the stack or by a policy."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
@@ -32,7 +32,7 @@ from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.task import Task
 from robo47_qp.sim.disturbance import DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 
 
 class Drive(Protocol):
@@ -96,8 +96,8 @@ class TaskEpisode:
 
     robot: Robot
     task: Task
-    options: RunOptions = RunOptions()
-    """Inverse kinematics and speed."""
+    stack: ClassicalStack = ClassicalStack()
+    """Inverse kinematics, controller and pace."""
     perturbation: Perturbation = Perturbation()
     drive: Drive = classical
     foreign: bool = False
@@ -106,7 +106,7 @@ class TaskEpisode:
     def scenario(self, seed: int) -> Scenario:
         """The scenario of an episode."""
         task = self.task.variant(np.random.default_rng([seed, 2]))
-        return replace(self.options.scenario(self.robot, task), seed=seed)
+        return self.stack.scenario(self.robot, task, seed)
 
     def simulation(self, scenario: Scenario, seed: int) -> DisturbedSimulation:
         """The world of an episode."""

@@ -1,7 +1,8 @@
 """What every task is: a job for the robot that ends in success or in a named failure."""
 
 from collections.abc import Generator, Sequence
-from typing import Protocol
+from dataclasses import field
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -14,6 +15,16 @@ from robo47_qp.sim.simulation import Simulation
 Program = Generator[StepLike, None, Failure | None]
 """Yields steps, each when the one before is done, and returns why it gave up, if so. A step that
 fails raises `StepFailed` where it was yielded; a program that does not catch it ends with it."""
+
+
+def option(default: Any, help: str) -> Any:
+    """Declare a field of a task that the command line offers as an option.
+
+    Args:
+        default: Its default.
+        help: What it is, with its unit.
+    """
+    return field(default=default, metadata={"help": help})
 
 
 class Task(Protocol):

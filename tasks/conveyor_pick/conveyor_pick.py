@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -67,6 +68,7 @@ class ConveyorPick:
     obstacles: tuple[Obstacle, ...] = ()
     """The belt is touched by the cube alone, but that is not looked at."""
     name: str = "conveyor_pick"
+    scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:
         """Check the numbers.

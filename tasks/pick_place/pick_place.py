@@ -10,7 +10,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
 from robo47_qp.tasks.handling.item_handler import (
@@ -40,10 +40,12 @@ class PickPlace:
     heading; a cube looks the same after a quarter turn, and so does its goal.
     """
 
-    pick: tuple[float, float] = (0.40, 0.20)
-    """Start of the item's centre on the table, x and y [m]."""
-    place: tuple[float, float] = (0.40, -0.20)
-    """Goal of the item's centre on the table, x and y [m]."""
+    pick: tuple[float, float] = option(
+        (0.40, 0.20), "Where the item is picked without a seed: x, y [m]."
+    )
+    place: tuple[float, float] = option(
+        (0.40, -0.20), "Where the item is placed without a seed: x, y [m]."
+    )
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
     """What is carried."""
     grip_force: float = 30.0

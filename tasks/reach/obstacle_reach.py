@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -57,6 +58,7 @@ class ObstacleReach:
     force_max: float = 1.0
     """Nothing is to be touched [N]."""
     name: str = "obstacle_reach"
+    scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:
         """Check the numbers.

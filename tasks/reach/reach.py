@@ -13,7 +13,7 @@ from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import Move, StepLike, Wait
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
@@ -54,8 +54,7 @@ class Reach:
     to each stays above the table.
     """
 
-    count: int = 5
-    """Poses to visit."""
+    count: int = option(5, "Poses to visit, 1 to 5.")
     position_tolerance: float = 1e-3
     """How far the tool point may be from a pose as it is held [m]."""
     angle_tolerance: float = float(np.deg2rad(0.5))

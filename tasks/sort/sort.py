@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -80,6 +81,7 @@ class Sort:
     obstacles: tuple[Obstacle, ...] = ()
     """The items may touch the walls of the bins, so they are not declared."""
     name: str = "sort"
+    scene_stream: ClassVar[int | None] = 1
 
     def __post_init__(self) -> None:
         """Check items, bins and numbers.

@@ -11,7 +11,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import (
     YELLOW,
@@ -67,8 +67,9 @@ class Stack:
         for name, rgba in (("red cube", RED), ("green cube", GREEN), ("blue cube", BLUE))
     )
     """All of one edge."""
-    goal: tuple[float, float] = (0.45, -0.20)
-    """Where the tower is to stand without a seed, x and y [m]."""
+    goal: tuple[float, float] = option(
+        (0.45, -0.20), "Where the tower stands without a seed: x, y [m]."
+    )
     tolerance: float = 5e-3
     """Horizontal distance of each cube's centre from the goal's vertical at most [m]."""
     height_tolerance: float = 2e-3

@@ -10,7 +10,7 @@ from mink import SE3
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.heading import upright
@@ -43,8 +43,7 @@ class Wipe:
     the arm home.
     """
 
-    settings: WipeSettings = WipeSettings()
-    """How the sponge is led."""
+    force: float = option(WipeSettings.force, "Force that the sponge is pressed with [N].")
     sponge: Sponge = field(
         default_factory=lambda: Sponge(
             name="sponge", size=_SPONGE, mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
@@ -52,11 +51,27 @@ class Wipe:
     )
     retries: int = 2
     """Further attempts after a lost sponge or marks that were missed."""
-    force_max: float = 30.0
-    """Three times the force: see `Task.force_max` [N]."""
     obstacles: tuple[Obstacle, ...] = ()
     """The board is to be touched."""
     name: str = "wipe"
+
+    def __post_init__(self) -> None:
+        """Check the force.
+
+        Raises:
+            InvalidValueError: It is not positive and finite.
+        """
+        self.settings  # noqa: B018  # checks its numbers
+
+    @property
+    def settings(self) -> WipeSettings:
+        """How the sponge is led."""
+        return WipeSettings(force=self.force)
+
+    @property
+    def force_max(self) -> float:
+        """Three times the force: see `Task.force_max` [N]."""
+        return 3.0 * self.force
 
     def variant(self, rng: np.random.Generator) -> "Wipe":
         """The same: what differs are poses and heights."""

@@ -21,6 +21,7 @@ from robo47_qp.errors import (
     UnknownNameError,
 )
 from robo47_qp.evaluation import evaluate as evaluate_module
+from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.episode import (
     Episode,
     EpisodeResult,
@@ -30,7 +31,6 @@ from robo47_qp.evaluation.episode import (
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policies import PolicyLoadError
 from robo47_qp.evaluation.report.progress import EvaluationBar, described
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, compare
 from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
@@ -38,8 +38,8 @@ from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.sim.simulation import Simulation
-from scenarios import evaluate as scenario
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
 from tests.toy_policies import GoodDriver
@@ -187,7 +187,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
         with pytest.raises(error, match=match):
             evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
 
-    refused(PolicyLoadError, "cannot be loaded", policy=("nowhere:Policy",))
+    refused(ClassLoadError, "cannot be loaded", policy=("nowhere:Policy",))
     good = "tests.toy_policies:GoodPolicy"
     refused(InvalidValueError, "--policy must be classical; found tests", policy=(good,))
     refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
@@ -200,7 +200,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
         refused(InvalidValueError, f"--against must be {match}", against=odd)
     assert {path.name for path in tmp_path.iterdir()} == {"odd.json"}
     with pytest.raises(UnknownNameError, match=r"No task is called 'fly'; known: (.*)pick_place"):
-        scenario.run(options(tmp_path, task="fly"), QUIET)
+        evaluate_chosen(options(tmp_path, task="fly"), QUIET)
 
 
 def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
@@ -250,20 +250,13 @@ def test_ray_gives_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
         assert replace(results[seed], timing={}) == replace(toy(specs[seed]), timing={})
 
 
-def test_every_task_of_the_folder_is_known() -> None:
-    known = scenario.known_tasks()
-    assert "pick_place" in known
-    for name, kind in known.items():
-        assert kind().name == name
-
-
 def test_the_script_ends_with_2_for_bad_input(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = str(tmp_path / "eval.rrd")
     for arguments in (["--task", "fly"], ["--workers", "0"], ["--policy", "nowhere:Policy"]):
         monkeypatch.setattr(sys, "argv", ["evaluate.py", "--log", log, "--json", *arguments])
-        assert main(EvaluateOptions, scenario.run, "", repeated=True) == 2
+        assert main(EvaluateOptions, evaluate_chosen, "", repeated=True) == 2
         out, err = capsys.readouterr()
         assert out == ""
         assert err.startswith("error: ")

@@ -19,6 +19,7 @@ from rich.console import Console
 from robo47_qp.cli import main
 from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
 from robo47_qp.evaluation import evaluate as evaluate_module
+from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.episode import (
     Episode,
     EpisodeResult,
@@ -32,7 +33,6 @@ from robo47_qp.evaluation.policies import (
     IK_NAMES,
     NAMES,
     Contender,
-    PolicyLoadError,
     labels,
 )
 from robo47_qp.evaluation.report.progress import EvaluationBar
@@ -46,9 +46,9 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.stack import RunOptions
+from robo47_qp.run.foreign_code import ClassLoadError
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.reach.reach import Reach as ReachTask
-from scenarios import evaluate as scenario
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS
 
@@ -324,7 +324,7 @@ def test_what_the_last_policy_lacks_is_told_before_the_first_runs(tmp_path: Path
 
 def test_policies_that_cannot_be_had_are_told_before_any_runs(tmp_path: Path) -> None:
     for name, error, match in (
-        ("nowhere:Policy", PolicyLoadError, "'nowhere:Policy' cannot be loaded"),
+        ("nowhere:Policy", ClassLoadError, "'nowhere:Policy' cannot be loaded"),
         ("tests.toy_policies:GoodPolicy", InvalidValueError, "--policy must be classical; found"),
     ):
         with pytest.raises(error, match=match):
@@ -441,18 +441,18 @@ def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None
     }
     assert set(promised) == set(IK_NAMES)
     for name in IK_NAMES:
-        assert RunOptions(ik=name).solver(clearance) == promised[name]
+        assert ClassicalStack(ik=name).solver(clearance) == promised[name]
         assert isinstance(promised[name], MultiStart) != name.endswith("-single")
-    osqp = RunOptions(ik="qp-single", qp_solver="osqp").solver(clearance)
+    osqp = ClassicalStack(ik="qp-single", qp_solver="osqp").solver(clearance)
     assert osqp == QpIk(backend="osqp", clearance=clearance)
 
 
 def test_each_name_means_one_stack() -> None:
     assert EvaluateOptions().contenders == [Contender(name="classical", ik="qp")]
-    assert EvaluateOptions(ik="dls").run_options.ik == "dls"
+    assert EvaluateOptions(ik="dls").contending.ik == "dls"
     for name in NAMES[1:]:
         (alone,) = EvaluateOptions(policy=(name,)).each
-        assert alone.run_options.ik == name.partition(":")[2]
+        assert alone.contending.ik == name.partition(":")[2]
         assert alone.files["report"].name == "eval.json"
     mixed = EvaluateOptions(policy=("classical", "a.py:B", "classical:dls"), ik="lm", rate=9.0)
     assert [one.contender.ik for one in mixed.each] == ["lm", None, "dls"]
@@ -510,7 +510,7 @@ def test_a_policy_from_elsewhere_needs_a_task_that_can_be_judged_of_it(
         InvalidValueError,
         match="task must be one whose verdict is no success",
     ):
-        scenario.run(chosen, QUIET)
+        evaluate_chosen(chosen, QUIET)
 
 
 def test_the_bar_tells_whose_episodes_they_are() -> None:

@@ -17,16 +17,16 @@ from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import (
     PolicyDrive,
     PolicyFailed,
-    PolicyLoadError,
     PolicyReference,
 )
 from robo47_qp.evaluation.task_episode import TaskEpisode, classical
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.table import add_table
 from tests.runs import Reach
 from tests.toy_policies import Drive, GoodDriver
@@ -117,7 +117,7 @@ def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None
     drive = PolicyDrive(reference=PolicyReference(text=f"{TOYS}:GoodPolicy"), driver=GoodDriver)
     other = episode(
         perturbation=replace(NOISY, noise_q=0.0, pose_noise=0.0, pushes=0),
-        options=RunOptions(ik="lm", speed=0.5),
+        stack=ClassicalStack(ik="lm", pace=0.5),
         drive=drive,
         foreign=True,
     )(SPEC)
@@ -189,9 +189,9 @@ def test_an_episode_keeps_the_scenario_it_was_given_but_for_the_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bounds = Watchdog(time_limit=5.0, links_force_max=3.0)
-    given = RunOptions.scenario
+    given = ClassicalStack.scenario
     monkeypatch.setattr(
-        RunOptions, "scenario", lambda *chosen: replace(given(*chosen), seed=99, watchdog=bounds)
+        ClassicalStack, "scenario", lambda *chosen: replace(given(*chosen), watchdog=bounds)
     )
     scenario = episode().scenario(7)
     assert (scenario.seed, scenario.watchdog) == (7, bounds)
@@ -238,13 +238,13 @@ def test_a_policy_is_found_in_a_module_and_in_a_file(
     ],
 )
 def test_a_policy_that_cannot_be_had_is_refused(text: str, why: str) -> None:
-    with pytest.raises(PolicyLoadError, match=f"{why}(.|\n)*Name it module:Class or file.py:Class"):
+    with pytest.raises(ClassLoadError, match=f"{why}(.|\n)*Name it module:Class or file.py:Class"):
         PolicyReference(text=text).load()
 
 
 def test_a_file_that_raises_is_told(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text("1 / 0")
-    with pytest.raises(PolicyLoadError, match="ZeroDivisionError"):
+    with pytest.raises(ClassLoadError, match="ZeroDivisionError"):
         PolicyReference(text=f"{tmp_path}/bad.py:Policy").load()
 
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robo47_qp.cli import RunOptions
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.obstacle import Obstacle, Shape
-from robo47_qp.stack import RunOptions
 from scenarios.collision_ik import CollisionIkOptions
 from scenarios.compare_controllers import ControllersOptions
 from scenarios.settling import SettlingOptions

@@ -24,7 +24,7 @@ from robo47_qp.report.run_plot import plot_run
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Program
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.plain_arm import PlainArm
 from tests.robots import MODELS, robot_named
@@ -152,7 +152,7 @@ def test_every_reachable_target_is_reached(arm: Arm, plain: PlainArm) -> None:
 
 def test_a_job_without_grips_runs_and_is_recorded(robot: Robot, tmp_path: Path) -> None:
     task = Reach()
-    scenario = RunOptions().scenario(robot, task)
+    scenario = ClassicalStack().scenario(robot, task)
     simulation = Simulation(robot, task.build_scene)
     runner = Runner(scenario, simulation)
     path = tmp_path / "run.rrd"
@@ -227,7 +227,7 @@ def test_what_only_a_gripper_tells_is_refused_without_one(name: str) -> None:
 def test_a_task_with_grips_is_refused_before_anything_moves() -> None:
     task = PickPlace()
     simulation = Simulation(BARE, task.build_scene)
-    runner = Runner(RunOptions().scenario(BARE, task), simulation)
+    runner = Runner(ClassicalStack().scenario(BARE, task), simulation)
     with pytest.raises(NoGripperError, match="Choose a robot with a gripper"):
         runner.rehearse()
     assert simulation.time == 0.0
@@ -236,7 +236,7 @@ def test_a_task_with_grips_is_refused_before_anything_moves() -> None:
 def test_a_grip_that_was_not_foreseen_is_refused_when_it_comes() -> None:
     task = Snatch()
     simulation = Simulation(BARE, task.build_scene)
-    runner = Runner(RunOptions().scenario(BARE, task), simulation)
+    runner = Runner(ClassicalStack().scenario(BARE, task), simulation)
     with pytest.raises(NoGripperError, match="needs one"):
         runner.run()
 
@@ -251,7 +251,7 @@ def test_a_limit_of_a_slide_is_told_in_metres() -> None:
 
 def test_signals_and_findings_of_slides_have_their_own_units() -> None:
     robot, task = robot_named("slider6"), Reach()
-    runner = Runner(RunOptions().scenario(robot, task), Simulation(robot, task.build_scene))
+    runner = Runner(ClassicalStack().scenario(robot, task), Simulation(robot, task.build_scene))
     units = {signal.name: signal.unit for signal in runner.signals}
     assert units["joints/q_ref"] == units["joints/q"] == units["errors/q"] == "rad or m"
     assert units["joints/v_ref"] == units["joints/v"] == "rad/s or m/s"

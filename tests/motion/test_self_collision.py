@@ -26,7 +26,7 @@ from robo47_qp.motion.waypoint import (
     tool_down,
 )
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 
 DT = 1e-3
@@ -46,7 +46,7 @@ ABOVE = Waypoint(name="above", target=pose(0.15), onward=(DOWN, UP))
 
 @cache
 def planner() -> Planner:
-    return RunOptions().scenario(PANDA, ConveyorPick()).planner
+    return ClassicalStack().scenario(PANDA, ConveyorPick()).planner
 
 
 @cache

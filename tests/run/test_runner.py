@@ -25,7 +25,7 @@ from robo47_qp.run.recording import Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import Reach, Witness, carry_out, make_runner, no_objects, picked_and_placed
 
@@ -386,7 +386,7 @@ def test_different_seeds_give_different_runs() -> None:
 
 
 def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
-    scenario, simulation = RunOptions().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
+    scenario, simulation = ClassicalStack().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
     executor, arm = Runner(scenario, simulation).executor, Arm(PANDA)
     room = MARGIN * (arm.q_max - arm.q_min)
     inner = executor.planning_arm(arm.home)
@@ -401,6 +401,6 @@ def test_an_arm_that_starts_next_to_a_limit_can_leave_it_and_come_back() -> None
     home = np.array(PANDA.home)
     home[6] = arm.q_max[6] - 0.3 * MARGIN * (arm.q_max[6] - arm.q_min[6])
     robot = replace(PANDA, home=home)
-    scenario = RunOptions().scenario(robot, Reach())
+    scenario = ClassicalStack().scenario(robot, Reach())
     simulation = Simulation(robot, Reach().build_scene)
     assert Runner(scenario, simulation).run().failure is None

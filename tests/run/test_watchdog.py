@@ -14,7 +14,7 @@ from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from tests.examples import shifted
 from tests.runs import Meddler, Reach, Witness, carry_out
 
@@ -100,7 +100,7 @@ def test_touching_is_a_collision(where: tuple[float, float, float], found: str) 
 
 def test_a_run_takes_no_longer_than_allowed() -> None:
     task = Reach(rise=0.1)
-    scenario = replace(RunOptions().scenario(PANDA, task), watchdog=Watchdog(time_limit=0.3))
+    scenario = replace(ClassicalStack().scenario(PANDA, task), watchdog=Watchdog(time_limit=0.3))
     run = Runner(scenario, Simulation(PANDA, task.build_scene)).run()
     assert run.failure is not None
     assert run.failure.cause is Cause.TIMEOUT

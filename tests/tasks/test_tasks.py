@@ -12,14 +12,14 @@ from robo47_qp.errors import PlanError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
-from scenarios.evaluate import known_tasks
+from robo47_qp.stack import ClassicalStack
 from scenarios.policies.random_targets import RandomTargets
 from tests.policies import follow
 
-FOUND = known_tasks()
+FOUND = {name: load_task(name) for name in task_names()}
 SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
 
 
@@ -39,7 +39,7 @@ def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str, seed: 
     if seed is not None:
         task = task.variant(np.random.default_rng([seed, 2]))
     simulation = Simulation(PANDA, task.build_scene)
-    runner = Runner(RunOptions(seed=seed).scenario(PANDA, task), simulation)
+    runner = Runner(ClassicalStack().scenario(PANDA, task, seed), simulation)
     before = simulation.data.qpos.copy()
     try:
         legs = runner.rehearse()

@@ -1,13 +1,12 @@
 """Tasks as environments of Gymnasium."""
 
-import pkgutil
-from collections.abc import Iterable
 from typing import Any, TypeAlias
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.gym.spaces import (
     ActionScale,
     Mode,
@@ -21,14 +20,10 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver, check_judged
+from robo47_qp.run.registry import load_task
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
-
-try:
-    import gymnasium
-except ImportError as error:
-    raise MissingExtraError("The Gymnasium environment", "gymnasium", "gym") from error
+from robo47_qp.stack import ClassicalStack
 
 _Base: TypeAlias = gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]
 _CONFIRMED = 0.3
@@ -63,7 +58,7 @@ class TaskEnv(_Base):
         """Build the scene.
 
         Args:
-            task: What is to be done, or where its class is: "tasks.pick_place:PickPlace".
+            task: What is to be done, or its name; see `load_task`.
             mode: What actions are: joint positions, tool poses or torques, each with the width;
                 see `ActionScale`.
             timing: Actions per second and length of an episode.
@@ -75,7 +70,7 @@ class TaskEnv(_Base):
             InvalidValueError: There is no such mode, or the task is done before it is begun.
             RenderingError: Pictures are wanted, and the machine cannot draw.
         """
-        self._task: Task = pkgutil.resolve_name(task)() if isinstance(task, str) else task
+        self._task: Task = load_task(task)() if isinstance(task, str) else task
         self._timing, self._vary, self._robot = timing or PolicyTiming(), vary, robot
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
@@ -103,7 +98,7 @@ class TaskEnv(_Base):
         if self._vary:
             task = task.variant(np.random.default_rng([drawn, 2]))
             self._build(task)
-        scenario = RunOptions(seed=drawn).scenario(self._robot, task)
+        scenario = ClassicalStack().scenario(self._robot, task, drawn)
         self._episode = StepwiseDriver(scenario, self._simulation, self._timing)
         self._good = 0
         return self._observed(self._episode), {"seed": drawn, "success": False}
@@ -146,22 +141,6 @@ class TaskEnv(_Base):
 
     def _observed(self, episode: StepwiseDriver) -> dict[str, Single]:
         return numbers_of(episode.observe(), self._space)
-
-
-def register(tasks: Iterable[type[Task]]) -> list[str]:
-    """Make tasks known to `gymnasium.make`, as robo47/<name>-v0; returns these names.
-
-    Args:
-        tasks: Classes that need no arguments.
-    """
-    names = []
-    for task in tasks:
-        name = f"robo47/{task().name}-v0"
-        if name not in gymnasium.registry:
-            place = {"task": f"{task.__module__}:{task.__qualname__}"}
-            gymnasium.register(name, entry_point=f"{__name__}:{TaskEnv.__name__}", kwargs=place)
-        names.append(name)
-    return names
 
 
 def _outcome(failure: Failure | None, measures: dict[str, float]) -> dict[str, Any]:

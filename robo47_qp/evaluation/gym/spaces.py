@@ -3,10 +3,11 @@
 from typing import Literal, TypeAlias
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.run.policy.policy import (
     Action,
@@ -15,11 +16,6 @@ from robo47_qp.run.policy.policy import (
     ToolTarget,
     Torques,
 )
-
-try:
-    from gymnasium import spaces
-except ImportError as error:
-    raise MissingExtraError("The Gymnasium environment", "gymnasium", "gym") from error
 
 Mode: TypeAlias = Literal["joints", "tool", "torques"]
 """What the numbers of an action are."""

@@ -19,7 +19,7 @@ from robo47_qp.evaluation.episode import (
     EpisodeSpec,
     errored,
 )
-from robo47_qp.run.policy.guard import Guard
+from robo47_qp.run.foreign_code import Guard
 
 READY = "ready"
 """What a worker says when it is ready; anything else is why it cannot be."""

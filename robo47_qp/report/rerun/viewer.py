@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from robo47_qp.errors import RenderingError
+from robo47_qp.errors import RecordingError, RenderingError
 
 _HOST, _PORT = "127.0.0.1", 9876
 _PATIENCE = 10.0
@@ -34,6 +34,30 @@ def viewer_url(port: int = _PORT) -> str:
     return f"rerun+http://{_HOST}:{port}/proxy"
 
 
+def open_recording(path: Path) -> None:
+    """Show a recording in the Rerun viewer, and wait until its window is closed.
+
+    Raises:
+        RecordingError: There is no such file.
+        RenderingError: The viewer cannot be started.
+    """
+    if not path.is_file():
+        raise RecordingError(f"{path} cannot be opened: there is no such file. Run a task first.")
+    with tempfile.TemporaryFile() as log:
+        try:
+            done = subprocess.run([_program(), "--bind", _HOST, str(path)], stderr=log, check=False)
+        except OSError as error:
+            raise _failed(f"{_program()} cannot be started ({error.strerror})") from error
+        if done.returncode not in (0, -signal.SIGINT):
+            log.seek(0)
+            words = _last_words(log.read().decode(errors="replace"))
+            raise _failed(f"it ended with code {done.returncode}{words}")
+
+
+def _program() -> str:
+    return str(Path(sys.executable).parent / "rerun")
+
+
 def _listens(port: int) -> bool:
     with socket.socket() as probe:
         probe.settimeout(0.5)
@@ -41,8 +65,8 @@ def _listens(port: int) -> bool:
 
 
 def _start(port: int) -> None:
-    program = Path(sys.executable).parent / "rerun"
-    command = [str(program), "--bind", _HOST, "--port", str(port), "--hide-welcome-screen"]
+    program = _program()
+    command = [program, "--bind", _HOST, "--port", str(port), "--hide-welcome-screen"]
     # A file and not a pipe: nobody empties a pipe once the viewer runs.
     with tempfile.TemporaryFile() as log:
         try:
@@ -80,7 +104,7 @@ def _last_words(log: str) -> str:
 
 def _failed(reason: str) -> RenderingError:
     return RenderingError(
-        f"No Rerun viewer for a live view: {reason}. A live view needs a display (DISPLAY or "
-        "WAYLAND_DISPLAY set) with OpenGL or Vulkan; without one, record without the live view "
-        "and open the file on a machine with a display."
+        f"No Rerun viewer: {reason}. It needs a display (DISPLAY or WAYLAND_DISPLAY set) with "
+        "OpenGL or Vulkan; without one, record without the live view and open the file on a "
+        "machine with a display."
     )

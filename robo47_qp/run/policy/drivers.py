@@ -8,8 +8,8 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.foreign_code import Guard
 from robo47_qp.run.policy.cell import PolicyCell
-from robo47_qp.run.policy.guard import Guard
 from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario

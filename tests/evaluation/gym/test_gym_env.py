@@ -30,6 +30,7 @@ from tests.runs import Reach
 gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not installed")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from robo47_qp.evaluation.gym import register  # noqa: E402
 from robo47_qp.evaluation.gym.env import TaskEnv  # noqa: E402
 from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
     ActionScale,
@@ -38,8 +39,7 @@ from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
     observation_space,
 )
 from robo47_qp.run.policy.drivers import StepwiseDriver  # noqa: E402
-from scenarios.evaluate import known_tasks  # noqa: E402
-from scenarios.gym_envs import register  # noqa: E402
+from robo47_qp.run.registry import task_names  # noqa: E402
 
 NAMES = register()
 
@@ -86,7 +86,7 @@ def until_the_end(made: TaskEnv, action: Any) -> tuple[int, float, bool, bool, d
 
 
 def test_every_task_is_an_environment() -> None:
-    assert {f"robo47/{name}-v0" for name in known_tasks()} == set(NAMES)
+    assert {f"robo47/{name}-v0" for name in task_names()} == set(NAMES)
     assert "robo47/pick_place-v0" in NAMES
     assert set(NAMES) <= set(gymnasium.registry)
     assert register() == NAMES
@@ -372,10 +372,11 @@ def test_before_the_first_reset_there_is_nothing_to_move() -> None:
 
 
 def test_without_gymnasium_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("robo47_qp.gym_env", "robo47_qp.gym_spaces"):
+    package = "robo47_qp.evaluation.gym"
+    for name in (package, f"{package}.env", f"{package}.spaces"):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    for name in ("robo47_qp.gym_env", "robo47_qp.gym_spaces"):
+    for name in (package, f"{package}.env", f"{package}.spaces"):
         with pytest.raises(
             MissingExtraError, match=r"needs the package gymnasium.*robo47_qp\[gym\]"
         ):

@@ -16,7 +16,7 @@ from robo47_qp.run.recording import Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.report.audit.test_audit import broken, finding, with_value
 from tests.runs import Reach, no_objects, picked_and_placed
@@ -137,7 +137,7 @@ def test_a_real_collision_breaks_promises_and_is_told(run: Run) -> None:
         T_world_obstacle=at(tool[0], tool[1], tool[2] - 0.045),
     )
     task = Blocked(obstacles=(plate,), force_max=5.0)
-    scenario = RunOptions().scenario(PANDA, task)
+    scenario = ClassicalStack().scenario(PANDA, task)
     blind = replace(scenario.planner, collisions=None, detour=None)
     runner = Runner(replace(scenario, planner=blind), Simulation(PANDA, task.build_scene))
     hit = runner.run()

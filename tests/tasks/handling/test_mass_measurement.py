@@ -16,7 +16,7 @@ from robo47_qp.run.steps import as_step
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.handling.mass_measurement import measure_mass
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
@@ -39,7 +39,7 @@ class Scales(Simulation):
 
 def heavier(task: Task, factor: float, *observers: Meddler) -> Run:
     """A run in which things have another mass than their models."""
-    scenario = RunOptions().scenario(PANDA, task)
+    scenario = ClassicalStack().scenario(PANDA, task)
     wrong = Disturbance(object_mass_factor=factor)
     simulation = DisturbedSimulation(PANDA, task.build_scene, wrong)
     return Runner(scenario, simulation).run(observers=observers)

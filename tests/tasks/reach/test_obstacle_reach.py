@@ -15,7 +15,7 @@ from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import IkName, RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.reach.obstacle_reach import ObstacleReach
 from robo47_qp.tasks.task_state import hide_marker
 from tests.runs import Meddler, carry_out, make_runner
@@ -60,7 +60,7 @@ def test_targets_are_held_and_nothing_is_touched(seed: int | None) -> None:
 
 def test_without_detours_the_same_seed_is_refused() -> None:
     task = drawn(DETOURS)
-    scenario = RunOptions(seed=DETOURS).scenario(PANDA, task)
+    scenario = ClassicalStack().scenario(PANDA, task, DETOURS)
     blocked = replace(scenario.planner, detour=None)
     simulation = Simulation(PANDA, task.build_scene)
     runner = Runner(replace(scenario, planner=blocked), simulation)
@@ -153,8 +153,8 @@ def test_variants_differ_and_stand_apart() -> None:
 def test_dls_takes_another_answer_where_its_first_one_is_in_the_way() -> None:
     task = drawn(DETOURS)
 
-    def carried_out(ik: IkName) -> Run:
-        scenario = RunOptions(ik=ik, seed=DETOURS).scenario(PANDA, task)
+    def carried_out(ik: str) -> Run:
+        scenario = ClassicalStack(ik=ik).scenario(PANDA, task, DETOURS)
         return Runner(scenario, Simulation(PANDA, task.build_scene)).run()
 
     alone = carried_out("dls-single")

@@ -22,7 +22,7 @@ from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.reach.reach import Reach
 from robo47_qp.tasks.task_state import hide_marker
 from tests.robots import MODELS
@@ -114,7 +114,7 @@ def test_every_robot_reaches_its_random_poses(robot: Robot) -> None:
         task.reset(simulation, np.random.default_rng(0))
     except InvalidValueError as error:
         pytest.skip(str(error))
-    scenario = RunOptions(ik="lm").scenario(robot, task)
+    scenario = ClassicalStack(ik="lm").scenario(robot, task)
     arm, ik = Arm(robot, obstacles=task.obstacles), scenario.planner.ik
     targets = [simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)]
     try:
@@ -146,7 +146,7 @@ def test_poses_for_which_links_meet_are_not_taken(tmp_path: Path) -> None:
     robot, task = _with_knobs(tmp_path / "knobs.xml"), Reach()
     simulation = Simulation(robot, task.build_scene)
     arm = Arm(robot, obstacles=task.obstacles)
-    ik = RunOptions(ik="lm").scenario(robot, task).planner.ik
+    ik = ClassicalStack(ik="lm").scenario(robot, task).planner.ik
     for seed in range(8):
         task.reset(simulation, np.random.default_rng(seed))
         for i in range(task.count):
@@ -281,7 +281,10 @@ def test_impossible_settings_are_refused(change: dict[str, object], message: str
 def test_a_pose_is_approached_in_a_branch_that_is_clear_of_open_fingers_too() -> None:
     task, simulation = Reach(), _world()
     task.reset(simulation, np.random.default_rng(171))
-    planner, arm = RunOptions().scenario(PANDA, task).planner, Arm(PANDA, obstacles=task.obstacles)
+    planner, arm = (
+        ClassicalStack().scenario(PANDA, task).planner,
+        Arm(PANDA, obstacles=task.obstacles),
+    )
     waypoint = Waypoint(name="pose 5", target=simulation.marker_pose("pose 5"))
     q = planner.plan(arm, waypoint, arm.home, 1e-3).trajectory.end.q
     assert planner.collisions is not None

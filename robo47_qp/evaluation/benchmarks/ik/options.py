@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
+from robo47_qp.cli import LOGS
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.benchmarks.ik.comparison import Start
-from robo47_qp.stack import LOGS
 
 Member = TypeVar("Member")
 

@@ -1,0 +1,118 @@
+"""Code from outside the package: classes loaded by reference, and a guard around their errors."""
+
+import importlib.util
+import pkgutil
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from inspect import signature
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any
+
+from robo47_qp.errors import Robo47Error
+
+
+class Guard:
+    """Catches whatever is raised inside a `with` block, `SystemExit` included.
+
+    It is for calls of code from outside the package only. KeyboardInterrupt passes through.
+    """
+
+    def __init__(self) -> None:
+        self.error: Exception | SystemExit | None = None
+        """What was raised; None where nothing was."""
+
+    def __enter__(self) -> "Guard":
+        """Begin."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool:
+        """Keep an exception."""
+        if isinstance(error, Exception | SystemExit):
+            self.error = error
+        return self.error is not None
+
+    @property
+    def words(self) -> str:
+        """The traceback."""
+        error = self.error
+        return "" if error is None else "".join(traceback.format_exception(error)).rstrip()
+
+
+class ClassLoadError(Robo47Error):
+    """A class that was named by its place and cannot be loaded."""
+
+    def __init__(self, kind: str, reference: str, why: str, known: Sequence[str] = ()) -> None:
+        """Say what was asked for, why it cannot be loaded, and what would work."""
+        names = f", or {', '.join(known)}" if known else ""
+        super().__init__(
+            f"The {kind} {reference!r} cannot be loaded: {why}. Name it module:Class or "
+            f"file.py:Class, a class that can be made without arguments{names}."
+        )
+        self.reference = reference
+
+
+def load_class(
+    kind: str, reference: str, methods: Sequence[str], known: Sequence[str] = ()
+) -> Callable[[], Any]:
+    """Load a class of a module or of a file.
+
+    Args:
+        kind: What the class is to be, for messages: "policy".
+        reference: module:Class, or path/to/file.py:Class.
+        methods: Methods that the class must have.
+        known: What else can be named, for messages.
+
+    Raises:
+        ClassLoadError: There is no such module, file or class, or it lacks a method, or it
+            cannot be made without arguments.
+    """
+    place, _, name = reference.rpartition(":")
+    if not place or not name.isidentifier():
+        raise ClassLoadError(kind, reference, "it names no place and class", known)
+    with Guard() as guard:
+        of_file = place.endswith(".py")
+        module = _file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
+        found = getattr(module, name, None)
+    if guard.error is not None:
+        why = f"{type(guard.error).__name__}: {guard.error}"
+        raise ClassLoadError(kind, reference, why, known) from guard.error
+    if found is None:
+        raise ClassLoadError(kind, reference, f"{place} has no {name}", known)
+    missing = [method for method in methods if not hasattr(found, method)]
+    if missing or not isinstance(found, type):
+        why = f"it has no {' and no '.join(missing)}" if missing else "it is no class"
+        raise ClassLoadError(kind, reference, why, known)
+    with Guard() as guard:
+        signature(found).bind()
+    if guard.error is not None:
+        why = f"it cannot be made without arguments: {guard.error}"
+        raise ClassLoadError(kind, reference, why, known)
+    return found
+
+
+def absolute(reference: str) -> str:
+    """Return a reference that holds in any working directory."""
+    place, _, name = reference.rpartition(":")
+    return f"{Path(place).resolve()}:{name}" if place.endswith(".py") else reference
+
+
+def _file_module(path: Path) -> ModuleType:
+    """The module in a file, the same one every time in a process."""
+    path = path.resolve(strict=True)
+    name = f"file_{sha256(str(path).encode()).hexdigest()[:16]}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{path} is no Python file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name]
