@@ -302,7 +302,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
         summary = report(run, figures, findings)
         for finding in findings:
             if not finding.ok:
-                log.note(finding.time, f"broken promise: {finding.told}", "ERROR")
+                log.note(finding.time, f"violation: {finding}", "ERROR")
         log.finish(summary_markdown(summary))
     plot_run(run, files["plot"])
     write_text(files["report"], json.dumps(summary, indent=2))

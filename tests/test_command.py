@@ -218,8 +218,8 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
     [broken] = [finding for finding in summary["audit"] if not finding["ok"]]
     assert (broken["signal"], broken["limit"], broken["unit"]) == ("tool contact", 0.5, "N")
     size, time = f"{broken['extreme']:.4g} N", f"{broken['time']:.3f} s"
-    told = f"tool contact: {size} at {time}, promised is 0.5 N"
-    assert f"broken promise  {told}" in done.stdout
+    told = f"tool contact: {size} at {time}, the limit is 0.5 N"
+    assert f"violation  {told}" in done.stdout
     texts = {
         str(chunk.entity_path).strip("/"): chunk.to_record_batch().to_pydict()
         for chunk in RrdReader(log).stream()
@@ -231,7 +231,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         for chunk in RrdReader(log).stream()
         if str(chunk.entity_path).strip("/") == "events"
     ]
-    assert any(f"broken promise: {told}" in event and "ERROR" in event for event in events)
+    assert any(f"violation: {told}" in event and "ERROR" in event for event in events)
 
 
 # Bad input

@@ -1,1 +1,1 @@
-"""What a run leaves for people: report, plots, video, recording."""
+"""What a run leaves for people: report, audit, plots, video and recording."""

@@ -1,4 +1,4 @@
-"""Figures that sum up a run."""
+"""Metrics of a run: tracking, time, contact, energy and smoothness."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,11 @@ from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
 
 _STILL = 1e-3
-"""What is never faster does not move [m/s]."""
+"""Peak speed below which the tool counts as at rest [m/s]."""
 
 
 def smoothness(v: Matrix, jerk: Matrix, period: float) -> float | None:
-    """Log dimensionless jerk: the higher, the smoother; whatever the way and the time [-].
+    """Return the log dimensionless jerk [-]: higher is smoother, whatever the path and duration.
 
     LDLJ = -ln(T³ / v_peak² ∫ |jerk|² dt), with T the duration and v_peak the highest speed: the
     dimensionless jerk of Hogan and Sternad (J. Motor Behavior 41(6), 2009) and its logarithm
@@ -27,7 +27,7 @@ def smoothness(v: Matrix, jerk: Matrix, period: float) -> float | None:
         period: Time between them [s].
 
     Returns:
-        None where nothing moves.
+        None if nothing moves.
     """
     if not len(v):
         return None
@@ -43,11 +43,11 @@ SETTLED = 0.1e-3
 
 
 def metrics(run: Run) -> dict[str, float]:
-    """Tracking, time, contact and cost of a run, with the task's own figures.
+    """Return the metrics of a run and the task's own figures.
 
     Returns:
-        By name with unit; see the README for what each means. A run without a motion of the
-        tool has no smoothness.
+        By name with unit; the README explains each. Without a motion of the tool, there is no
+        smoothness.
     """
     rows = run.rows
     simulated = len(rows) * TIMESTEP
@@ -74,39 +74,40 @@ def metrics(run: Run) -> dict[str, float]:
 
 
 def _stiff(run: Run) -> NDArray[np.bool_]:
-    """Rows (N,) in which the tool was to be where its reference is, and not to yield."""
+    """Return the rows (N,) in which the tool had to follow its reference, and not to comply."""
     stiff = np.ones(len(run.rows), dtype=np.bool_)
-    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
-        stiff[first:end] = not phase.compliant
+    for phase, rows in run.spans():
+        stiff[rows] = not phase.compliant
     return stiff
 
 
 def _tool(run: Run) -> ToolMotion:
-    """What the tool did, by what the joints did."""
+    """Return the motion of the tool that follows from that of the joints."""
     q, v, a = (run.rows[f"joints/{name}"] for name in "qva")
     jerk = np.diff(a, axis=0, append=a[-1:]) / TIMESTEP
     return tool_motion(Arm(run.scenario.robot), q, v, a, jerk)
 
 
 def _smoothness(run: Run, motion: ToolMotion) -> dict[str, float]:
-    """Mean over the motions from rest to rest."""
+    """Return the mean smoothness of the motions from rest to rest."""
     found = []
     start = None
-    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+    for phase, rows in run.spans():
         if phase.leg is None:
             continue
-        start = first if start is None else start
+        start = phase.start if start is None else start
         if phase.leg.waypoint.rests:
-            value = smoothness(motion.v[start:end], motion.j[start:end], TIMESTEP)
+            whole = slice(start, rows.stop)
+            value = smoothness(motion.v[whole], motion.j[whole], TIMESTEP)
             found += [] if value is None else [value]
             start = None
     return {"smoothness_ldlj": float(np.mean(found))} if found else {}
 
 
 def _energy(run: Run) -> float:
-    """Mechanical energy through the motors in either direction, Σ_i ∫ |tau_i v_i| dt [J].
+    """Return the mechanical energy through the motors, both ways, Σ_i ∫ |tau_i v_i| dt [J].
 
-    A torque holds for a period, in which the speed changes evenly.
+    Torques are constant in a control period; velocities change linearly.
     """
     tau, v = run.rows["joints/tau"], run.rows["joints/v"]
     middle = 0.5 * (v[1:] + v[:-1])
@@ -114,23 +115,18 @@ def _energy(run: Run) -> float:
 
 
 def _settle_time(run: Run) -> float:
-    """Longest time from a motion's end until the tool is settled for as long as the arm waits.
+    """Return the longest time from the end of a motion until the tool has settled [s].
 
-    The tool is settled while it is within `SETTLED` of its reference; where it is not before
-    the next motion begins, the time is all there was.
+    The tool has settled once it stays within `SETTLED` of its reference; if it does not before
+    the next motion, the time in between counts.
     """
     error = run.rows["errors/tool_position"][:, 0]
     longest, since = 0, None
-    for (first, end), phase in zip(_spans(run), run.phases, strict=True):
+    for phase, rows in run.spans():
         if phase.leg is not None:
-            since = end
+            since = rows.stop
         elif since is not None and not phase.compliant:
-            outside = np.flatnonzero(error[first:end] > SETTLED)
-            longest = max(longest, first + int(outside[-1]) + 1 - since if outside.size else 0)
+            outside = np.flatnonzero(error[rows] > SETTLED)
+            settled = phase.start + int(outside[-1]) + 1 if outside.size else since
+            longest = max(longest, settled - since)
     return longest * TIMESTEP
-
-
-def _spans(run: Run) -> list[tuple[int, int]]:
-    """First row of each phase and the one after its last."""
-    starts = [phase.start for phase in run.phases]
-    return list(zip(starts, [*starts[1:], len(run.rows)], strict=True))

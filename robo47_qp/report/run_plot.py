@@ -1,4 +1,4 @@
-"""A picture of a run: the tool's path and how well it was followed."""
+"""Plots of a run: tool path, tracking errors and torques."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -88,9 +88,11 @@ def _save(figure: Figure, path: Path) -> None:
 
 def _tool_path(axes: Axes, rows: Rows, run: Run, plane: tuple[int, int]) -> None:
     i, j = plane
-    asked, done = rows["tool/pose_ref"], rows["tool/pose"]
-    axes.plot(done[:, i], done[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured")
-    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="tool, reference")
+    reference, measured = rows["tool/pose_ref"], rows["tool/pose"]
+    axes.plot(
+        measured[:, i], measured[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured"
+    )
+    axes.plot(reference[:, i], reference[:, j], color=_RED, lw=1.0, label="tool, reference")
     for name in run.objects:
         pose = rows[f"objects/{name}"]
         axes.plot(pose[:, i], pose[:, j], color=_GREY, lw=1.2, label=name, zorder=1)
@@ -103,11 +105,10 @@ def _tool_path(axes: Axes, rows: Rows, run: Run, plane: tuple[int, int]) -> None
 
 def _mark_phases(axes: Axes, run: Run) -> None:
     t = run.rows["time"][:, 0]
-    ends = [phase.start for phase in run.phases[1:]] + [len(t)]
     axes.margins(y=0.35)
-    for phase, end in zip(run.phases, ends, strict=True):
-        if end - phase.start > 0.05 * len(t):
-            middle = float(np.mean(t[[phase.start, end - 1]]))
+    for phase, rows in run.spans():
+        if rows.stop - rows.start > 0.05 * len(t):
+            middle = float(np.mean(t[[rows.start, rows.stop - 1]]))
             axes.text(
                 *(middle, 0.96, phase.name),
                 transform=axes.get_xaxis_transform(),

@@ -1,4 +1,4 @@
-"""The machine-readable report of a run."""
+"""The report of a run, as JSON and as Markdown."""
 
 import dataclasses
 import platform
@@ -19,7 +19,7 @@ _PACKAGES = ("mujoco", "mink", "qpsolvers", "daqp", "osqp", "ruckig", "numpy", "
 
 
 def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) -> dict[str, Any]:
-    """Everything worth keeping of a run but its signals, as plain JSON types."""
+    """Return outcome, settings, metrics, audit and motions of a run as JSON types."""
     failure, scenario = run.failure, run.scenario
     return {
         "success": failure is None,
@@ -53,14 +53,14 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
 
 
 def summary_markdown(summary: Mapping[str, Any]) -> str:
-    """The report for people, as Markdown."""
+    """Return a report as Markdown."""
     outcome = "Success" if summary["success"] else f"Failed: {summary['failure']}"
     lines = [f"# {outcome}", ""]
     if summary["evidence"]:
         lines += [summary["evidence"], ""]
     lines += ["| figure | value |", "|---|--:|"]
     lines += [f"| {name} | {value:.4g} |" for name, value in summary["metrics"].items()]
-    lines += ["", "| promise | limit | extreme | unit | at s | kept |"]
+    lines += ["", "| signal | limit | extreme | unit | at s | kept |"]
     lines += ["|---|--:|--:|---|--:|---|"]
     lines += [
         f"| {f['signal']} | {f['limit']:.4g} | {f['extreme']:.4g} | {f['unit']} | "
@@ -72,7 +72,7 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a result depends on."""
+    """Return the versions of Python and of the packages that a result depends on."""
     return {
         "robo47_qp": __version__,
         "python": platform.python_version(),
@@ -81,9 +81,9 @@ def versions() -> dict[str, str]:
 
 
 def plain(value: object) -> Any:
-    """A setting as JSON: dataclasses by field with the name of their class.
+    """Return a setting as JSON types: dataclasses by field, with the name of their class.
 
-    JSON has no infinity and no NaN: they become text. Of any other object, the class is told.
+    Infinity and NaN, which JSON lacks, become text; other objects become the name of their class.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         names = [f.name for f in dataclasses.fields(value)]

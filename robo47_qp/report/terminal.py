@@ -1,4 +1,4 @@
-"""What a run says in the terminal."""
+"""Progress and summary of a run in the terminal."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,14 +15,14 @@ from robo47_qp.sim.simulation import Simulation
 
 
 class ProgressBar(Observer):
-    """A bar over simulated time; a retry makes the run longer than foreseen."""
+    """Bar over simulated time; with retries, a run takes longer than expected."""
 
     def __init__(self, console: Console, expected: float) -> None:
         """Show an empty bar.
 
         Args:
             console: Where to draw.
-            expected: Foreseen length of the run [s].
+            expected: Expected duration of the run [s].
         """
         self._progress = Progress(
             TextColumn("{task.description:<14}"),
@@ -38,7 +38,7 @@ class ProgressBar(Observer):
         self._progress.start()
 
     def phase(self, time: float, name: str) -> None:
-        """Name the phase."""
+        """Show the name of the phase."""
         self._progress.update(self._bar, description=name)
 
     def tick(self, simulation: Simulation) -> None:
@@ -58,12 +58,12 @@ def print_summary(
     findings: Sequence[Finding],
     files: Mapping[str, Path],
 ) -> None:
-    """Print what happened, how well, and where to look."""
+    """Print the outcome, the metrics and the files of a run."""
     console.print(_waypoints(run))
     console.print(_audit(findings))
-    broken = [finding for finding in findings if not finding.ok]
-    for finding in broken:
-        console.print(f"[bold red]broken promise[/]  {escape(finding.told)}", highlight=False)
+    violations = [finding for finding in findings if not finding.ok]
+    for finding in violations:
+        console.print(f"[bold red]violation[/]  {escape(str(finding))}", highlight=False)
     if run.failure is None:
         console.print("[bold green]success[/]")
     else:
@@ -79,10 +79,10 @@ def print_summary(
         f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm, settled within "
         f"{metrics['settle_time_s']:.3f} s\n"
         f"  contact          up to {metrics['peak_contact_force_N']:.2f} N on the tool, "
-        f"{metrics['mean_contact_force_N']:.2f} N in the mean while it touches\n"
+        f"{metrics['mean_contact_force_N']:.2f} N mean while in contact\n"
         f"  energy           {metrics['energy_J']:.1f} J\n"
         f"{_smooth(metrics)}"
-        f"  promises         {len(findings) - len(broken)} of {len(findings)} kept\n"
+        f"  audit            {len(findings) - len(violations)} of {len(findings)} limits kept\n"
         f"  control loop     {metrics['step_us']:.1f} µs per step, "
         f"{metrics['real_time_factor']:.0f} times real time",
         highlight=False,
@@ -126,8 +126,8 @@ def _waypoints(run: Run) -> Table:
 
 def _audit(findings: Sequence[Finding]) -> Table:
     table = Table(title="Audit", title_justify="left", header_style="", box=None)
-    for heading in ("promise", "limit", "extreme", "at s", "unit", "kept"):
-        left = heading in ("promise", "unit", "kept")
+    for heading in ("signal", "limit", "extreme", "at s", "unit", "kept"):
+        left = heading in ("signal", "unit", "kept")
         table.add_column(heading, justify="left" if left else "right")
     for finding in findings:
         table.add_row(

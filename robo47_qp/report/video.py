@@ -1,4 +1,4 @@
-"""Video of a run, rendered offscreen."""
+"""Pictures and videos of a simulation, rendered offscreen."""
 
 import os
 import sys
@@ -48,12 +48,12 @@ class OffscreenCamera:
             ) from error
 
     def picture(self, data: mujoco.MjData) -> "NDArray[np.uint8]":
-        """RGB picture of shape (height, width, 3)."""
+        """Return an RGB picture of shape (height, width, 3)."""
         self._renderer.update_scene(data, self._camera)
         return self._renderer.render().copy()
 
     def close(self) -> None:
-        """Free the context."""
+        """Close the context."""
         self._renderer.close()
 
 
@@ -90,12 +90,14 @@ class Video(Observer):
             ) from error
 
     def tick(self, simulation: Simulation) -> None:
-        """Draw the frames that are due."""
+        """Render the frames that are due."""
         while self._frames <= simulation.time * _FRAMES_PER_SECOND:
             try:
                 self._writer.append_data(self._camera.picture(simulation.data))
             except OSError as error:
-                raise RecordingError(f"The video {self._path} broke off: {error}.") from error
+                raise RecordingError(
+                    f"The video {self._path} could not be written: {error}."
+                ) from error
             self._frames += 1
 
     def close(self) -> None:
@@ -105,7 +107,7 @@ class Video(Observer):
 
 
 def _use_egl_without_display() -> None:
-    """Let MuJoCo draw with EGL where nobody chose otherwise and there is no display."""
+    """Let MuJoCo render with EGL if there is no display and MUJOCO_GL is not set."""
     if sys.platform != "linux" or "MUJOCO_GL" in os.environ or os.environ.get("DISPLAY"):
         return
     context: Any = import_module("mujoco.rendering.classic.gl_context")

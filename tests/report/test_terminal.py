@@ -42,8 +42,8 @@ def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) 
     assert f"up to {figures['peak_contact_force_N']:.2f} N on the tool" in text
     assert f"energy           {figures['energy_J']:.1f} J" in text
     assert f"smoothness       {figures['smoothness_ldlj']:.2f} (" in text
-    assert f"promises         {len(audit(run))} of {len(audit(run))} kept" in text
-    assert "broken promise" not in text
+    assert f"audit            {len(audit(run))} of {len(audit(run))} limits kept" in text
+    assert "violation" not in text
     # Paths are not broken: they are there to be copied.
     assert f"rerun {long}\n" in text
     assert f"{tmp_path / 'run.json'}\n" in text
@@ -60,9 +60,9 @@ def test_the_summary_tells_a_failure_and_a_broken_promise(tmp_path: Path) -> Non
     assert "failed: grasp  nothing between the fingers [really]" in text
     assert "success" not in text
     assert text.count(" NO") == len(findings)
-    assert f"promises         0 of {len(findings)} kept" in text
+    assert f"audit            0 of {len(findings)} limits kept" in text
     for finding in findings:
-        assert f"broken promise  {finding.told}" in " ".join(text.split("\n"))
+        assert f"violation  {finding}" in " ".join(text.split("\n"))
     assert "rerun" not in text
 
 

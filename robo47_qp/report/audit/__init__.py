@@ -1,1 +1,1 @@
-"""The audit: what was promised against what the simulated robot did."""
+"""Audit: the limits of a scenario against what the simulated robot did."""

@@ -1,25 +1,27 @@
-"""The audit: what was promised against what the simulated robot did."""
+"""Audit: the limits of a scenario against what the simulated robot did."""
+
+from math import isfinite
 
 import numpy as np
 
 from robo47_qp.arrays import Matrix
+from robo47_qp.collision.closest_approach import ClosestApproach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
-from robo47_qp.report.audit.contact import clearances, contacts
-from robo47_qp.report.audit.finding import Finding, bounded, within
+from robo47_qp.report.audit.finding import Finding, at_most, bounded, within
 from robo47_qp.report.audit.tool import tool_paths, tool_rates
 from robo47_qp.run.scenario import Run
 
 
 def audit(run: Run) -> list[Finding]:
-    """Check a run against the limits of its scenario, from its recorded signals alone."""
+    """Check a run against the limits of its scenario, using its recorded signals alone."""
     arm = Arm(run.scenario.robot)
     return [
         *_joints(run, arm),
         *tool_paths(run),
         *tool_rates(run, arm),
-        *clearances(run),
-        *contacts(run),
+        *_clearances(run),
+        *_contacts(run),
     ]
 
 
@@ -28,8 +30,8 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     robot, joints = scenario.robot, scenario.robot.joints
     profile = scenario.planner.profile.slowed(scenario.planner.pace)
     a_ref = rows["joints/a_ref"]
-    v_ref, j_ref = _promised(run, rows["joints/v_ref"], _rate(a_ref))
-    a, tau = _while_in_touch(run)
+    v_ref, j_ref = _bounded_reference(run, rows["joints/v_ref"], _rate(a_ref))
+    a, tau = _bounded_response(run)
     unit = robot.units
     efforts = ["N" if u == "m" else "N·m" for u in unit]
     per_s, per_s2, per_s3, rate = (
@@ -49,38 +51,79 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     ]
 
 
-def _promised(run: Run, v_ref: Matrix, j_ref: Matrix) -> tuple[Matrix, Matrix]:
-    """Velocity and jerk of the reference without what nothing was promised of, which is 0.
+def _bounded_reference(run: Run, v_ref: Matrix, j_ref: Matrix) -> tuple[Matrix, Matrix]:
+    """Return velocity and jerk of the reference, with 0 where they are not bounded.
 
-    The jerk of a streamed reference is not bounded; one that yields to forces, too, is the state
-    of the arm itself.
+    The jerk of a streamed reference is not bounded; a streamed and compliant one is the state of
+    the arm itself.
     """
     v_ref, j_ref = v_ref.copy(), j_ref.copy()
-    ends = [phase.start for phase in run.phases[1:]] + [len(v_ref)]
-    for phase, end in zip(run.phases, ends, strict=True):
+    for phase, rows in run.spans():
         if phase.streamed:
             # The period before it ends with its first acceleration.
-            j_ref[max(0, phase.start - 1) : end] = 0.0
+            j_ref[max(0, rows.start - 1) : rows.stop] = 0.0
             if phase.compliant:
-                v_ref[phase.start : end] = 0.0
+                v_ref[rows] = 0.0
     return v_ref, j_ref
 
 
-def _while_in_touch(run: Run) -> tuple[Matrix, Matrix]:
-    """Measured acceleration and torque, of which less is promised while the tool yields.
+def _bounded_response(run: Run) -> tuple[Matrix, Matrix]:
+    """Return measured acceleration and commanded torque, as far as they are bounded.
 
-    What an edge does to the arm as it is met is up to the edge: no acceleration is promised then,
-    and of the torque only what the motors deliver, not what is asked of them.
+    While the tool is compliant, impacts decide the acceleration, which is 0 here, and only the
+    torque that the motors deliver is bounded, not the commanded one.
     """
-    rows = run.rows
-    a, tau = rows["joints/a"].copy(), rows["joints/tau_command"].copy()
-    ends = [phase.start for phase in run.phases[1:]] + [len(a)]
-    for phase, end in zip(run.phases, ends, strict=True):
+    a, tau = run.rows["joints/a"].copy(), run.rows["joints/tau_command"].copy()
+    for phase, rows in run.spans():
         if phase.compliant:
-            a[phase.start : end] = 0.0
-            tau[phase.start : end] = rows["joints/tau"][phase.start : end]
+            a[rows] = 0.0
+            tau[rows] = run.rows["joints/tau"][rows]
     return a, tau
 
 
 def _rate(values: Matrix) -> Matrix:
     return np.diff(values, axis=0) / TIMESTEP
+
+
+def _contacts(run: Run) -> list[Finding]:
+    """Check contact forces: on the tool those that the task allows, on the links none."""
+    limit = run.scenario.task.force_max
+    links = at_most("link contact", "N", run.rows["contact/links"][:, 0], 0.0)
+    if not isfinite(limit):
+        return [links]
+    force = np.linalg.norm(run.rows["contact/tool"], axis=1)
+    return [at_most("tool contact", "N", force, limit), links]
+
+
+def _clearances(run: Run) -> list[Finding]:
+    """Check the distances of the robot from the task's obstacles, if there are any.
+
+    The reference must keep the clearance of the planner; the robot itself must not touch. What
+    the gripper holds is not checked.
+    """
+    scenario, rows = run.scenario, run.rows
+    robot, obstacles = scenario.robot, tuple(scenario.task.obstacles)
+    if not obstacles:
+        return []
+    closest = ClosestApproach(robot, obstacles)
+    fingers = [] if robot.gripper is None else [rows["gripper/fingers"]]
+    found = []
+    collisions = scenario.planner.collisions
+    if collisions is not None:
+        reference = np.hstack([rows["joints/q_ref"], *fingers])
+        found.append(_apart("reference clearance", closest, reference, collisions.clearance))
+    measured = np.hstack([rows["joints/q"], *fingers])
+    found.append(_apart("measured clearance", closest, measured, 0.0))
+    return found
+
+
+def _apart(signal: str, closest: ClosestApproach, q: Matrix, limit: float) -> Finding:
+    nearest = closest.along(q)
+    return Finding(
+        signal=f"{signal} ({nearest.body} to {nearest.obstacle})",
+        unit="m",
+        limit=limit,
+        extreme=nearest.distance,
+        time=nearest.row * TIMESTEP,
+        ok=nearest.distance >= limit,
+    )

@@ -1,4 +1,4 @@
-"""Finding: one promise and whether it was kept."""
+"""Finding: one limit and whether it was kept."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,24 +14,21 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One promise and whether it was kept."""
+    """One limit and whether it was kept."""
 
     signal: str
-    """What was looked at, with the joint, waypoint or obstacle where there is one."""
+    """Name of the quantity, with its joint, waypoint or obstacle."""
     unit: str
     limit: float
-    """What was promised."""
     extreme: float
-    """What came closest to the limit, or went furthest beyond it."""
+    """Value closest to the limit, or furthest beyond it."""
     time: float
     """When [s]."""
     ok: bool
 
-    @property
-    def told(self) -> str:
-        """In a line: signal, size, time and limit."""
+    def __str__(self) -> str:
         return (
-            f"{self.signal}: {self.extreme:.4g} {self.unit} at {self.time:.3f} s, promised is "
+            f"{self.signal}: {self.extreme:.4g} {self.unit} at {self.time:.3f} s, the limit is "
             f"{self.limit:.4g} {self.unit}"
         )
 
@@ -39,7 +36,7 @@ class Finding:
 def bounded(
     signal: str, units: Sequence[str], names: Sequence[str], values: Matrix, bound: Vector
 ) -> Finding:
-    """The column that uses most of its symmetric bound."""
+    """Return the finding of the column that uses most of its symmetric bound."""
     use = np.abs(values) / bound
     row, column = divmod(int(np.argmax(use)), use.shape[1])
     return Finding(
@@ -60,7 +57,7 @@ def within(
     low: Vector,
     high: Vector,
 ) -> list[Finding]:
-    """The columns that come closest to their lower and to their upper bound."""
+    """Return the findings of the columns closest to their lower and to their upper bound."""
     findings = []
     for side, bound, margin in (("lower", low, values - low), ("upper", high, high - values)):
         row, column = divmod(int(np.argmin(margin)), margin.shape[1])
@@ -78,7 +75,7 @@ def within(
 
 
 def at_most(signal: str, unit: str, sizes: Vector, limit: float) -> Finding:
-    """The largest of some sizes, which are not negative; the limit may be 0."""
+    """Return the finding of the largest of some magnitudes; the limit may be 0."""
     row = int(np.argmax(sizes))
     extreme = float(sizes[row])
     return Finding(

@@ -1,4 +1,4 @@
-"""Audit of the tool: on its lines and arcs, and within the bounds of its speed."""
+"""Audit of the tool: its distance from lines and arcs, and the bounds of its speed."""
 
 from collections.abc import Iterator
 
@@ -16,14 +16,14 @@ from robo47_qp.report.audit.finding import Finding, bounded
 from robo47_qp.run.scenario import Run
 
 LIN_COMMANDED = 10e-6
-"""How far the reference of a LIN or CIRC motion may leave its line or arc [m]."""
+"""Distance of the reference of a LIN or CIRC motion from its line or arc at most [m]."""
 LIN_MEASURED = 0.3e-3
-"""How far the tool may leave the line or arc [m]."""
+"""Distance of the tool from the line or arc at most [m]."""
 COMMANDED_EXCESS = 2e-3
 """Share by which the reference may exceed the bounds of the tool [-]: the planner bounds means
-over up to three periods, and its joint paths are splines that keep to a line only so closely."""
+over up to three periods, and its joint paths are splines that approximate a line."""
 MEASURED_EXCESS = 0.05
-"""Share by which the tool may be faster than the bounds of its reference [-]."""
+"""Share by which the tool may exceed the speed bounds of its reference [-]."""
 _RATES = (
     ("tool speed", "m/s"),
     ("tool acceleration", "m/s²"),
@@ -38,7 +38,7 @@ _OF_THE_TOOL = (Motion.LIN, Motion.CIRC)
 
 
 def tool_paths(run: Run) -> list[Finding]:
-    """Distances from lines and arcs; what yields to forces is held to its reference alone."""
+    """Check the distances from lines and arcs; in compliant motions, of the reference only."""
     findings = []
     for motion in (Motion.LIN, Motion.CIRC):
         for signal, column, limit in (
@@ -54,11 +54,10 @@ def tool_paths(run: Run) -> list[Finding]:
 
 
 def tool_rates(run: Run, arm: Arm) -> list[Finding]:
-    """Speed, acceleration and jerk of the tool in LIN and CIRC motions.
+    """Check speed, acceleration and jerk of the tool in LIN and CIRC motions.
 
-    The bounds are those of the tool's profile at the pace of each motion. The reference is held
-    to all of them, the tool itself, which also shivers, to its speeds; where it yields to
-    forces, it is held to nothing.
+    The bounds are those of the tool's profile at the pace of each motion. The reference must keep
+    all of them, the tool itself, which also vibrates, its speeds; a compliant tool is not checked.
     """
     findings: list[Finding] = []
     for title, measured in (("reference", False), ("measured", True)):
@@ -92,7 +91,7 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
 
 
 def _motion(run: Run, arm: Arm, rows: NDArray[np.intp], kind: str) -> ToolMotion:
-    """Motion of the tool in some rows; "_ref" as the kind for that of the reference."""
+    """Return the motion of the tool in some rows; with kind "_ref", that of its reference."""
     q, v, a = (run.rows[f"joints/{name}{kind}"] for name in "qva")
     # Mean jerk of the period that a row begins; the last row begins none.
     after = a[np.minimum(rows + 1, len(a) - 1)]
@@ -100,7 +99,7 @@ def _motion(run: Run, arm: Arm, rows: NDArray[np.intp], kind: str) -> ToolMotion
 
 
 def _bounds(planner: Planner, leg: Leg) -> Vector:
-    """Bounds of the tool on the way of a leg, in the order of `ToolMotion` (6,)."""
+    """Return the bounds of the tool on the path of a leg, in the order of `ToolMotion` (6,)."""
     straight = isinstance(leg.way, Line)
     profile = planner.lin.profile if straight else planner.continuous.profile
     slowed = profile.slowed(planner.pace * leg.waypoint.pace)
@@ -111,15 +110,14 @@ def _bounds(planner: Planner, leg: Leg) -> Vector:
 
 
 def _spans(run: Run, measured: bool) -> Iterator[tuple[NDArray[np.intp], Leg]]:
-    """Rows of each leg; without those that yield to forces where the measured tool is looked at."""
-    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
-    for phase, end in zip(run.phases, ends, strict=True):
+    """Yield the rows of each leg; for the measured tool, only of those that are not compliant."""
+    for phase, rows in run.spans():
         if phase.leg is not None and not (measured and phase.compliant):
-            yield np.arange(phase.start, end), phase.leg
+            yield np.arange(rows.start, rows.stop), phase.leg
 
 
 def _off_way(run: Run, motion: Motion, positions: Matrix, measured: bool) -> Matrix | None:
-    """Distance from line or arc in the rows of such motions (N, 1), 0 elsewhere."""
+    """Return the distance from line or arc in the rows of such motions (N, 1), 0 elsewhere."""
     off = np.zeros((len(positions), 1))
     found = False
     for rows, leg in _spans(run, measured):

@@ -64,7 +64,7 @@ def test_links_touch_nothing_at_all(run: Run) -> None:
     assert broken(findings) == ["link contact"]
     found = finding(findings, "link contact")
     assert (found.limit, found.extreme, found.time) == (0.0, 1e-6, ROW * TIMESTEP)
-    assert found.told == "link contact: 1e-06 N at 0.700 s, promised is 0 N"
+    assert str(found) == "link contact: 1e-06 N at 0.700 s, the limit is 0 N"
 
 
 @pytest.mark.parametrize("joint", [1, 4])

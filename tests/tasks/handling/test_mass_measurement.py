@@ -46,7 +46,7 @@ def heavier(task: Task, factor: float, *observers: Meddler) -> Run:
 
 
 def broken(run: Run) -> list[str]:
-    return [finding.told for finding in audit(run) if not finding.ok]
+    return [str(finding) for finding in audit(run) if not finding.ok]
 
 
 def weighed(forces: list[float]) -> float:
