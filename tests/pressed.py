@@ -15,8 +15,8 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from tests.controlled import DT, at_rest

@@ -14,7 +14,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.limits import LinError
-from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.route import refused, segment
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 

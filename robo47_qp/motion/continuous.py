@@ -15,8 +15,8 @@ from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointPath, Stretch
 from robo47_qp.motion.following.limits import LinError, check_limits
 from robo47_qp.motion.following.tracking import Effort, Tracking
-from robo47_qp.motion.paths.blended import BlendError
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.curves import BlendError
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.route import (
     STILL,
     Curve,

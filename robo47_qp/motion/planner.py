@@ -22,10 +22,9 @@ from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.continuous import Continuous, PacedProfile, Passage
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.following.tracking import Effort
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.arc import Arc
-from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.paths.segments import Arc, Line
 from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.route import misshapen, refused, segment
 from robo47_qp.motion.timing.lower_bound import paced_bound

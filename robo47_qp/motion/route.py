@@ -12,11 +12,8 @@ from robo47_qp.errors import (
     Rejection,
 )
 from robo47_qp.motion.following.limits import LinError
-from robo47_qp.motion.paths.arc import Arc, arc_about, arc_through
-from robo47_qp.motion.paths.blended import BlendError, ToolCurve
-from robo47_qp.motion.paths.line import Line
-from robo47_qp.motion.paths.speed_limits import PathProfile
-from robo47_qp.motion.paths.spline import Through
+from robo47_qp.motion.paths.curves import BlendError, Through, ToolCurve
+from robo47_qp.motion.paths.segments import Arc, Line, PathProfile, arc_about, arc_through
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 
 Curve = ToolCurve | Through

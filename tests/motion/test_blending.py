@@ -14,7 +14,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.blending import least_with_stops, parted, quickest
 from robo47_qp.motion.continuous import PacedProfile
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
 

@@ -19,8 +19,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.limits import LinError
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import (
     Motion,

@@ -17,8 +17,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.continuous import Continuous, PacedProfile
-from robo47_qp.motion.paths.line import Line
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import Line, PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import tool_rates
 from robo47_qp.motion.waypoint import Motion, Waypoint

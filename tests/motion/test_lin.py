@@ -23,10 +23,9 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following.limits import LinError
+from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.following.tracking import _away
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.line import Line
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import Line, PathProfile
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import shifted, turned
 from tests.motion.timing.test_jerk_limited import shortest

@@ -7,8 +7,8 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.timing.time_law import Quintic
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import shifted
@@ -37,7 +37,7 @@ def planned(arm: Arm, q: Vector, pace: float = 1.0, lin: Lin | None = None) -> T
 def stretched(arm: Arm, q: Vector, monkeypatch: pytest.MonkeyPatch) -> Trajectory:
     """The same line, slowed as a whole."""
     with monkeypatch.context() as patch:
-        patch.setattr("robo47_qp.motion.lin._UNEVEN", np.inf)
+        patch.setattr("robo47_qp.motion.following.lin._UNEVEN", np.inf)
         return planned(arm, q)
 
 
@@ -94,7 +94,7 @@ def test_an_even_line_is_the_same_as_ever(arm: Arm, monkeypatch: pytest.MonkeyPa
     goal = shifted(arm.pose(arm.home), np.array([0.1, -0.2, -0.1]))
     profile = PANDA.profile.slowed(0.3)
     plans = [Lin().plan(arm, IK, arm.home, goal, profile, DT)[0]]
-    monkeypatch.setattr("robo47_qp.motion.lin._UNEVEN", np.inf)
+    monkeypatch.setattr("robo47_qp.motion.following.lin._UNEVEN", np.inf)
     plans.append(Lin().plan(arm, IK, arm.home, goal, profile, DT)[0])
     assert plans[0].duration > 2.0 * Lin().profile.least_time(0.25, 0.0)
     assert plans[0].q.tobytes() == plans[1].q.tobytes()

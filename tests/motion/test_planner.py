@@ -13,8 +13,8 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
-from robo47_qp.motion.lin import Lin
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import (
     Motion,

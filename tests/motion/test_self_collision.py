@@ -16,7 +16,7 @@ from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.lin import Lin
+from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import (

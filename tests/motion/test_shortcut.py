@@ -9,10 +9,10 @@ from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.blending import Corner, cut_corners
+from robo47_qp.motion.paths.curves import BlendError
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.ptp import plan_ptp
-from robo47_qp.motion.shortcut import Corner, cut_corners
 from robo47_qp.motion.trajectory import Trajectory
 from tests.plain_arm import PlainArm
 

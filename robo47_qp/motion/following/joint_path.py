@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.paths.curves import BlendError
 
 _ROOM = 0.99
 """Part of a stretch that the blends at its ends may take together."""

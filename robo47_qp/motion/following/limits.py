@@ -7,7 +7,7 @@ from scipy.interpolate import BSpline, PPoly
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason, Robo47Error
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.following.blocked import AT_LIMIT
+from robo47_qp.motion.following.small_steps import AT_LIMIT
 
 
 class LinError(Robo47Error):

@@ -12,9 +12,8 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.following.blocked import AT_LIMIT, blocked, rough
-from robo47_qp.motion.following.creeping import creep, one_start
 from robo47_qp.motion.following.limits import LinError, check_all_along
+from robo47_qp.motion.following.small_steps import AT_LIMIT, blocked, creep, one_start, rough
 
 _TASK = 6
 """Coordinates of a pose: an arm with more joints has motions of its own."""

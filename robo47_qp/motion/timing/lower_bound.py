@@ -7,7 +7,7 @@ import numpy as np
 from robo47_qp.arrays import Matrix
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.tool_motion import tool_rates
 from robo47_qp.motion.trajectory import Trajectory
 

@@ -1,8 +1,8 @@
-"""Time-optimal straight motion from rest to rest, velocity, acceleration and jerk bounded.
+"""Motion from rest to rest: time-optimal on a straight line of the joint space, by Ruckig.
 
-Everything is computed here, by Ruckig's state-to-state planner (Berscheid and Kröger,
-"Jerk-limited real-time trajectory generation with arbitrary target states", RSS 2021);
-its waypoint planner calls a remote service and is not used.
+Berscheid and Kröger, "Jerk-limited real-time trajectory generation with arbitrary target
+states", RSS 2021. Everything is computed here: Ruckig's waypoint planner, which calls a remote
+service, is not used.
 """
 
 from collections.abc import Callable

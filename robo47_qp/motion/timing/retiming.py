@@ -14,7 +14,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointCurve
 from robo47_qp.motion.following.limits import LinError
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.timing.state_to_state import Leap, leap
 from robo47_qp.motion.tool_motion import tool_rates
 from robo47_qp.motion.trajectory import Trajectory

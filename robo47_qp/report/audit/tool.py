@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion

@@ -15,13 +15,14 @@ from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.following import creeping
-from robo47_qp.motion.following.blocked import blocked, rough
-from robo47_qp.motion.following.creeping import (
+from robo47_qp.motion.following import small_steps
+from robo47_qp.motion.following.small_steps import (
     STRIDE,
+    blocked,
     creep,
     nearby,
     one_start,
+    rough,
 )
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
@@ -136,7 +137,7 @@ def test_before_it_is_stuck_it_looks_from_around(monkeypatch: pytest.MonkeyPatch
     def only_from_around(*_: object, starts: int, **__: object) -> Vector | None:
         return PANDA.home if starts else None
 
-    monkeypatch.setattr(creeping, "nearby", only_from_around)
+    monkeypatch.setattr(small_steps, "nearby", only_from_around)
     here, ik = PANDA_ARM.pose(PANDA.home), Stubborn(lambda q: q, False)
     assert creep(PANDA_ARM, ik, PANDA.home, lambda _: here).stuck is None
 

@@ -10,7 +10,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following.joint_path import JointPath, Stretch
-from robo47_qp.motion.paths.blended import BlendError
+from robo47_qp.motion.paths.curves import BlendError
 from tests.plain_arm import PlainArm
 
 ARM, PLAIN = Arm(PANDA), PlainArm(PANDA)

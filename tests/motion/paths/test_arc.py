@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.motion.paths.arc import Arc, arc_about, arc_through
+from robo47_qp.motion.paths.segments import Arc, arc_about, arc_through
 
 TURN = np.array([0.3, -0.2, 0.5])
 

@@ -7,7 +7,7 @@ from mink import SE3, SO3
 from scipy.spatial.transform import Rotation, Slerp
 
 from robo47_qp.arrays import Vector
-from robo47_qp.motion.paths.line import Line
+from robo47_qp.motion.paths.segments import Line
 from tests.examples import poses, shifted, turned
 
 HERE = SE3.from_rotation_and_translation(

@@ -8,11 +8,8 @@ from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.paths.arc import arc_through
-from robo47_qp.motion.paths.blended import BlendError, ToolCurve
-from robo47_qp.motion.paths.line import Line
-from robo47_qp.motion.paths.speed_limits import PathProfile
-from robo47_qp.motion.paths.spline import Through
+from robo47_qp.motion.paths.curves import BlendError, Through, ToolCurve
+from robo47_qp.motion.paths.segments import Line, PathProfile, arc_through
 
 PROFILE = PathProfile()
 

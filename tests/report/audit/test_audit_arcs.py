@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.motion.continuous import Continuous
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.timing.time_law import Trapezoid
 from robo47_qp.report.audit.audit import audit

@@ -13,9 +13,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.limits import LinError, check_limits
 from robo47_qp.motion.following.tracking import Tracking
-from robo47_qp.motion.paths.arc import Arc
-from robo47_qp.motion.paths.line import Line
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import Arc, Line, PathProfile
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory, hold

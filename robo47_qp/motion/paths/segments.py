@@ -1,4 +1,6 @@
-"""Arc: the motion of a tool on a circle between two poses."""
+"""Segments of a tool path: straight lines and arcs of circles, and how fast the tool may go."""
+
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -6,6 +8,51 @@ from mink import SE3, SO3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
+
+
+class Line:
+    """The position goes straight; the orientation turns about one axis, in proportion."""
+
+    def __init__(self, start: SE3, goal: SE3) -> None:
+        """From `start` to `goal`, both T_world_tcp; the turn is the shorter one."""
+        self._start = start
+        self._shift = goal.translation() - start.translation()
+        # mink's logarithm is zero at half a turn; MuJoCo's is not.
+        self._turn = np.zeros(3)
+        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
+        self.length = float(np.linalg.norm(self._shift))
+        """[m]"""
+        self.angle = float(np.linalg.norm(self._turn))
+        """[rad]"""
+
+    @property
+    def turn(self) -> Vector:
+        """Rotation vector from start to goal in the frame of the start [rad]."""
+        return self._turn.copy()
+
+    def at(self, s: float) -> SE3:
+        """T_world_tcp at s in [0, 1]."""
+        return SE3.from_rotation_and_translation(
+            self._start.rotation() @ SO3.exp(s * self._turn),
+            self._start.translation() + s * self._shift,
+        )
+
+    def position(self, s: float, order: int) -> Vector:
+        """Derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        if order == 0:
+            place: Vector = self._start.translation() + s * self._shift
+            return place
+        return self._shift.copy() if order == 1 else np.zeros(3)
+
+    def distances(self, positions: Matrix) -> Vector:
+        """Distance of points (N, 3) from the line between the two poses, shape (N,) [m]."""
+        offset: Matrix = positions - self._start.translation()
+        if self.length > 0.0:
+            s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
+            offset -= s[:, None] * self._shift
+        distance: Vector = np.linalg.norm(offset, axis=1)
+        return distance
+
 
 _FLAT = 1e-6
 """Sine of an angle below which three points lie on one line."""
@@ -127,3 +174,45 @@ def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
     x, z = start.translation() - exact, goal.translation() - exact
     sweep = float(np.arctan2(np.linalg.norm(np.cross(x, z)), x @ z))
     return Arc(start, goal, exact, sweep * normal / size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathProfile:
+    """Bounds on the tool along a straight path; each a speed, an acceleration, a jerk."""
+
+    linear: tuple[float, float, float] = (0.25, 0.75, 5.0)
+    """[m/s, m/s², m/s³]"""
+    angular: tuple[float, float, float] = (1.0, 3.0, 20.0)
+    """[rad/s, rad/s², rad/s³]"""
+
+    def along(self, length: float, angle: float, pace: float) -> Vector:
+        """Bounds on the first three derivatives of the path parameter in [0, 1].
+
+        Args:
+            length: Length of the path [m].
+            angle: Angle turned on the way [rad].
+            pace: Ratio in (0, 1]; stretches time by its inverse.
+
+        Returns:
+            Shape (3,) [1/s, 1/s², 1/s³].
+        """
+        bounds = np.full(3, np.inf)
+        if length > 0.0:
+            bounds = np.minimum(bounds, np.array(self.linear) / length)
+        if angle > 0.0:
+            bounds = np.minimum(bounds, np.array(self.angular) / angle)
+        bounds *= pace ** np.arange(1, 4)
+        return bounds
+
+    def least_time(self, length: float, angle: float) -> float:
+        """Time to go a way and turn an angle at full speed [s]."""
+        return max(length / self.linear[0], angle / self.angular[0])
+
+    def slowed(self, pace: float) -> "PathProfile":
+        """The bounds of the same paths run at `pace` times the full speed."""
+        v, a, j = self.linear
+        w, b, k = self.angular
+        return PathProfile(
+            linear=(v * pace, a * pace**2, j * pace**3),
+            angular=(w * pace, b * pace**2, k * pace**3),
+        )
