@@ -17,7 +17,7 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.time_law import (
     Cubic,
     Quintic,

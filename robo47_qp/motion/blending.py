@@ -6,23 +6,21 @@ from math import inf
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.continuous import PacedProfile
 from robo47_qp.motion.paths.curves import BlendError
-from robo47_qp.motion.paths.segments import Arc, PathProfile
-from robo47_qp.motion.ptp import plan_ptp
-from robo47_qp.motion.route import STILL, misshapen, segment
+from robo47_qp.motion.paths.segments import PathProfile
+from robo47_qp.motion.refusals import misshapen
+from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.lower_bound import least_time
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.state_to_state import to_state
 from robo47_qp.motion.timing.time_law import TimeLaw
 from robo47_qp.motion.tool_motion import tool_places
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.motion.waypoint import Motion, Waypoint
 
 Plan = TypeVar("Plan")
 
@@ -69,85 +67,81 @@ def quickest(
     return best
 
 
-def blends_joints(run: Sequence[Waypoint]) -> bool:
-    """True for PTP motions that are blended into each other."""
-    return all(w.motion is Motion.PTP for w in run) and all(w.blend for w in run[:-1])
-
-
-def parted(run: Sequence[Waypoint], stops: frozenset[int]) -> list[range]:
-    """Numbers of the waypoints of each motion when a run stops at some of them."""
-    ends = [-1, *sorted(stops), len(run) - 1]
-    return [range(first + 1, last + 1) for first, last in pairwise(ends)]
+def blends_joints(requests: Sequence[Request]) -> bool:
+    """Return whether all are motions of the joints that are blended into each other."""
+    return all(one.path is None for one in requests) and all(one.blend for one in requests[:-1])
 
 
 def least_with_stops(
-    poses: Sequence[SE3],
-    q: Sequence[Vector],
-    run: Sequence[Waypoint],
-    profile: PacedProfile,
+    arm: Arm,
+    q_start: Vector,
+    requests: Sequence[Request],
+    profile: MotionProfile,
     tool: PathProfile,
 ) -> float:
-    """Time that a run takes at least if it stops at every waypoint [s].
+    """Return the time that a run takes at least if it stops at every waypoint [s].
 
     Args:
-        poses: T_world_tcp at its start and at each waypoint.
-        q: Configurations there; used for PTP motions alone.
-        run: The waypoints.
-        profile: How fast the joints may go.
-        tool: Bounds of the tool in LIN and CIRC motions.
+        arm: The arm.
+        q_start: Configuration at its start (n,) [rad].
+        requests: Its motions, each with a configuration to reach.
+        profile: Bounds of the joints at full pace.
+        tool: Bounds of the tool where its path is prescribed.
     """
-    total = 0.0
-    for waypoint, (a, b), (q_a, q_b) in zip(run, pairwise(poses), pairwise(q), strict=True):
-        pace = profile.pace * waypoint.pace
-        if waypoint.motion is Motion.PTP:
-            joints = profile.joints.slowed(pace)
-            bounds = zip(np.abs(q_b - q_a), joints.v_max, joints.a_max, joints.j_max, strict=True)
+    total, q, pose = 0.0, q_start, arm.pose(q_start)
+    for request in requests:
+        q_goal = q if request.goal is None else request.goal.q
+        if request.path is None:
+            joints = profile.slowed(request.pace)
+            bounds = zip(np.abs(q_goal - q), joints.v_max, joints.a_max, joints.j_max, strict=True)
             total += max(least_time(*(float(x) for x in row)) for row in bounds)
-            continue
-        way = segment(waypoint, a, b)
-        v, acc, jerk = (float(x) for x in tool.along(way.length, way.angle, pace))
-        # On an arc the jerk of the tool is not that of its way.
-        total += least_time(1.0, v, acc, inf if isinstance(way, Arc) else jerk)
+        else:
+            path = request.path(pose)
+            v, a, j = (float(x) for x in tool.along(path.length, path.angle, request.pace))
+            # On an arc the jerk of the tool is not that of its path parameter.
+            total += least_time(1.0, v, a, j if request.straight else inf)
+        q, pose = q_goal, request.T_world_goal
     return total
 
 
 def cut_ptp(
     arm: Arm,
-    run: Sequence[Waypoint],
-    q: Sequence[Vector],
-    profile: PacedProfile,
+    q_start: Vector,
+    requests: Sequence[Request],
+    profile: MotionProfile,
     law: TimeLaw,
     dt: float,
 ) -> tuple[Trajectory, list[int]]:
-    """PTP motions with their corners cut; see `cut_corners`.
+    """Plan motions of the joints with their corners cut; see `cut_corners`.
 
     Args:
         arm: The arm.
-        run: The waypoints, all but the last blended.
-        q: Configurations at the start and at each waypoint.
-        profile: How fast the joints may go; on a cut, as fast as on the faster of both sides.
+        q_start: Configuration at the start (n,) [rad].
+        requests: The motions, all but the last blended.
+        profile: Bounds of the joints at full pace; on a cut, the pace is the faster of both sides.
         law: How each motion runs.
         dt: Time between samples [s].
 
     Raises:
         PlanError: A waypoint is where the motion already is, or a blend does not fit.
     """
-    profiles = [profile.joints.slowed(profile.pace * waypoint.pace) for waypoint in run]
-    for waypoint, (a, b) in zip(run, pairwise(q), strict=True):
-        if (np.abs(b - a) / profile.joints.v_max).max() < STILL:
-            raise misshapen(waypoint, "it is where the motion already is")
+    profiles = [profile.slowed(request.pace) for request in requests]
+    q = [q_start, *(request.goal.q for request in requests if request.goal is not None)]
+    for request, (a, b) in zip(requests, pairwise(q), strict=True):
+        if (np.abs(b - a) / profile.v_max).max() < STILL:
+            raise misshapen(request.name, "it is where the motion already is")
     motions = [
         plan_ptp(a, b, profile, dt, law)
         for (a, b), profile in zip(pairwise(q), profiles, strict=True)
     ]
     corners = [
-        Corner(waypoint.blend, _either(a, b))
-        for waypoint, (a, b) in zip(run[:-1], pairwise(profiles), strict=True)
+        Corner(request.blend, _either(a, b))
+        for request, (a, b) in zip(requests[:-1], pairwise(profiles), strict=True)
     ]
     try:
         return cut_corners(arm, motions, corners)
     except BlendError as error:
-        raise misshapen(run[error.segment], str(error)) from error
+        raise misshapen(requests[error.segment].name, str(error)) from error
 
 
 def _either(a: MotionProfile, b: MotionProfile) -> MotionProfile:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
@@ -13,10 +12,9 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.following.lin import Lin
-from robo47_qp.motion.route import refused, segment
-from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.motion.refusals import PathError, collided, refused
+from robo47_qp.motion.waypoint import Place, Waypoint, goal_pose
 
 _TOLD = 3
 """Branches whose failure is told when all fail."""
@@ -34,7 +32,7 @@ class Branch:
 
 def groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
     """Each PTP waypoint with the LIN and CIRC waypoints after it."""
-    cuts = [i for i, waypoint in enumerate(waypoints) if i and waypoint.motion is Motion.PTP]
+    cuts = [i for i, waypoint in enumerate(waypoints) if i and not waypoint.prescribes_path]
     return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
 
 
@@ -47,7 +45,7 @@ def traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list
     return results
 
 
-def ruled_out(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
+def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
     """The waypoint that none got past: the furthest that any branch failed at."""
     order = [waypoint.name for waypoint in group]
     furthest = max(failed, key=lambda error: order.index(error.waypoint))
@@ -125,8 +123,8 @@ class BranchChoice:
         back: list[list[int]] = []
         for group, layer in zip(grouped, layers, strict=True):
             reached = [branch.results[0].q for branch in layer]
-            straight = group[0].motion is not Motion.PTP
-            ways = np.array([[_way(q, end, v_max, straight) for end in ends] for q in reached])
+            led = group[0].prescribes_path
+            ways = np.array([[_way(q, end, v_max, led) for end in ends] for q in reached])
             total = ways + cost
             back.append([int(row.argmin()) for row in total])
             crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
@@ -134,7 +132,7 @@ class BranchChoice:
             ends = [branch.results[-1].q for branch in layer]
         return traced(layers, back, int(cost.argmin()))
 
-    def leading_on(
+    def candidates_for(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
     ) -> Iterator[IkResult]:
         """Configurations at a PTP waypoint from which its lines can be followed.
@@ -174,7 +172,7 @@ class BranchChoice:
         if not self._clear([usual]):
             return None
         try:
-            self.led_on(arm, ik, lin, usual, waypoint.onward)
+            self.followed(arm, ik, lin, usual, waypoint.onward)
         except PlanError:
             return None
         return usual
@@ -183,7 +181,7 @@ class BranchChoice:
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
     ) -> list[Branch]:
         first = group[0]
-        if first.motion is not Motion.PTP:
+        if first.prescribes_path:
             # The chain begins on a line: the branch is that of its start.
             starts = [self._line(arm, ik, lin, first, q_start)]
         else:
@@ -193,11 +191,11 @@ class BranchChoice:
         branches, failed = [], []
         for start in starts:
             try:
-                branches.append(self.led_on(arm, ik, lin, start, group[1:]))
+                branches.append(self.followed(arm, ik, lin, start, group[1:]))
             except PlanError as error:
                 failed.append(error)
         if not branches:
-            raise ruled_out(group, failed)
+            raise furthest_failure(group, failed)
         return branches
 
     def _clear(self, found: list[IkResult]) -> list[IkResult]:
@@ -214,7 +212,7 @@ class BranchChoice:
         Raises:
             PlanError: There is none.
         """
-        target = tool_target(arm, waypoint)
+        target = goal_pose(arm, waypoint)
         if isinstance(waypoint.target, Place):
             found: Sequence[IkResult] = [judged(arm, target, arm.home, ik.tolerance, 0)]
         elif isinstance(ik, MultiStart):
@@ -226,7 +224,7 @@ class BranchChoice:
             raise PlanError(waypoint.name, found[0].explanation)
         return list(found)
 
-    def led_on(
+    def followed(
         self, arm: Arm, ik: IkSolver, lin: Lin, start: IkResult, lines: Sequence[Waypoint]
     ) -> Branch:
         """The branch that begins with an answer and follows straight lines.
@@ -243,22 +241,19 @@ class BranchChoice:
         return Branch(results=tuple(results), room=room)
 
     def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
-        way = segment(waypoint, arm.pose(q), tool_target(arm, waypoint))
-        time = lin.profile.least_time(way.length, way.angle)
+        asked = waypoint.path(arm.pose(q), goal_pose(arm, waypoint))
+        time = lin.profile.least_time(asked.length, asked.angle)
         try:
-            end, path = lin.follow(arm, ik, q, way)
-        except LinError as error:
-            raise refused(waypoint, error, error.fraction * time) from error
+            end, path = lin.follow(arm, ik, q, asked)
+        except PathError as error:
+            raise refused(waypoint.name, error, error.fraction * time) from error
         if self.collisions is not None:
             looks = path(np.linspace(0.0, 1.0, _LOOKS))
-            self.collisions.check_path(waypoint.name, looks, time / (_LOOKS - 1))
+            hit = self.collisions.first_hit(looks, time / (_LOOKS - 1))
+            if hit is not None:
+                raise collided(waypoint.name, hit)
         return end
 
 
-def tool_target(arm: Arm, waypoint: Waypoint) -> SE3:
-    """T_world_tcp that a waypoint asks for."""
-    return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
-
-
-def _way(q: Vector, q_before: Vector, v_max: Vector, straight: bool) -> float:
-    return 0.0 if straight else float((np.abs(q - q_before) / v_max).max())
+def _way(q: Vector, q_before: Vector, v_max: Vector, led: bool) -> float:
+    return 0.0 if led else float((np.abs(q - q_before) / v_max).max())

@@ -8,9 +8,9 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.motion_bounds import levers, moved_by
-from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
+from robo47_qp.motion.refusals import Hit, collided
 from robo47_qp.motion.trajectory import Trajectory
 
 Surroundings = Callable[[mujoco.MjSpec], None]
@@ -81,24 +81,22 @@ class Collisions:
         """
         return self._found(self._close(q))
 
-    def check(self, segment: str, trajectory: Trajectory) -> None:
-        """Refuse a trajectory that comes too close.
+    def check(self, waypoint: str, trajectory: Trajectory) -> None:
+        """Refuse a trajectory to a waypoint that comes too close to something.
 
         Raises:
             PlanError: It does; bodies, joint and time are named.
         """
-        self.check_path(segment, trajectory.q, trajectory.dt)
+        hit = self.first_hit(trajectory.q, trajectory.dt)
+        if hit is not None:
+            raise collided(waypoint, hit)
 
-    def check_path(self, segment: str, q: Matrix, dt: float) -> None:
-        """Refuse a path of the joints that comes too close.
+    def first_hit(self, q: Matrix, dt: float) -> Hit | None:
+        """Return where a joint path first comes too close to something; None if it does not.
 
         Args:
-            segment: The waypoint that it leads to.
             q: Configurations on it, straight between each and the next (N, n) [rad].
             dt: Time from each to the next [s].
-
-        Raises:
-            PlanError: It does; bodies, joint and time are named.
         """
         # How far any pair may have come closer or apart since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
@@ -110,35 +108,13 @@ class Collisions:
             close = self._close(now)
             found = self._found(close)
             if found is not None:
-                raise self._refused(segment, found, now, (k + share) * dt, (len(q) - 1) * dt)
+                time, whole = (k + share) * dt, (len(q) - 1) * dt
+                return Hit(*found, self.clearance, now, time, time / whole if whole else 0.0)
             if x >= last:
-                return
+                return None
             least = min(close.values(), default=np.inf)
             x += max(_LEAST, min(least, _SEEN) - _UNSEEN * self.clearance)
             x = min(x, last)
-
-    def _refused(
-        self,
-        segment: str,
-        found: tuple[str, str, str, float],
-        q: Vector,
-        time: float,
-        whole: float,
-    ) -> PlanError:
-        one, other, joint, distance = found
-        reason = (
-            f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
-            f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
-        )
-        rejection = Rejection(
-            reason=RefusalReason.COLLISION,
-            segment=segment,
-            fraction=time / whole if whole else 0.0,
-            time=time,
-            joint=joint,
-            q=tuple(q.tolist()),
-        )
-        return PlanError(segment, reason, rejection)
 
     def _found(self, close: dict[tuple[int, int], float]) -> tuple[str, str, str, float] | None:
         pair, distance = min(close.items(), key=lambda item: item[1], default=((0, 0), np.inf))

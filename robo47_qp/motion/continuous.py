@@ -6,6 +6,7 @@ from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
+from mink import SE3
 from scipy.interpolate import CubicSpline
 
 from robo47_qp.arrays import Vector
@@ -13,32 +14,16 @@ from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointPath, Stretch
-from robo47_qp.motion.following.limits import LinError, check_limits
 from robo47_qp.motion.following.tracking import Effort, Tracking
-from robo47_qp.motion.paths.curves import BlendError
-from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.route import (
-    STILL,
-    Curve,
-    misshapen,
-    refused,
-    tool_curve,
-)
+from robo47_qp.motion.paths.curves import BlendError, Through, ToolCurve
+from robo47_qp.motion.paths.segments import PathProfile, Segment
+from robo47_qp.motion.refusals import PathError, check_limits, misshapen, refused
+from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.motion.waypoint import Motion, Waypoint
 
 _LOOKS = 65
 """Points per section at which the joint limits are looked at before the timing."""
-
-
-class PacedProfile(NamedTuple):
-    """How fast the joints may go."""
-
-    joints: MotionProfile
-    """Bounds at full pace."""
-    pace: float
-    """Pace of joints and tool in (0, 1], beside that of the waypoints."""
 
 
 class Passage(NamedTuple):
@@ -47,16 +32,13 @@ class Passage(NamedTuple):
     trajectory: Trajectory
     passes: list[int]
     """Samples at which the waypoints before the last are passed."""
-    curves: list[tuple[int, Curve]]
-    """What the tool keeps to, each with the number of its first waypoint."""
     effort: Effort
-    """Of IK along the curves."""
+    """Of IK along the tool paths."""
 
 
 class _Plan(NamedTuple):
     stretches: list[Stretch]
     radii: list[float]
-    curves: list[tuple[int, Curve]]
     firsts: list[int]
     efforts: list[Effort]
 
@@ -77,9 +59,8 @@ class Continuous:
         arm: Arm,
         ik: IkSolver,
         q_start: Vector,
-        waypoints: Sequence[Waypoint],
-        goals: Sequence[Vector],
-        profile: PacedProfile,
+        requests: Sequence[Request],
+        profile: MotionProfile,
         dt: float,
     ) -> Passage:
         """Plan from rest at q_start to rest at the last waypoint.
@@ -88,47 +69,46 @@ class Continuous:
             arm: The arm.
             ik: Solves the knots of tool paths.
             q_start: Start configuration (n,) [rad].
-            waypoints: All but the last are blended or passed.
-            goals: Configurations at the waypoints; used for PTP motions alone.
-            profile: How fast the joints may go.
+            requests: The motions; all but the last are blended or passed.
+            profile: Bounds of the joints at full pace.
             dt: Time between samples [s].
 
         Raises:
             PlanError: The motion is refused.
         """
-        plan = _Plan([], [], [], [], [])
+        plan = _Plan([], [], [], [])
         q, first = q_start, 0
-        for ptp, group in groupby(waypoints, key=lambda one: one.motion is Motion.PTP):
+        for in_joints, group in groupby(requests, key=lambda one: one.path is None):
             members = list(group)
             if first:
-                plan.radii.append(_radius(waypoints[first - 1]))
-            if ptp:
-                q = _add_joints(arm, plan, first, members, [q, *goals[first:][: len(members)]])
+                plan.radii.append(_radius(requests[first - 1]))
+            if in_joints:
+                goals = [one.goal.q for one in members if one.goal is not None]
+                q = _add_joints(arm, plan, first, members, [q, *goals])
             else:
                 q = self._add_tool(arm, ik, plan, first, members, q)
             first += len(members)
-        path = _joined(arm, plan, waypoints)
+        path = _joined(arm, plan, requests)
         owners = [_owners(path, low, high) for low, high in pairwise(path.cuts)]
         tools = [
-            self.free if all(waypoints[i].motion is Motion.PTP for i in own) else self.profile
+            self.free if all(requests[i].path is None for i in own) else self.profile
             for own in owners
         ]
-        paces = [profile.pace * min(waypoints[i].pace for i in own) for own in owners]
-        bounds = limits(profile.joints, tools, paces)
+        paces = [min(requests[i].pace for i in own) for own in owners]
         try:
-            trajectory = self.timing.timed(arm, path, path.cuts, bounds, dt)
-        except LinError as error:
-            raise refused(waypoints[0], error, None) from error
+            trajectory = self.timing.timed(arm, path, path.cuts, limits(profile, tools, paces), dt)
+        except PathError as error:
+            raise refused(requests[0].name, error, None) from error
+        passes = _passes(path, trajectory)
         try:
             check_limits(arm, trajectory.q)
-        except LinError as error:
+        except PathError as error:
             k = round(error.fraction * len(trajectory.q))
-            ends = _passes(path, trajectory)
-            waypoint = waypoints[int(np.searchsorted(ends, k))]
-            raise refused(waypoint, error, k * dt) from error
+            name = requests[int(np.searchsorted(passes, k))].name
+            raise refused(name, error, k * dt) from error
         iterations = sum(effort.iterations for effort in plan.efforts)
         spent = Effort(iterations, sum(effort.seconds for effort in plan.efforts))
-        return Passage(trajectory, _passes(path, trajectory), plan.curves, spent)
+        return Passage(trajectory, passes, spent)
 
     def _add_tool(
         self,
@@ -136,44 +116,77 @@ class Continuous:
         ik: IkSolver,
         plan: _Plan,
         first: int,
-        members: Sequence[Waypoint],
+        members: Sequence[Request],
         q: Vector,
     ) -> Vector:
-        curve = tool_curve(members, arm.pose(q), arm.pose(arm.home), self.profile)
+        curve = _tool_curve(members, arm.pose(q), self.profile)
         time = self.profile.least_time(curve.length, curve.angle)
         try:
             path, effort = self.tracking.joint_path(arm, ik, q, curve)
-        except LinError as error:
-            waypoint = members[curve.segment_at(error.fraction)]
-            raise refused(waypoint, error, error.fraction * time) from error
+        except PathError as error:
+            name = members[curve.segment_at(error.fraction)].name
+            raise refused(name, error, error.fraction * time) from error
         plan.efforts.append(effort)
-        plan.curves.append((first, curve))
         plan.firsts.append(first)
         plan.stretches.append(Stretch(curve=path, time=time, cuts=curve.cuts, passes=curve.corners))
         end: Vector = path(1.0)
         return end
 
 
+def _tool_curve(
+    requests: Sequence[Request], start: SE3, profile: PathProfile
+) -> ToolCurve | Through:
+    """Return the curve of the tool from a pose through waypoints.
+
+    Raises:
+        PlanError: The waypoints do not make one curve.
+    """
+    poses, segments = [start], list[Segment]()
+    for request in requests:
+        if request.path is not None:
+            segments.append(request.path(poses[-1]))
+        poses.append(request.T_world_goal)
+    for request, one in zip(requests, segments, strict=True):
+        if profile.least_time(one.length, one.angle) < STILL:
+            raise misshapen(request.name, "it is where the motion already is")
+    inner = requests[:-1]
+    if inner and not any(request.blend for request in inner):
+        bent = [request.name for request in requests if not request.straight]
+        if bent:
+            raise misshapen(bent[0], "an arc goes on without a stop only by a blend")
+        return Through(poses, profile)
+    _check_all_blended(inner)
+    try:
+        return ToolCurve(segments, [request.blend for request in inner], profile)
+    except BlendError as error:
+        raise misshapen(requests[error.segment].name, str(error)) from error
+
+
+def _check_all_blended(requests: Sequence[Request]) -> None:
+    exact = [request.name for request in requests if not request.blend]
+    if exact:
+        raise misshapen(exact[0], "blends and points to pass exactly do not go together")
+
+
 def _add_joints(
-    arm: Arm, plan: _Plan, first: int, members: Sequence[Waypoint], points: Sequence[Vector]
+    arm: Arm, plan: _Plan, first: int, members: Sequence[Request], points: Sequence[Vector]
 ) -> Vector:
     """Add a motion in joint space from the first of the points to the last, which it returns."""
     inner = members[:-1]
     times = (np.abs(np.diff(points, axis=0)) / arm.robot.profile.v_max).max(axis=1)
-    for waypoint, time in zip(members, times, strict=True):
+    for request, time in zip(members, times, strict=True):
         if time < STILL:
-            raise misshapen(waypoint, "it is where the motion already is")
-    if inner and not any(waypoint.blend for waypoint in inner):
+            raise misshapen(request.name, "it is where the motion already is")
+    if inner and not any(request.blend for request in inner):
         places = np.concatenate([[0.0], np.cumsum(times)]) / times.sum()
         plan.stretches.append(_through(places, points, float(times.sum())))
         plan.firsts.append(first)
         return points[-1]
-    if not all(waypoint.blend for waypoint in inner):
-        raise misshapen(inner[0], "blends and points to pass exactly do not go together")
+    _check_all_blended(inner)
     for i, (ends, time) in enumerate(zip(pairwise(points), times, strict=True)):
         plan.stretches.append(_through(np.array([0.0, 1.0]), ends, float(time)))
         plan.firsts.append(first + i)
-    plan.radii.extend(waypoint.blend for waypoint in inner)
+    plan.radii.extend(request.blend for request in inner)
     return points[-1]
 
 
@@ -183,27 +196,28 @@ def _through(places: Vector, points: Sequence[Vector], time: float) -> Stretch:
     return Stretch(curve=curve, time=time, cuts=places, passes=places[1:-1])
 
 
-def _radius(before: Waypoint) -> float:
+def _radius(before: Request) -> float:
     if before.blend == 0.0:
         raise misshapen(
-            before, "motions of the joints and of the tool meet here without a stop: give a blend"
+            before.name,
+            "motions of the joints and of the tool meet here without a stop: give a blend",
         )
     return before.blend
 
 
-def _joined(arm: Arm, plan: _Plan, waypoints: Sequence[Waypoint]) -> JointPath:
+def _joined(arm: Arm, plan: _Plan, requests: Sequence[Request]) -> JointPath:
     try:
         path = JointPath(arm, plan.stretches, plan.radii)
     except BlendError as error:
-        raise misshapen(waypoints[plan.firsts[error.segment]], str(error)) from error
+        raise misshapen(requests[plan.firsts[error.segment]].name, str(error)) from error
     # Splines and bends may swing further than the waypoints they join.
     s = np.unique(np.concatenate([np.linspace(a, b, _LOOKS) for a, b in pairwise(path.cuts)]))
     try:
         check_limits(arm, path(s))
-    except LinError as error:
+    except PathError as error:
         at = float(s[round(error.fraction * len(s))])
-        waypoint = waypoints[int(np.searchsorted(path.passes, at))]
-        raise refused(waypoint, error, at * path.time) from error
+        name = requests[int(np.searchsorted(path.passes, at))].name
+        raise refused(name, error, at * path.time) from error
     return path
 
 

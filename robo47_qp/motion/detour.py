@@ -11,12 +11,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError
+from robo47_qp.errors import InvalidValueError, MissingExtraError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.following.limits import LinError
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.refusals import PathError
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
 
@@ -98,7 +98,7 @@ class Detour:
                 break
             motion = self._run(arm, corners, profile, dt)
             shorter = best is None or motion.steps < best.steps
-            if shorter and _free(collisions, motion):
+            if shorter and collisions.first_hit(motion.q, dt) is None:
                 best = motion
         return best
 
@@ -157,7 +157,7 @@ class Detour:
                 bounds = limits(profile, [None] * (len(corners) - 1), [1.0] * (len(corners) - 1))
                 try:
                     return Timing().timed(arm, spline, places, bounds, dt)
-                except LinError:
+                except PathError:
                     break
             for i in reversed(amiss):
                 corners = np.insert(corners, i + 1, 0.5 * (corners[i] + corners[i + 1]), axis=0)
@@ -192,14 +192,6 @@ def _with_stops(corners: Matrix, profile: MotionProfile, dt: float) -> Trajector
         v=np.vstack([parts[0].v[:1], *(part.v[1:] for part in parts)]),
         a=np.vstack([parts[0].a[:1], *(part.a[1:] for part in parts)]),
     )
-
-
-def _free(collisions: Collisions, motion: Trajectory) -> bool:
-    try:
-        collisions.check("detour", motion)
-    except PlanError:
-        return False
-    return True
 
 
 def _state(space: Any, q: Vector) -> Any:

@@ -9,19 +9,40 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector, check_pose, checked_vector, frozen_vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.solver import IkResult
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
+from robo47_qp.motion.motion_type import MotionType
+from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.refusals import misshapen
+from robo47_qp.motion.request import Request
+from robo47_qp.motion.types.circ import CircMotion
+from robo47_qp.motion.types.lin import LinMotion
+from robo47_qp.motion.types.ptp import PtpMotion
 
 
 class Motion(Enum):
     """How the tool gets to a waypoint."""
 
-    PTP = "ptp"
+    PTP = PtpMotion()
     """All joints together, as fast as the joint limits allow; the path is not a line."""
-    LIN = "lin"
+    LIN = LinMotion()
     """The tool on a straight line, turning at a steady rate."""
-    CIRC = "circ"
+    CIRC = CircMotion()
     """The tool on an arc of a circle, turning at a steady rate from start to goal."""
+
+    @property
+    def type(self) -> MotionType:
+        """What this motion knows of itself."""
+        motion_type: MotionType = self.value
+        return motion_type
+
+
+PRESCRIBED = " or ".join(motion.name for motion in Motion if motion.type.prescribes_path)
+"""Names of the motions that prescribe the path of the tool."""
+_PASSABLE = " or ".join(motion.name for motion in Motion if motion.type.passable)
+_POINTS = ("through", "centre")
 
 
 class Place(Enum):
@@ -66,10 +87,10 @@ class Waypoint:
             InvalidValueError: The pose has NaN, no unit quaternion, the pace is out of range,
                 what follows is no motion of the tool, or what shapes the way is amiss.
         """
-        bent = [waypoint.name for waypoint in self.onward if waypoint.motion is Motion.PTP]
+        bent = [waypoint.name for waypoint in self.onward if not waypoint.prescribes_path]
         if bent:
             raise InvalidValueError(
-                f"what follows waypoint {self.name!r}", bent, "waypoints reached by LIN or CIRC"
+                f"what follows waypoint {self.name!r}", bent, f"waypoints reached by {PRESCRIBED}"
             )
         self._check_shape()
         if isinstance(self.target, SE3):
@@ -84,31 +105,77 @@ class Waypoint:
         """True where the tool comes to rest here."""
         return self.stop and self.blend == 0.0
 
+    @property
+    def prescribes_path(self) -> bool:
+        """True where the tool keeps to a path on the way here: a line or an arc."""
+        return self.motion.type.prescribes_path
+
+    def path(self, start: SE3, goal: SE3) -> Segment:
+        """Return the path of the tool from one pose T_world_tcp to another.
+
+        Raises:
+            PlanError: The points that shape it make no path.
+        """
+        points = {name: getattr(self, name) for name in self._given}
+        try:
+            return self.motion.type.path(start, goal, points)
+        except InvalidValueError as error:
+            raise misshapen(self.name, str(error)) from error
+
+    def request(self, arm: Arm, pace: float, reached: IkResult | None) -> Request:
+        """Return what is asked of the motion to here.
+
+        Args:
+            arm: The arm.
+            pace: That of the planner, in (0, 1].
+            reached: Configuration to reach; None where following the path leads to one.
+        """
+        goal = goal_pose(arm, self)
+        return Request(
+            name=self.name,
+            T_world_goal=goal,
+            path=(lambda start: self.path(start, goal)) if self.prescribes_path else None,
+            straight=self.motion.type.straight,
+            blend=self.blend,
+            pace=pace * self.pace,
+            goal=reached,
+        )
+
+    @property
+    def _given(self) -> list[str]:
+        return [name for name in _POINTS if getattr(self, name) is not None]
+
     def _check_shape(self) -> None:
-        points = [name for name in ("through", "centre") if getattr(self, name) is not None]
-        if len(points) != (1 if self.motion is Motion.CIRC else 0):
+        motion, name = self.motion.type, self.motion.name
+        if len(self._given) != min(1, len(motion.points)) or set(self._given) - {*motion.points}:
+            wanted = f"one of {' and '.join(motion.points)}" if motion.points else "neither"
             raise InvalidValueError(
                 f"shape of the way to waypoint {self.name!r}",
-                f"{self.motion.name} with {points or 'neither through nor centre'}",
-                "CIRC with one of through and centre, any other motion with neither",
+                f"{name} with {self._given or 'neither ' + ' nor '.join(_POINTS)}",
+                f"{name} with {wanted}",
             )
-        for name in points:
-            point = frozen_vector(f"{name} of waypoint {self.name!r}", getattr(self, name), 3)
-            object.__setattr__(self, name, point)
+        for field in self._given:
+            point = frozen_vector(f"{field} of waypoint {self.name!r}", getattr(self, field), 3)
+            object.__setattr__(self, field, point)
         if not (np.isfinite(self.blend) and self.blend >= 0.0):
             raise InvalidValueError(
                 f"blend of waypoint {self.name!r}", self.blend, "finite and 0 or more [m]"
             )
-        if not self.stop and (self.blend > 0.0 or self.motion is Motion.CIRC):
+        if not self.stop and (self.blend > 0.0 or not motion.passable):
             raise InvalidValueError(
                 f"waypoint {self.name!r} that is not to be stopped at",
-                f"{self.motion.name} with a blend of {self.blend} m",
-                "PTP or LIN without a blend; an arc goes on without stopping by a blend",
+                f"{name} with a blend of {self.blend} m",
+                f"{_PASSABLE} without a blend; other motions go on without stopping by a blend",
             )
         if self.grip is not None and not self.rests:
             raise InvalidValueError(
                 f"grip at waypoint {self.name!r}", self.grip, "None where the tool does not stop"
             )
+
+
+def goal_pose(arm: Arm, waypoint: Waypoint) -> SE3:
+    """Return T_world_tcp that a waypoint asks for."""
+    return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
 
 
 def tool_down(position: ArrayLike, yaw: float = 0.0) -> SE3:

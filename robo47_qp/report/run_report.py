@@ -37,7 +37,7 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
         "waypoints": [
             {
                 "name": leg.waypoint.name,
-                "motion": leg.waypoint.motion.value,
+                "motion": leg.waypoint.motion.name.lower(),
                 "duration_s": leg.trajectory.duration,
                 "lower_bound_s": leg.lower_bound,
                 "iterations": leg.ik.iterations,

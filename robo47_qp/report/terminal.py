@@ -113,7 +113,7 @@ def _waypoints(run: Run) -> Table:
         ik = leg.ik
         table.add_row(
             leg.waypoint.name,
-            leg.waypoint.motion.value.upper(),
+            leg.waypoint.motion.name,
             f"{leg.trajectory.duration:.2f}",
             str(ik.iterations),
             str(1 + ik.restarts),

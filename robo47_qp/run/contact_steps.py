@@ -11,7 +11,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.trajectory import hold
-from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import PRESCRIBED, Waypoint
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
 from robo47_qp.run.step_executor import Step, StepExecutor
@@ -39,7 +39,7 @@ class Guarded(Step):
         Raises:
             InvalidValueError: The motion is not LIN, or force or speed are not positive.
         """
-        if self.waypoint.motion is not Motion.LIN:
+        if not self.waypoint.motion.type.straight:
             raise InvalidValueError("guarded motion", self.waypoint.motion.name, "LIN")
         for name in ("force", "speed"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
@@ -114,7 +114,7 @@ class Comply(Step):
             InvalidValueError: A waypoint is reached by PTP, a number is out of range, or the
                 step is over at once.
         """
-        ptp = [waypoint.name for waypoint in self.waypoints if waypoint.motion is Motion.PTP]
+        ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
         if ptp:
             raise InvalidValueError("compliant motion", ptp, "waypoints reached by LIN or CIRC")
         if not self.speed > 0.0:

@@ -12,7 +12,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.stream.stream import IkStream, StreamIk
 from robo47_qp.model.arm import MARGIN, Arm
-from robo47_qp.motion.paths.speed_limits import PathProfile
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.compliance import CompliantMode

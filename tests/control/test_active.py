@@ -11,7 +11,7 @@ from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
 from robo47_qp.sim.simulation import Simulation
 from tests.controlled import DT, LOAD, at_rest

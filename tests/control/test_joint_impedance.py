@@ -12,7 +12,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import fractions, rates
 from tests.plain_arm import PlainArm

@@ -16,7 +16,7 @@ from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.log import RerunLog

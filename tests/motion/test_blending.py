@@ -12,10 +12,9 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.blending import least_with_stops, parted, quickest
-from robo47_qp.motion.continuous import PacedProfile
+from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.planner import Planner, parted
 from robo47_qp.motion.waypoint import Motion, Waypoint
 
 ARM, DT, LOOK = Arm(PANDA), 1e-3, ReferenceKinematics(PANDA)
@@ -105,10 +104,9 @@ def test_a_plan_with_stops_that_is_refused_is_none() -> None:
 
 
 def test_a_run_falls_apart_at_its_stops() -> None:
-    run = walk(np.random.default_rng(0), Motion.LIN, 0.01)
-    assert parted(run, frozenset()) == [range(3)]
-    assert parted(run, frozenset({1})) == [range(2), range(2, 3)]
-    assert parted(run, frozenset({0, 1})) == [range(1), range(1, 2), range(2, 3)]
+    assert parted(3, frozenset()) == [slice(0, 3)]
+    assert parted(3, frozenset({1})) == [slice(0, 2), slice(2, 3)]
+    assert parted(3, frozenset({0, 1})) == [slice(0, 1), slice(1, 2), slice(2, 3)]
 
 
 @pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])
@@ -118,9 +116,10 @@ def test_the_time_with_stops_is_never_overstated(motion: Motion) -> None:
         run = walk(rng, motion, 0.0)
         planner = Planner(ik=PLANNER.ik, profile=PANDA.profile, pace=pace)
         legs = planner.plan_chain(ARM, run, ARM.home, DT)
-        q = [ARM.home, *(leg.trajectory.q[-1] for leg in legs)]
-        poses = [ARM.pose(row) for row in q]
-        least = least_with_stops(poses, q, run, PacedProfile(PANDA.profile, pace), PathProfile())
+        requests = [
+            waypoint.request(ARM, pace, leg.ik) for waypoint, leg in zip(run, legs, strict=True)
+        ]
+        least = least_with_stops(ARM, ARM.home, requests, PANDA.profile, PathProfile())
         took = sum(leg.trajectory.duration for leg in legs)
         assert 0.4 * took < least <= took + 1e-6
         if motion is Motion.PTP:

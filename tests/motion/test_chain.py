@@ -18,10 +18,10 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.waypoint import (
     Motion,
     Place,
@@ -78,7 +78,7 @@ def hard_cases() -> list[tuple[SE3, SE3]]:
 def reaches(lin: Lin, start: IkResult, goal: SE3) -> bool:
     try:
         lin.follow(ARM, IK, start.q, Line(ARM.pose(start.q), goal))
-    except LinError:
+    except PathError:
         return False
     return True
 

@@ -10,7 +10,7 @@ from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.collision_check import Collisions, Surroundings
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from tests.robots import GRIPPER
 from tests.small_robots import gantry

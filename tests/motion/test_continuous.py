@@ -13,14 +13,15 @@ from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
+from robo47_qp.ik.solver import judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.continuous import Continuous, PacedProfile
+from robo47_qp.motion.continuous import Continuous
 from robo47_qp.motion.paths.segments import Line, PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import tool_rates
-from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Motion, Waypoint, goal_pose
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
 
@@ -130,8 +131,11 @@ def test_joints_and_tool_motions_are_blended_into_each_other() -> None:
     legs = PLANNER.plan_chain(ARM, resting, ARM.home, DT)
     # The planner would rather stop, which is quicker here: the blend alone is looked at.
     goals = [leg.trajectory.q[-1] for leg in legs]
-    pace = PacedProfile(PANDA.profile, 1.0)
-    blended = Continuous().plan(ARM, IK, ARM.home, waypoints, goals, pace, DT).trajectory
+    requests = [
+        waypoint.request(ARM, 1.0, judged(ARM, goal_pose(ARM, waypoint), q, IK.tolerance, 0))
+        for waypoint, q in zip(waypoints, goals, strict=True)
+    ]
+    blended = Continuous().plan(ARM, IK, ARM.home, requests, PANDA.profile, DT).trajectory
     legs = [replace(legs[0], trajectory=blended)]
     assert broken(LOOK, legs, PANDA.profile) == []
     assert stops(legs) == 0
@@ -161,8 +165,8 @@ def test_an_arc_is_kept_and_all_bounds_with_it(point: str, pace: float) -> None:
     assert max(PLAIN.errors(leg.trajectory.q[-1], goal)) < 2e-6
     assert broken(LOOK, [leg], PANDA.profile.slowed(pace)) == []
     check_tool(leg.trajectory.q, TOOL, pace)
-    assert leg.way is not None
-    assert leg.way.distances(p).max() < 1e-5
+    assert leg.path is not None
+    assert leg.path.distances(p).max() < 1e-5
     assert 1.0 <= leg.trajectory.duration / leg.lower_bound < 2.5
 
 

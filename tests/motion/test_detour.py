@@ -29,7 +29,7 @@ from robo47_qp.motion import detour as module
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.planner import Leg, Planner
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Waypoint
 from tests.motion.test_collisions import ARM, BALL, DT, RADIUS, ball, gap, turned

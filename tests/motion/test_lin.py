@@ -22,10 +22,10 @@ from robo47_qp.ik.solver import (
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.following.tracking import _away
 from robo47_qp.motion.paths.segments import Line, PathProfile
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import shifted, turned
 from tests.motion.timing.test_jerk_limited import shortest
@@ -296,7 +296,7 @@ def test_a_line_beyond_reach_fails_where_the_reach_ends(robot: Robot, arm: Arm) 
     start = arm.pose(arm.home)
     goal = shifted(start, np.array([1.5, 0.0, 0.0]))
     message = r"the path fails \d+ % of the way: .* remain after|beyond the reach"
-    with pytest.raises(LinError, match=message) as caught:
+    with pytest.raises(PathError, match=message) as caught:
         Lin().plan(arm, IK, arm.home, goal, robot.profile, DT)
     # The tool starts 0.3 m in front of the base and reaches to less than 0.9 m.
     assert 0.1 < caught.value.fraction < 0.5
@@ -308,7 +308,7 @@ def test_a_line_through_a_joint_limit_fails_there(robot: Robot, arm: Arm) -> Non
     q = arm.home.copy()
     q[-1] = arm.q_max[-1] - 0.5
     goal = turned(arm.pose(q), 2, 1.5)
-    with pytest.raises(LinError, match="the path fails") as caught:
+    with pytest.raises(PathError, match="the path fails") as caught:
         Lin().plan(arm, IK, q, goal, robot.profile, DT)
     assert 0.0 < caught.value.fraction < 0.9
 
@@ -320,7 +320,7 @@ def test_an_exact_half_turn_is_not_taken_for_none(robot: Robot, arm: Arm, plain:
         goal = arm.pose(q) @ SE3.from_rotation(SO3(half_turn))
         try:
             trajectory, _ = Lin().plan(arm, IK, q, goal, robot.profile, DT)
-        except LinError:
+        except PathError:
             continue
         assert max(plain.errors(trajectory.q[-1], goal)) < 1.1e-6
 
@@ -346,7 +346,7 @@ def test_a_path_that_cannot_be_kept_is_refused(robot: Robot, arm: Arm) -> None:
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.3, 0.0]))
     lin = Lin(deviation=1e-12, doublings=1, knot_spacing=0.05)
     message = r"of the way: 16 knots leave the tool \d+ µm off"
-    with pytest.raises(LinError, match=message):
+    with pytest.raises(PathError, match=message):
         lin.plan(arm, IK, arm.home, goal, robot.profile, DT)
 
 
@@ -395,7 +395,7 @@ def test_a_joint_that_leaves_its_limits_is_named(robot: Robot, arm: Arm) -> None
     goal = shifted(arm.pose(arm.home), np.array([0.2, 0.0, 0.0]))
     assert arm.pose(arm.home).translation()[0] + 0.2 < 0.6
     message = rf"fails \d+ % of the way: {robot.joints[3]} leaves its limits"
-    with pytest.raises(LinError, match=message) as caught:
+    with pytest.raises(PathError, match=message) as caught:
         Lin().plan(narrow, Careless(), arm.home, goal, robot.profile, DT)
     assert 0.0 < caught.value.fraction < 1.0
 
@@ -453,7 +453,7 @@ def test_a_line_that_would_take_for_ever_is_refused(robot: Robot, arm: Arm) -> N
     n = len(robot.joints)
     crawling = MotionProfile.uniform(n, v=1e-5, a=1.0, j=10.0)
     goal = shifted(arm.pose(arm.home), np.array([0.0, 0.1, 0.0]))
-    with pytest.raises(LinError, match=r"it would have to be .* times slower"):
+    with pytest.raises(PathError, match=r"it would have to be .* times slower"):
         Lin().plan(arm, IK, arm.home, goal, crawling, DT)
 
 
@@ -466,7 +466,7 @@ def test_a_joint_is_led_away_from_its_limit_where_the_arm_is_redundant() -> None
     goal = shifted(start, rng.normal(size=3) * 0.12)
     ik = MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))
     q_start = ik.solve(arm, start, arm.home).q
-    with pytest.raises(LinError) as caught:
+    with pytest.raises(PathError) as caught:
         Lin(retreat=0.0).plan(arm, ik, q_start, goal, PANDA.profile, DT)
     assert caught.value.reason is RefusalReason.JOINT_LIMIT
     trajectory, result = Lin().plan(arm, ik, q_start, goal, PANDA.profile, DT)
@@ -506,6 +506,6 @@ def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(
     limit[joint] = side * (bend.max() + 1e-9)
     lin.follow(narrow, Careless(), q, way)
     limit[joint] = side * (bend.max() - over)
-    with pytest.raises(LinError, match=f"{PANDA.joints[joint]} leaves its limits") as caught:
+    with pytest.raises(PathError, match=f"{PANDA.joints[joint]} leaves its limits") as caught:
         lin.follow(narrow, Careless(), q, way)
     assert bend[round(1e5 * caught.value.fraction)] > bend.max() - over - 1e-9

@@ -6,7 +6,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory, hold
 from tests.examples import fractions
 from tests.motion.timing.test_jerk_limited import shortest

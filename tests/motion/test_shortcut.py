@@ -12,7 +12,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.blending import Corner, cut_corners
 from robo47_qp.motion.paths.curves import BlendError
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from tests.plain_arm import PlainArm
 

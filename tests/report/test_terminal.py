@@ -29,7 +29,7 @@ def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) 
     figures = metrics(run)
     for leg in run.legs:
         line = next(x for x in text.splitlines() if x.strip().startswith(leg.waypoint.name))
-        assert leg.waypoint.motion.value.upper() in line
+        assert leg.waypoint.motion.name in line
         assert f"{leg.trajectory.duration:.2f}" in line
     for finding in audit(run):
         line = next(x for x in text.splitlines() if finding.signal in x)

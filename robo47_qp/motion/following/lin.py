@@ -11,9 +11,9 @@ from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.following.limits import LinError, check_limits
 from robo47_qp.motion.following.tracking import Tracking
-from robo47_qp.motion.paths.segments import Arc, Line, PathProfile
+from robo47_qp.motion.paths.segments import Line, PathProfile, ToolPath
+from robo47_qp.motion.refusals import PathError, check_limits
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory, hold
@@ -70,14 +70,14 @@ class Lin(Tracking):
             The trajectory, and the IK result at its end with the effort of all knots.
 
         Raises:
-            LinError: IK fails on the path or changes branch, the path leaves the joint
+            PathError: IK fails on the path or changes branch, the path leaves the joint
                 limits, or no number of knots keeps it on the line.
         """
         line = Line(arm.pose(q_start), T_world_goal)
         if max(line.length, line.angle) <= min(ik.tolerance.position, ik.tolerance.orientation):
             there = judged(arm, T_world_goal, q_start, ik.tolerance, 0)
             if not there.converged:
-                raise LinError(1.0, there.explanation, RefusalReason.JOINT_LIMIT)
+                raise PathError(1.0, there.explanation, RefusalReason.JOINT_LIMIT)
             return hold(q_start, 0, dt), there
         path, effort = self.joint_path(arm, ik, q_start, line)
         trajectory = self._timed(arm, path, line, joints, dt, pace)
@@ -85,19 +85,19 @@ class Lin(Tracking):
         return trajectory, replace(end, iterations=effort.iterations, seconds=effort.seconds)
 
     def follow(
-        self, arm: Arm, ik: IkSolver, q_start: Vector, way: Line | Arc
+        self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath
     ) -> tuple[IkResult, BSpline]:
-        """A line or an arc in the branch in which it starts, without timing it.
+        """Follow a tool path in the branch in which it starts, without timing it.
 
         Returns:
-            Its end, and the joints over the share of the way, 0 to 1.
+            The IK result at its end, and the joint path over [0, 1].
 
         Raises:
-            LinError: See `plan`.
+            PathError: See `plan`.
         """
-        path, effort = self.joint_path(arm, ik, q_start, way)
-        end = judged(arm, way.at(1.0), path(1.0), ik.tolerance, 0)
-        return replace(end, iterations=effort.iterations, seconds=effort.seconds), path
+        joints, effort = self.joint_path(arm, ik, q_start, path)
+        end = judged(arm, path.at(1.0), joints(1.0), ik.tolerance, 0)
+        return replace(end, iterations=effort.iterations, seconds=effort.seconds), joints
 
     def _timed(
         self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, pace: float
@@ -112,7 +112,7 @@ class Lin(Tracking):
             # Samples of a stretched motion fall elsewhere: stretch a little more than needed.
             stretch *= 1.0005 * excess
             if stretch > _MAX_STRETCH:
-                raise LinError(
+                raise PathError(
                     0.0, f"it would have to be {stretch:.0f} times slower", RefusalReason.PACE
                 )
         if stretch > _UNEVEN and pace * trajectory.duration > _LONG and self.law is S_CURVE:

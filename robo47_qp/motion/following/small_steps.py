@@ -20,6 +20,7 @@ from robo47_qp.ik.solver import (
     joints_outside,
 )
 from robo47_qp.model.arm import Arm
+from robo47_qp.motion.refusals import AT_LIMIT
 
 STRIDE = 0.1
 """Change of a joint in one step that counts as continuous [rad or m]."""
@@ -131,9 +132,6 @@ def nearby(
 
 SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
-
-AT_LIMIT = 1e-3
-"""A joint this close to its limit is at it [rad or m]."""
 
 
 def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from mink import SE3
@@ -12,31 +12,14 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.following.limits import LinError, check_all_along
-from robo47_qp.motion.following.small_steps import AT_LIMIT, blocked, creep, one_start, rough
+from robo47_qp.motion.following.small_steps import blocked, creep, one_start, rough
+from robo47_qp.motion.paths.segments import ToolPath
+from robo47_qp.motion.refusals import AT_LIMIT, PathError, check_spline_limits
 
 _TASK = 6
 """Coordinates of a pose: an arm with more joints has motions of its own."""
 _POLISHES = 2
 """Newton steps after IK."""
-
-
-class ToolPath(Protocol):
-    """A path of the tool over a parameter in [0, 1]."""
-
-    @property
-    def length(self) -> float:
-        """[m]."""
-        ...
-
-    @property
-    def angle(self) -> float:
-        """How far the tool turns [rad]."""
-        ...
-
-    def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
-        ...
 
 
 class Effort(NamedTuple):
@@ -77,12 +60,12 @@ class Tracking:
         """Joint path over s in [0, 1] that keeps to a tool path.
 
         Raises:
-            LinError: IK fails on the path or changes branch, the path leaves the joint
+            PathError: IK fails on the path or changes branch, the path leaves the joint
                 limits, or no number of knots keeps it on the tool path.
         """
         try:
             return self._path(arm, ik, q_start, path, False)
-        except LinError as error:
+        except PathError as error:
             at_limit = error.reason is RefusalReason.JOINT_LIMIT or (
                 error.q is not None and arm.limit_margin(error.q) < AT_LIMIT
             )
@@ -102,11 +85,11 @@ class Tracking:
             spline = make_interp_spline(np.linspace(0.0, 1.0, knots + 1), q, k=5)
             off, fraction = _worst_deviation(arm, path, spline, knots)
             if off <= self.deviation:
-                check_all_along(arm, spline)
+                check_spline_limits(arm, spline)
                 return spline, Effort(iterations, seconds)
             if doublings == self.doublings:
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
-                raise LinError(fraction, reason, *rough(arm, q, spline(fraction)))
+                raise PathError(fraction, reason, *rough(arm, q, spline(fraction)))
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
@@ -143,7 +126,7 @@ class Tracking:
         """The configuration at the second end, by small steps from q at the first.
 
         Raises:
-            LinError: There is no way; told is what stands in it.
+            PathError: There is no way; told is what stands in it.
         """
         low, high = ends
         crept = creep(arm, ik, q, lambda x: path.at(low + x * (high - low)))
@@ -157,7 +140,7 @@ class Tracking:
         reason = how if last.converged else last.explanation
         at = low + crept.at * (high - low)
         told = f"{reason} ({obstacle.value}, {joint})"
-        raise LinError(at, told, obstacle, joint, crept.q, crept.stuck)
+        raise PathError(at, told, obstacle, joint, crept.q, crept.stuck)
 
 
 def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:

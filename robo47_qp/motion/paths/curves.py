@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from mink import SE3, SO3
@@ -10,9 +9,9 @@ from scipy.interpolate import BPoly, CubicSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import Robo47Error
-from robo47_qp.motion.paths.segments import Line, PathProfile
+from robo47_qp.motion.paths.segments import Line, PathProfile, Segment
 
 _ROOM = 0.99
 """Part of a segment that the blends at its ends may take together."""
@@ -25,33 +24,6 @@ class BlendError(Robo47Error):
         """Tell which segment is too short and by how much."""
         super().__init__(reason)
         self.segment = segment
-
-
-class Segment(Protocol):
-    """A motion of the tool over a parameter in [0, 1]."""
-
-    @property
-    def length(self) -> float:
-        """[m]."""
-        ...
-
-    @property
-    def angle(self) -> float:
-        """[rad]."""
-        ...
-
-    @property
-    def turn(self) -> Vector:
-        """Rotation vector in the frame of the start, about which it turns steadily [rad]."""
-        ...
-
-    def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
-        ...
-
-    def position(self, s: float, order: int) -> Vector:
-        """Derivative of the position by s (3,) [m]."""
-        ...
 
 
 class ToolCurve:
@@ -156,11 +128,6 @@ class ToolCurve:
         return SE3.from_rotation_and_translation(
             before.at(1.0).rotation() @ turn, np.asarray(self._bends[i](into))
         )
-
-
-def positions(curve: ToolCurve, s: Vector) -> Matrix:
-    """Tool positions at many s (N, 3) [m]."""
-    return np.array([curve.at(float(x)).translation() for x in s])
 
 
 _FINE = 200

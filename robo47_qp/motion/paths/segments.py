@@ -1,6 +1,8 @@
 """Segments of a tool path: straight lines and arcs of circles, and how fast the tool may go."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -9,43 +11,93 @@ from mink import SE3, SO3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
+_FLAT = 1e-6
+"""Sine of an angle below which three points lie on one line."""
+_ROUND = 1e-4
+"""Difference of the distances to a centre that is rounded off, as a part of the radius."""
 
-class Line:
-    """The position goes straight; the orientation turns about one axis, in proportion."""
 
-    def __init__(self, start: SE3, goal: SE3) -> None:
-        """From `start` to `goal`, both T_world_tcp; the turn is the shorter one."""
-        self._start = start
-        self._shift = goal.translation() - start.translation()
-        # mink's logarithm is zero at half a turn; MuJoCo's is not.
-        self._turn = np.zeros(3)
-        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
-        self.length = float(np.linalg.norm(self._shift))
-        """[m]"""
-        self.angle = float(np.linalg.norm(self._turn))
-        """[rad]"""
+class ToolPath(Protocol):
+    """A path of the tool over a parameter s in [0, 1]."""
+
+    @property
+    def length(self) -> float:
+        """Length of the path of the tool point [m]."""
+        ...
+
+    @property
+    def angle(self) -> float:
+        """Angle that the tool turns through [rad]."""
+        ...
+
+    def at(self, s: float) -> SE3:
+        """Return T_world_tcp at s."""
+        ...
+
+
+class Segment(ToolPath, Protocol):
+    """A tool path that can be joined to others; it turns steadily about one axis."""
 
     @property
     def turn(self) -> Vector:
         """Rotation vector from start to goal in the frame of the start [rad]."""
+        ...
+
+    def position(self, s: float, order: int) -> Vector:
+        """Return the derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        ...
+
+    def distances(self, positions: Matrix) -> Vector:
+        """Return the distances of points (N, 3) from the path (N,) [m]."""
+        ...
+
+
+class _SteadyTurn(ABC):
+    """From one tool pose to another, turning steadily about one axis, the shorter way."""
+
+    def __init__(self, start: SE3, goal: SE3) -> None:
+        self._start = start
+        # mink's logarithm is zero at half a turn; MuJoCo's is not.
+        self._turn = np.zeros(3)
+        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
+        self.angle = float(np.linalg.norm(self._turn))
+        """See `ToolPath.angle`."""
+
+    @property
+    def turn(self) -> Vector:
+        """See `Segment.turn`."""
         return self._turn.copy()
 
     def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
+        """See `ToolPath.at`."""
         return SE3.from_rotation_and_translation(
-            self._start.rotation() @ SO3.exp(s * self._turn),
-            self._start.translation() + s * self._shift,
+            self._start.rotation() @ SO3.exp(s * self._turn), self.position(s, 0)
         )
 
+    @abstractmethod
     def position(self, s: float, order: int) -> Vector:
-        """Derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        """See `Segment.position`."""
+
+
+class Line(_SteadyTurn):
+    """A straight line, at a steady speed."""
+
+    def __init__(self, start: SE3, goal: SE3) -> None:
+        """From `start` to `goal`, both T_world_tcp."""
+        super().__init__(start, goal)
+        self._shift = goal.translation() - start.translation()
+        self.length = float(np.linalg.norm(self._shift))
+        """See `ToolPath.length`."""
+
+    def position(self, s: float, order: int) -> Vector:
+        """See `Segment.position`."""
         if order == 0:
             place: Vector = self._start.translation() + s * self._shift
             return place
         return self._shift.copy() if order == 1 else np.zeros(3)
 
     def distances(self, positions: Matrix) -> Vector:
-        """Distance of points (N, 3) from the line between the two poses, shape (N,) [m]."""
+        """See `Segment.distances`."""
         offset: Matrix = positions - self._start.translation()
         if self.length > 0.0:
             s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
@@ -54,14 +106,8 @@ class Line:
         return distance
 
 
-_FLAT = 1e-6
-"""Sine of an angle below which three points lie on one line."""
-_ROUND = 1e-4
-"""Difference of the distances to a centre that is rounded off, as a part of the radius."""
-
-
-class Arc:
-    """The position goes round a circle at a steady rate; the orientation turns about one axis."""
+class Arc(_SteadyTurn):
+    """An arc of a circle, at a steady speed."""
 
     def __init__(self, start: SE3, goal: SE3, centre: Vector, turn: Vector) -> None:
         """From `start` to `goal`, both T_world_tcp.
@@ -70,41 +116,26 @@ class Arc:
             start: Where it starts, on the circle.
             goal: Where it ends; only the orientation is used.
             centre: Centre of the circle [m].
-            turn: Rotation vector of the way round it [rad].
+            turn: Rotation vector about the centre, from start to goal [rad].
         """
-        self._start = start
+        super().__init__(start, goal)
         self._centre = centre
         self._sweep = float(np.linalg.norm(turn))
         self._x = start.translation() - centre
         self._y = np.cross(turn / self._sweep, self._x)
-        self._turn = np.zeros(3)
-        mujoco.mju_subQuat(self._turn, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
         self.radius = float(np.linalg.norm(self._x))
         """[m]"""
         self.length = self.radius * self._sweep
-        """[m]"""
-        self.angle = float(np.linalg.norm(self._turn))
-        """How far the tool turns [rad]; not how far it goes round."""
-
-    @property
-    def turn(self) -> Vector:
-        """Rotation vector from start to goal in the frame of the start [rad]."""
-        return self._turn.copy()
-
-    def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
-        return SE3.from_rotation_and_translation(
-            self._start.rotation() @ SO3.exp(s * self._turn), self.position(s, 0)
-        )
+        """See `ToolPath.length`."""
 
     def position(self, s: float, order: int) -> Vector:
-        """Derivative of the position by s, of an order of 0 or more (3,) [m]."""
+        """See `Segment.position`."""
         angle = s * self._sweep + 0.5 * np.pi * order
         point: Vector = np.cos(angle) * self._x + np.sin(angle) * self._y
         return self._centre + point if order == 0 else self._sweep**order * point
 
     def distances(self, positions: Matrix) -> Vector:
-        """Distance of points (N, 3) from the arc, shape (N,) [m]."""
+        """See `Segment.distances`."""
         offset = positions - self._centre
         x, y = offset @ self._x / self.radius, offset @ self._y / self.radius
         angle = np.mod(np.arctan2(y, x), 2.0 * np.pi)

@@ -9,7 +9,6 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.tool_motion import tool_rates
-from robo47_qp.motion.trajectory import Trajectory
 
 
 def least_time(distance: float, v_max: float, a_max: float, j_max: float) -> float:
@@ -66,16 +65,3 @@ def lower_bound(
         for way, (v, a, j) in ((length, tool.linear), (angle, tool.angular)):
             times.append(least_time(float(way), v, a, j if straight else inf))
     return max(times)
-
-
-def paced_bound(
-    arm: Arm,
-    profile: MotionProfile,
-    motion: Trajectory,
-    pace: float,
-    tool: PathProfile | None,
-    straight: bool,
-) -> float:
-    """The lower bound of a motion at a pace of the profiles; see `lower_bound`."""
-    slowed = None if tool is None else tool.slowed(pace)
-    return lower_bound(arm, motion.q, profile.slowed(pace), slowed, straight)

@@ -13,8 +13,8 @@ from robo47_qp.errors import RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointCurve
-from robo47_qp.motion.following.limits import LinError
 from robo47_qp.motion.paths.segments import PathProfile
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.timing.state_to_state import Leap, leap
 from robo47_qp.motion.tool_motion import tool_rates
 from robo47_qp.motion.trajectory import Trajectory
@@ -167,7 +167,7 @@ class Timing:
             dt: Time between samples [s].
 
         Raises:
-            LinError: A bound leaves next to no motion.
+            PathError: A bound leaves next to no motion.
         """
         best, quickest = (cuts, bounds, np.empty((0, 3))), np.inf
         whole = (cuts[[0, -1]], bounds.min(axis=1, keepdims=True))
@@ -213,7 +213,7 @@ def _fitted(
                 break
         caps = caps / (excess * _MORE) ** np.arange(1, 4)
     if best is None or best.steps * dt > _LONGEST:
-        raise LinError(0.0, "the bounds leave next to no motion", RefusalReason.PACE)
+        raise PathError(0.0, "the bounds leave next to no motion", RefusalReason.PACE)
     return best
 
 

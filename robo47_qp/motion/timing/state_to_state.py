@@ -1,7 +1,8 @@
-"""Leap: from one state in motion to another, time-optimal, by Ruckig's state-to-state planner.
+"""Time-optimal motion between states with bounded jerk, by Ruckig.
 
 Berscheid and Kröger, "Jerk-limited real-time trajectory generation with arbitrary target
-states", RSS 2021.
+states", RSS 2021. Everything is computed here: Ruckig's waypoint planner, which calls a remote
+service, is not used.
 """
 
 from math import sqrt
@@ -11,7 +12,6 @@ import ruckig
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.motion.timing.rest_to_rest import check_motion
 
 _NOTHING = 1e-9
 """A phase so short that nothing happens in it [s]."""
@@ -162,3 +162,57 @@ def to_rest(start: Matrix, a_max: Vector, j_max: Vector) -> Leap:
         expected = "one that Ruckig can stop"
         raise InvalidValueError("motion", f"{now} ({error})", expected) from error
     return Leap(plan)
+
+
+def s_curve(length: float, bounds: Vector, dt: float) -> Matrix:
+    """Move one coordinate from 0 to a length.
+
+    Args:
+        length: Positive.
+        bounds: On velocity, acceleration and jerk (3,), positive.
+        dt: Time between samples [s].
+
+    Returns:
+        Position, velocity and acceleration at 0, dt, 2 dt, ... (N + 1, 3); the duration is the
+        shortest that is a multiple of dt, the last sample is the goal, at rest.
+
+    Raises:
+        InvalidValueError: A number is not finite, a bound or dt is not positive, or Ruckig
+            finds no motion.
+    """
+    v_max, a_max, j_max = bounds[:, None]
+    check_motion(np.zeros(1), np.array([length]), v_max, a_max, j_max, dt)
+    request = ruckig.InputParameter(1)
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    request.current_position, request.target_position = [0.0], [length]
+    request.max_velocity = [float(v_max[0])]
+    request.max_acceleration = [float(a_max[0])]
+    request.max_jerk = [float(j_max[0])]
+    plan = ruckig.Trajectory(1)
+    try:
+        ruckig.Ruckig(1, dt).calculate(request, plan)
+    except ruckig.RuckigError as error:
+        expected = "one that Ruckig can plan"
+        raise InvalidValueError("motion", f"0 to {length} ({error})", expected) from error
+    steps = round(plan.duration / dt)
+    rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
+    return np.vstack([rows, [length, 0.0, 0.0]])
+
+
+def check_motion(
+    start: Vector, goal: Vector, v_max: Vector, a_max: Vector, j_max: Vector, dt: float
+) -> None:
+    """Refuse numbers that make no motion.
+
+    Raises:
+        InvalidValueError: A position is not finite, a bound or dt is not positive.
+    """
+    for name, point in (("start position", start), ("goal position", goal)):
+        if not np.isfinite(point).all():
+            raise InvalidValueError(name, point.tolist(), "finite")
+    bounds = {"velocity": v_max, "acceleration": a_max, "jerk": j_max}
+    for name, bound in bounds.items():
+        if not (bound > 0.0).all() or np.isnan(bound).any():
+            raise InvalidValueError(f"{name} bound", bound.tolist(), "positive")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise InvalidValueError("dt", dt, "positive and finite [s]")

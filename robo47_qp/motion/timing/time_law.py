@@ -8,7 +8,7 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.motion.timing.rest_to_rest import s_curve
+from robo47_qp.motion.timing.state_to_state import s_curve
 
 _ROUNDING = 1e-9
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
@@ -34,13 +33,12 @@ _RATES = (
 )
 """Quantities in the order of `ToolMotion`."""
 _SPEEDS = (0, 3)
-_OF_THE_TOOL = (Motion.LIN, Motion.CIRC)
 
 
 def tool_paths(run: Run) -> list[Finding]:
     """Check the distances from lines and arcs; in compliant motions, of the reference only."""
     findings = []
-    for motion in (Motion.LIN, Motion.CIRC):
+    for motion in Motion:
         for signal, column, limit in (
             ("commanded", "tool/pose_ref", LIN_COMMANDED),
             ("measured", "tool/pose", LIN_MEASURED),
@@ -61,7 +59,7 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     """
     findings: list[Finding] = []
     for title, measured in (("reference", False), ("measured", True)):
-        spans = [span for span in _spans(run, measured) if span[1].waypoint.motion in _OF_THE_TOOL]
+        spans = [span for span in _spans(run, measured) if span[1].waypoint.prescribes_path]
         if not spans:
             continue
         rows = np.concatenate([span for span, _ in spans])
@@ -100,7 +98,7 @@ def _motion(run: Run, arm: Arm, rows: NDArray[np.intp], kind: str) -> ToolMotion
 
 def _bounds(planner: Planner, leg: Leg) -> Vector:
     """Return the bounds of the tool on the path of a leg, in the order of `ToolMotion` (6,)."""
-    straight = isinstance(leg.way, Line)
+    straight = leg.path is not None and leg.waypoint.motion.type.straight
     profile = planner.lin.profile if straight else planner.continuous.profile
     slowed = profile.slowed(planner.pace * leg.waypoint.pace)
     bounds = np.array([*slowed.linear, *slowed.angular])
@@ -121,7 +119,7 @@ def _off_way(run: Run, motion: Motion, positions: Matrix, measured: bool) -> Mat
     off = np.zeros((len(positions), 1))
     found = False
     for rows, leg in _spans(run, measured):
-        if leg.way is not None and leg.waypoint.motion is motion:
+        if leg.path is not None and leg.waypoint.motion is motion:
             found = True
-            off[rows, 0] = leg.way.distances(positions[rows])
+            off[rows, 0] = leg.path.distances(positions[rows])
     return off if found else None

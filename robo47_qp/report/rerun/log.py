@@ -10,7 +10,6 @@ import rerun as rr
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.waypoint import Motion
 from robo47_qp.report.rerun import blueprint as layout
 from robo47_qp.report.rerun.body_poses import BodyPoses
 from robo47_qp.report.rerun.columns import (
@@ -38,11 +37,6 @@ _AXES = np.eye(3) * 0.06
 """Arrows of a frame [m] and their colours: x red, y green, z blue."""
 _AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
 _PATH_COLOUR = (255, 70, 150)
-_PLANNED_COLOURS = {
-    Motion.PTP: (110, 160, 255),
-    Motion.LIN: (255, 180, 70),
-    Motion.CIRC: (120, 220, 140),
-}
 
 
 class RerunLog(Observer):
@@ -118,7 +112,7 @@ class RerunLog(Observer):
             tool_path: Its tool positions (N, 3) [m].
         """
         waypoint, ik = leg.waypoint, leg.ik
-        colour = _PLANNED_COLOURS[waypoint.motion]
+        colour = waypoint.motion.type.colour
         # Dashed and thick: the tool's own thin line shows between the dashes.
         points = tool_path[:: max(1, len(tool_path) // 60)]
         dashes = rr.LineStrips3D(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.stopping import stop
 from robo47_qp.motion.trajectory import Trajectory
 

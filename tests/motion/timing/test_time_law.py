@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.ptp import plan_ptp
 from robo47_qp.motion.timing.lower_bound import least_time
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.time_law import (
     Cubic,
     Quintic,

@@ -15,7 +15,7 @@ from robo47_qp.evaluation.benchmarks.control.settled import settled_after
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.ptp import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 

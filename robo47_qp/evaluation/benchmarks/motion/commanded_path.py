@@ -43,7 +43,7 @@ class CommandedPath:
     def told(self) -> bool:
         """True where the tool's way is asked for, not only points on it."""
         passed = any(not w.rests and w.blend == 0.0 for w in self._waypoints)
-        return not passed and all(w.motion is not Motion.PTP for w in self._waypoints)
+        return not passed and all(w.prescribes_path for w in self._waypoints)
 
     def off(self, points: Matrix) -> Vector:
         """Distance of points (N, 3) from the path; 0 within the blends (N,) [m]."""

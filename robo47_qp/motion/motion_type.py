@@ -1,0 +1,133 @@
+"""Motion type: what a way to get to a waypoint has to know of itself; one file in `types` each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from mink import SE3
+
+from robo47_qp.arrays import Vector
+from robo47_qp.ik.solver import IkSolver, judged
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile
+from robo47_qp.motion.blending import blends_joints, cut_ptp
+from robo47_qp.motion.collision_check import Collisions
+from robo47_qp.motion.continuous import Continuous, Passage
+from robo47_qp.motion.detour import Detour
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.following.tracking import Effort
+from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.request import Planned, Request
+from robo47_qp.motion.timing.lower_bound import lower_bound
+from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
+from robo47_qp.motion.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerSettings:
+    """Settings that all motion types share."""
+
+    ik: IkSolver
+    profile: MotionProfile
+    """Bounds of the joints at full pace."""
+    pace: float = 1.0
+    """Ratio of the speeds of all motions to those of the profiles, in (0, 1]."""
+    lin: Lin = Lin()
+    continuous: Continuous = Continuous()
+    """How arcs and motions without stops are planned."""
+    law: TimeLaw = S_CURVE
+    """How PTP and LIN motions run from rest to rest."""
+    collisions: Collisions | None = None
+    """What is not to be hit; None checks nothing."""
+    surroundings: Collisions | None = None
+    """Not to be hit by PTP motions, but to get away from; the tool may be meant to touch it."""
+    detour: Detour | None = None
+    """How PTP motions go around what `collisions` finds in their way; None refuses them."""
+
+    def __post_init__(self) -> None:
+        """Check the pace.
+
+        Raises:
+            InvalidValueError: `pace` is outside (0, 1].
+        """
+        self.profile.slowed(self.pace)
+
+    def check_collisions(self, waypoint: str, trajectory: Trajectory) -> None:
+        """Refuse a trajectory to a waypoint that comes too close to something.
+
+        Raises:
+            PlanError: It does; bodies, joint and time are named.
+        """
+        if self.collisions is not None:
+            self.collisions.check(waypoint, trajectory)
+
+    def without_stops(
+        self, arm: Arm, requests: Sequence[Request], q_start: Vector, dt: float
+    ) -> list[Planned]:
+        """Plan one motion from rest through waypoints to rest at the last.
+
+        Raises:
+            PlanError: The motion is refused; the waypoint in question is named.
+        """
+        if len(requests) > 1 and self.continuous.free is None and blends_joints(requests):
+            cut = cut_ptp(arm, q_start, requests, self.profile, self.law, dt)
+            passage = Passage(*cut, Effort(0, 0.0))
+        else:
+            passage = self.continuous.plan(arm, self.ik, q_start, requests, self.profile, dt)
+        whole, ends = passage.trajectory, [*passage.passes, passage.trajectory.steps]
+        planned: list[Planned] = []
+        for request, first, last in zip(requests, [0, *ends], ends, strict=False):
+            part = whole.part(first, last)
+            end = judged(arm, request.T_world_goal, part.end.q, self.ik.tolerance, 0)
+            self.check_collisions(request.name, part)
+            planned.append(Planned(part, replace(end, **passage.effort._asdict())))
+        pace = max(request.pace for request in requests)
+        in_joints = any(request.path is None for request in requests)
+        tool = None if in_joints else self.continuous.profile.slowed(pace)
+        bound = lower_bound(arm, whole.q, self.profile.slowed(pace), tool, False)
+        return [planned[0]._replace(lower_bound=bound), *planned[1:]]
+
+
+class MotionType(Protocol):
+    """A way to get to a waypoint."""
+
+    prescribes_path: bool
+    """True where the tool keeps to a path; else the joints move as they can."""
+    straight: bool
+    """True where that path is a straight line."""
+    passable: bool
+    """True where a smooth curve may lead exactly through such waypoints without a stop."""
+    points: tuple[str, ...]
+    """Fields of a waypoint that may shape the path, of which one is given; none needs none."""
+    colour: tuple[int, int, int]
+    """Of planned paths in recordings: red, green, blue."""
+
+    def path(self, start: SE3, goal: SE3, points: Mapping[str, Vector]) -> Segment:
+        """Return the path of the tool.
+
+        Args:
+            start: T_world_tcp where it begins.
+            goal: T_world_tcp where it ends.
+            points: Those of the fields `points` that are given (3,) [m].
+
+        Raises:
+            InvalidValueError: The points make no path, or none is prescribed.
+        """
+        ...
+
+    def plan(
+        self, settings: PlannerSettings, arm: Arm, request: Request, q_start: Vector, dt: float
+    ) -> Planned:
+        """Plan from rest at q_start to rest at a waypoint.
+
+        Args:
+            settings: How to plan.
+            arm: The arm.
+            request: The waypoint, with a configuration to reach where no path is prescribed.
+            q_start: Configuration at the start (n,) [rad].
+            dt: Time between samples [s].
+
+        Raises:
+            PlanError: The motion is not possible.
+        """
+        ...

@@ -1,0 +1,1 @@
+"""The motion types, one file each."""
