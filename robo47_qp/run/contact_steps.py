@@ -116,7 +116,7 @@ class Comply(Step):
         """
         ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
         if ptp:
-            raise InvalidValueError("compliant motion", ptp, "waypoints reached by LIN or CIRC")
+            raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
         if not self.speed > 0.0:
             raise InvalidValueError("speed", self.speed, "positive")
         if not (np.isfinite(self.seconds) and self.seconds >= 0.0):
