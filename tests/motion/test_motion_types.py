@@ -47,7 +47,8 @@ def followed(planner: Planner, arm: Arm, leg: Leg) -> Any:
 
     phase = SimpleNamespace(start=0, leg=leg, compliant=False)
     scenario = SimpleNamespace(planner=planner)
-    return SimpleNamespace(rows=Rows(rows), phases=[phase], scenario=scenario)
+    spans = [(phase, slice(0, len(flat)))]
+    return SimpleNamespace(rows=Rows(rows), spans=lambda: spans, scenario=scenario)
 
 
 def planned(robot: Robot, motion: Motion) -> tuple[Planner, Arm, Leg]:

@@ -16,10 +16,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.lower_bound import least_time
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.policy.motion import JointTargets
-from robo47_qp.run.runner import Runner
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import RunOptions
-from tests.runs import Reach
+from tests.runs import Reach, make_runner
 
 ARM, PROFILE = Arm(PANDA), PANDA.profile
 
@@ -118,8 +115,7 @@ def test_a_refused_goal_leaves_the_old_one() -> None:
 
 
 def test_the_pace_of_the_planner_slows_it_down() -> None:
-    task = Reach()
-    scenario = RunOptions(speed=0.5).scenario(PANDA, task)
-    loop = Loop(profile=Runner(scenario, Simulation(PANDA, task.build_scene)).loop.profile)
+    runner, _ = make_runner(Reach(), speed=0.5)
+    loop = Loop(profile=runner.loop.profile)
     JointTargets(loop).go(ARM.home + 0.5, 3000)  # type: ignore[arg-type]
     assert np.abs(loop.tracked[0].v).max() <= 0.5 * PROFILE.v_max[0] * (1 + 1e-6)
