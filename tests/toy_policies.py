@@ -1,4 +1,4 @@
-"""Policies and drives for tests: good ones, and ones that do not get to the end."""
+"""Policies and drivers for tests: good ones, and ones that do not get to the end."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.evaluation.policies import PolicyFailed
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.runner import ProgramDriver, Runner
+from robo47_qp.run.runner import Runner
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,11 @@ class Drive:
 
     way: str
 
-    def __call__(self, scenario: Any, simulation: Any, *, sinks: Any, observers: Any) -> Any:
+    def __call__(self) -> "Drive":
+        return self
+
+    def drive(self, runner: Runner) -> Failure | None:
+        simulation = runner.loop.sim
         simulation.step(simulation.motor_torque())
         match self.way:
             case "nan":
@@ -42,6 +46,13 @@ class GoodPolicy:
         return observation
 
 
+class LazyPolicy(GoodPolicy):
+    """Is done at once."""
+
+    def act(self, observation: Any) -> Any:
+        return None
+
+
 class UnmakeablePolicy(GoodPolicy):
     def __init__(self) -> None:
         raise OSError("no weights")
@@ -56,15 +67,3 @@ class NeedyPolicy(GoodPolicy):
 class NoPolicy:
     def reset(self, observation: Any) -> None:
         pass
-
-
-class GoodDriver(ProgramDriver):
-    """Lets the classical stack do the work while the policy looks on."""
-
-    def __init__(self, policy: Any) -> None:
-        self.policy = policy
-
-    def drive(self, runner: Runner) -> Failure | None:
-        self.policy.reset(runner.loop.sim.state())
-        self.policy.act(runner.loop.sim.state())
-        return super().drive(runner)

@@ -1,7 +1,6 @@
 """A task evaluated: many episodes under one policy or several, on paired seeds."""
 
 from collections.abc import Sequence
-from functools import partial
 
 from rich.console import Console
 
@@ -9,9 +8,7 @@ from robo47_qp.cli import main
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.model.robots import load_robot
-from robo47_qp.run.policy.drivers import PolicyDriver, check_judged
 from robo47_qp.run.registry import load_task
-from robo47_qp.sim.simulation import Simulation
 
 
 def evaluate_command(args: Sequence[str] | None = None, prog: str | None = None) -> int:
@@ -22,6 +19,4 @@ def evaluate_command(args: Sequence[str] | None = None, prog: str | None = None)
 def evaluate_chosen(options: EvaluateOptions, console: Console) -> int:
     """Run the evaluation that was chosen, and return the exit code."""
     task, robot = load_task(options.task)(), load_robot(options.robot)
-    if any(contender.ik is None for contender in options.contenders):
-        check_judged(task, Simulation(robot, task.build_scene))
-    return evaluate(task, robot, options, console, partial(PolicyDriver, timing=options.timing))
+    return evaluate(task, robot, options, console)

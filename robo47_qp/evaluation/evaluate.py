@@ -3,8 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,8 @@ from rich.markup import escape
 
 from robo47_qp.cli import FAILED, INTERRUPTED, OK
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.episode import Episode
-from robo47_qp.evaluation.evaluation import Evaluation, code_digest
 from robo47_qp.evaluation.journal import Journal
-from robo47_qp.evaluation.options import EvaluateOptions, policy_settings
-from robo47_qp.evaluation.policies import CLASSICAL, MakeDriver, PolicyDrive
+from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.replay import picked, record_failures, replay
 from robo47_qp.evaluation.report.plots import plot_evaluation
 from robo47_qp.evaluation.report.progress import EvaluationBar
@@ -38,50 +34,31 @@ from robo47_qp.evaluation.report.words import (
     rate_line,
     throughput_line,
 )
-from robo47_qp.evaluation.task_episode import Drive, TaskEpisode, classical
-from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses
-from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.files import claim, read_json, write_json, write_text
 from robo47_qp.model.robot import Robot
-from robo47_qp.report.run_report import plain, versions
 from robo47_qp.run.task import Task
 
 _COMPARISON = ("report", "text")
 """Files of `EvaluateOptions.files` that hold a comparison of several policies."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
     """One policy on all seeds of an evaluation, and its files."""
 
-    task: Task
-    robot: Robot
-    options: EvaluateOptions
-    """Of a single policy."""
-    driver: MakeDriver | None
-    """Makes the driver of a policy other than the classical stack."""
+    def __init__(self, task: Task, robot: Robot, options: EvaluateOptions) -> None:
+        """Load the policy.
 
-    @cached_property
-    def evaluation(self) -> Evaluation:
-        """What is to be run.
+        Args:
+            task: What is to be done.
+            robot: Robot that does it.
+            options: Of a single policy.
 
         Raises:
             ClassLoadError: The policy cannot be loaded.
-            InvalidValueError: Nothing makes a driver for it.
+            InvalidValueError: The task is done before it begins.
         """
-        return Evaluation(
-            episode=self._episode(),
-            settings=self._settings(),
-            episodes=self.options.episodes,
-            seed=self.options.seed,
-        )
-
-    @property
-    def executor(self) -> Executor:
-        """Where the episodes run."""
-        options = self.options
-        kind = RayCluster if options.cluster == "ray" else LocalProcesses
-        return kind(workers=options.workers, timeout=options.timeout)
+        self.options, self.chosen = options, options.evaluation(task, robot)
+        self.evaluation, self.executor = self.chosen.evaluation, self.chosen.executor
 
     def run(self, console: Console, title: str) -> EvaluationReport:
         """Run the episodes that the journal does not have, and write the report.
@@ -113,47 +90,8 @@ class Job:
         plot_evaluation(report, files["plot"])
         return report
 
-    def _episode(self) -> Episode:
-        reference = self.options.contender.reference
-        drive: Drive = classical
-        if reference is not None:
-            reference.load()
-            if self.driver is None:
-                raise InvalidValueError("--policy", self.options.contender.name, CLASSICAL)
-            drive = PolicyDrive(reference=reference, driver=self.driver)
-        return TaskEpisode(
-            robot=self.robot,
-            task=self.task,
-            stack=self.options.contending,
-            perturbation=self.options.perturbation,
-            drive=drive,
-            foreign=reference is not None,
-        )
 
-    def _settings(self) -> dict[str, Any]:
-        """Return all that the results depend on."""
-        reference, own = self.options.contender.reference, Path(__file__).resolve().parents[1]
-        tasks = Path(sys.modules[type(self.task).__module__].__file__ or "")
-        digest = None if reference is None else reference.digest
-        return {
-            "task": plain(self.task),
-            "robot": self.robot.name,
-            "policy": policy_settings(self.options, digest),
-            "perturbation": plain(self.options.perturbation),
-            "speed": self.options.speed,
-            "timeout": self.options.timeout,
-            "code": code_digest([own, tasks.parent]),
-            "versions": versions(),
-        }
-
-
-def evaluate(
-    task: Task,
-    robot: Robot,
-    options: EvaluateOptions,
-    console: Console,
-    driver: MakeDriver | None = None,
-) -> int:
+def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Console) -> int:
     """Run an evaluation, or one episode of it, and write its files; returns the exit code.
 
     Args:
@@ -161,7 +99,6 @@ def evaluate(
         robot: Robot that does it.
         options: All that was chosen; of several policies, the first is the baseline.
         console: Where progress and the outcome are printed.
-        driver: Makes the driver of a policy other than the classical stack.
 
     Returns:
         0 for a finished evaluation, whatever the success rate; 1 if an episode ended with an
@@ -170,7 +107,7 @@ def evaluate(
     Raises:
         Robo47Error: Bad input, before anything runs, or a file that cannot be written.
     """
-    jobs = [Job(task=task, robot=robot, options=one, driver=driver) for one in options.each]
+    jobs = [Job(task, robot, one) for one in options.each]
     if options.replay is not None:
         return _replay(jobs[0], options.replay, console)
     several = len(jobs) > 1
@@ -237,11 +174,11 @@ def _other(path: Path) -> EvaluationReport:
 def _replay(job: Job, seed: int, console: Console) -> int:
     """Run the episode of a seed again, recorded; returns the exit code."""
     options = job.options
-    path = options.log.with_name(f"{options.log.stem}-{job.task.name}-{seed}.rrd")
+    path = options.log.with_name(f"{options.log.stem}-{job.chosen.task.name}-{seed}.rrd")
     report = path.with_suffix(".json")
     claim(path)
     claim(report)
-    executor = LocalProcesses(workers=1, timeout=options.timeout)
+    executor = replace(job.chosen, workers=1, cluster="local").executor
     result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
     entry = {**result.entry(), "same_as_evaluated": same}
     write_json(report, entry)

@@ -1,18 +1,30 @@
 """Evaluation: episodes on consecutive seeds, each run once, across interruptions."""
 
+import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.journal import Journal
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.policies import PolicyReference, policy_settings
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
-from robo47_qp.evaluation.workers.executor import Executor
+from robo47_qp.evaluation.task_episode import TaskEpisode
+from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses, cores
+from robo47_qp.evaluation.workers.ray_cluster import RayCluster
+from robo47_qp.model.robot import Robot
+from robo47_qp.report.run_report import plain, versions
+from robo47_qp.run.policy.drivers import check_judged
+from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
 
 Show = Callable[[Sequence[EpisodeResult]], None]
 
@@ -93,6 +105,110 @@ def _generator(
     """Yield the results; closing the generator ends the workers, also on Ctrl-C."""
     if specs:
         yield from executor.run(episode, specs)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolicyEvaluation:
+    """A task done by one policy in perturbed worlds, on consecutive seeds."""
+
+    task: Task
+    robot: Robot
+    policy: ClassicalStack | PolicyReference = ClassicalStack()
+    name: str | None = None
+    """Of the policy in reports; by default "classical", or the place of its class."""
+    perturbation: Perturbation = Perturbation()
+    episodes: int = 100
+    seed: int = 0
+    """Episode i has the seed `seed + i`."""
+    workers: int = field(default_factory=cores)
+    """Processes at once."""
+    timeout: float = 300.0
+    """Wall time of an episode, after which its process is killed and replaced [s]."""
+    cluster: Literal["local", "ray"] = "local"
+
+    @property
+    def executor(self) -> Executor:
+        """Where the episodes run."""
+        kind = RayCluster if self.cluster == "ray" else LocalProcesses
+        return kind(workers=self.workers, timeout=self.timeout)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The episodes and their settings.
+
+        Raises:
+            ClassLoadError: The policy cannot be loaded.
+            InvalidValueError: A number is out of range, or the task is done before it begins,
+                so that it says nothing about a policy.
+        """
+        episode = self._episode()
+        own = Path(__file__).resolve().parents[1]
+        tasks = Path(sys.modules[type(self.task).__module__].__file__ or "")
+        stack = self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
+        settings = {
+            "task": plain(self.task),
+            "robot": self.robot.name,
+            "policy": policy_settings(self.policy, self.name),
+            "perturbation": plain(self.perturbation),
+            "speed": stack.pace,
+            "timeout": self.timeout,
+            "code": code_digest([own, tasks.parent]),
+            "versions": versions(),
+        }
+        return Evaluation(
+            episode=episode, settings=settings, episodes=self.episodes, seed=self.seed
+        )
+
+    def _episode(self) -> Episode:
+        policy, robot, task = self.policy, self.robot, self.task
+        plain_episode = TaskEpisode(robot=robot, task=task, perturbation=self.perturbation)
+        if isinstance(policy, ClassicalStack):
+            return replace(plain_episode, stack=policy)
+        policy.load()
+        check_judged(task, Simulation(robot, task.build_scene))
+        driver = policy.absolute.driver
+        return replace(plain_episode, stack=policy.stack, driver=driver, foreign=True)
+
+
+def evaluate_policy(
+    task: Task,
+    robot: Robot,
+    policy: ClassicalStack | PolicyReference | None = None,
+    *,
+    episodes: int = 100,
+    seed: int = 0,
+    workers: int | None = None,
+    perturbation: Perturbation | None = None,
+) -> EvaluationReport:
+    """Run episodes of a task under one policy in worker processes; writes no files.
+
+    Workers import the script that calls this, which therefore belongs under
+    `if __name__ == "__main__":`.
+
+    Args:
+        task: What is to be done.
+        robot: The robot that does it.
+        policy: The classical stack (None takes the default one), or a policy from elsewhere.
+        episodes: Number of episodes; episode i has the seed `seed + i`.
+        seed: Seed of the first episode.
+        workers: Processes at once; None for one per processor.
+        perturbation: How far the world may differ from its model; None for not at all.
+
+    Raises:
+        ClassLoadError: The policy cannot be loaded.
+        InvalidValueError: A number is out of range, or the task is done before it begins.
+        WorkerError: The processes cannot be started.
+    """
+    chosen = PolicyEvaluation(
+        task=task,
+        robot=robot,
+        policy=ClassicalStack() if policy is None else policy,
+        episodes=episodes,
+        seed=seed,
+        workers=cores() if workers is None else workers,
+        perturbation=Perturbation() if perturbation is None else perturbation,
+    )
+    return chosen.evaluation.run(chosen.executor)
 
 
 def code_digest(folders: Sequence[Path]) -> str:

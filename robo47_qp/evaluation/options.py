@@ -2,15 +2,17 @@
 
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from robo47_qp.cli import LOGS, StackOptions
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
+from robo47_qp.model.robot import Robot
 from robo47_qp.run.policy.drivers import PolicyTiming
-from robo47_qp.stack import ClassicalStack
+from robo47_qp.run.task import Task
 
 _MILLI = 1e-3
 
@@ -182,11 +184,7 @@ class EvaluateOptions(StackOptions, PerturbOptions):
 
     @property
     def timing(self) -> PolicyTiming:
-        """How often and for how long another policy decides.
-
-        Raises:
-            InvalidValueError: A number is out of range.
-        """
+        """How often and for how long a policy other than the classical stack decides."""
         return PolicyTiming(rate=self.rate, seconds=self.time_limit)
 
     @property
@@ -198,14 +196,29 @@ class EvaluateOptions(StackOptions, PerturbOptions):
         """
         return self.over(PRESETS[self.perturb])
 
-    @property
-    def contending(self) -> ClassicalStack:
-        """The classical stack with the IK of the policy.
+    def evaluation(self, task: Task, robot: Robot) -> PolicyEvaluation:
+        """Return what is to be run, of a single policy.
 
         Raises:
             InvalidValueError: A number is out of range.
         """
-        return replace(self.stack, ik=self.contender.ik or self.ik)
+        contender = self.contender
+        stack = replace(self.stack, ik=contender.ik or self.ik)
+        reference = contender.reference
+        return PolicyEvaluation(
+            task=task,
+            robot=robot,
+            policy=stack
+            if reference is None
+            else replace(reference, timing=self.timing, stack=stack),
+            name=contender.name,
+            perturbation=self.perturbation,
+            episodes=self.episodes,
+            seed=self.seed,
+            workers=self.workers,
+            timeout=self.timeout,
+            cluster=self.cluster,
+        )
 
     @property
     def files(self) -> dict[str, Path]:
@@ -213,12 +226,3 @@ class EvaluateOptions(StackOptions, PerturbOptions):
         endings = {"report": ".json", "text": ".md", "journal": ".jsonl", "plot": ".png"}
         files = {name: self.log.with_suffix(ending) for name, ending in endings.items()}
         return {**files, "recording": self.log}
-
-
-def policy_settings(options: EvaluateOptions, digest: str | None) -> dict[str, Any]:
-    """The policy as JSON: what the results depend on of it."""
-    contender = options.contender
-    named = {"name": contender.name}
-    if contender.ik is not None:
-        return {**named, "ik": contender.ik, "speed": options.speed}
-    return {**named, "sha256": digest, "rate": options.rate, "time_limit": options.time_limit}

@@ -1,26 +1,20 @@
-"""Policies from elsewhere: where they are found, and how they drive an episode."""
+"""Policies of an evaluation: the classical stack by name, and classes from other packages."""
 
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
 from robo47_qp.run.foreign_code import Guard, absolute, load_class
-from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Sink
-from robo47_qp.run.runner import Driver, Runner
-from robo47_qp.run.scenario import Run, Scenario
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import IK_SOLVERS
+from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
+from robo47_qp.stack import IK_SOLVERS, ClassicalStack
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
-MakeDriver: TypeAlias = Callable[[Any], Driver]
-"""Makes the driver of a run from a policy; goes to worker processes by pickle."""
 
 
 class PolicyFailed(Robo47Error):  # noqa: N818  # what it tells is a failure, as StepFailed does
@@ -29,26 +23,30 @@ class PolicyFailed(Robo47Error):  # noqa: N818  # what it tells is a failure, as
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyReference:
-    """Where a policy is to be found."""
+    """A policy from outside the package, by the place of its class."""
 
     text: str
     """module:Class or path/to/file.py:Class."""
+    timing: PolicyTiming = PolicyTiming()
+    """How often it decides, and for how long."""
+    stack: ClassicalStack = ClassicalStack()
+    """Controller, and planner whose limits bound all motions."""
 
     def load(self) -> Callable[[], Any]:
         """Return the class.
 
         Raises:
-            ClassLoadError: There is no such module, file or class, or it is no policy.
+            ClassLoadError: There is no such module, file or class, or it is not a policy.
         """
         known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
         return load_class("policy", self.text, ("reset", "act"), known)
 
     def make(self) -> Any:
-        """A new policy.
+        """Return a new policy.
 
         Raises:
             ClassLoadError: See `load`.
-            PolicyFailed: The class raised something.
+            PolicyFailed: Its class raised an exception.
         """
         maker = self.load()
         with Guard() as guard:
@@ -57,60 +55,48 @@ class PolicyReference:
         words = f"the policy raised {type(error).__name__} as it was made: {error}"
         raise PolicyFailed(words) from error
 
+    def driver(self) -> PolicyDriver:
+        """Return a driver with a new policy.
+
+        Raises:
+            ClassLoadError, PolicyFailed: See `make`.
+        """
+        return PolicyDriver(self.make(), self.timing)
+
     @property
     def absolute(self) -> "PolicyReference":
-        """The same for a process in another folder."""
-        return PolicyReference(text=absolute(self.text))
+        """The same policy for a process in another folder."""
+        return replace(self, text=absolute(self.text))
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of the source file; None where there is none."""
+        """SHA-256 of the source file; None if there is no file."""
         path = sys.modules[self.load().__module__].__file__
         return None if path is None else sha256(Path(path).read_bytes()).hexdigest()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PolicyDrive:
-    """Drives an episode by a policy, made anew for it; see `Drive`."""
-
-    reference: PolicyReference
-    driver: MakeDriver
-
-    def __call__(
-        self,
-        scenario: Scenario,
-        simulation: Simulation,
-        *,
-        sinks: Sequence[Sink],
-        observers: Sequence[Observer],
-    ) -> Run:
-        """See `Drive`."""
-        runner = Runner(scenario, simulation, self.driver(self.reference.make()))
-        return runner.run(sinks=sinks, observers=observers)
-
-
 IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)
 NAMES = (CLASSICAL, *(f"{CLASSICAL}:{ik}" for ik in IK_NAMES))
-"""Names of the classical stack; plain, it takes the IK of --ik."""
+"""Names of the classical stack; without a suffix, it takes the IK of --ik."""
 _LONGEST = 60
-"""Characters of a label; the end of a long name tells more than its beginning."""
+"""Characters of a label; of a longer name, the end is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contender:
-    """A policy by its name: the classical stack with an IK, or one from elsewhere."""
+    """A policy by its name: the classical stack with an IK, or a class from elsewhere."""
 
     name: str
-    """As it was asked for."""
+    """As given on the command line."""
     ik: str | None
     """Inverse kinematics of the classical stack; None for a policy from elsewhere."""
 
     @classmethod
     def of(cls, name: str, ik: str) -> "Contender":
-        """The policy of a name; `ik` is for a classical stack that names none.
+        """Return the policy of a name; `ik` is for a classical stack that names none.
 
         Raises:
-            UnknownNameError: It is a classical stack with an IK that nobody knows.
+            UnknownNameError: It is a classical stack with an unknown IK.
         """
         if name == CLASSICAL:
             return cls(name=name, ik=ik)
@@ -123,17 +109,17 @@ class Contender:
 
     @property
     def reference(self) -> PolicyReference | None:
-        """Where it is found; None for the classical stack."""
+        """Place of the policy; None for the classical stack."""
         return None if self.ik is not None else PolicyReference(text=self.name).absolute
 
     @property
     def identity(self) -> str:
-        """What two names of the same policy share."""
+        """Text that is equal for two names of the same policy."""
         return f"{CLASSICAL}:{self.ik}" if self.reference is None else self.reference.text
 
 
 def check_different(contenders: Sequence[Contender]) -> None:
-    """Check that no policy is there twice, under whatever names.
+    """Check that no policy is named twice, even under different names.
 
     Raises:
         InvalidValueError: One is.
@@ -148,7 +134,7 @@ def check_different(contenders: Sequence[Contender]) -> None:
 
 
 def labels(contenders: Sequence[Contender]) -> list[str]:
-    """A part of a file name for each: different ones, also where case does not count."""
+    """Return a part of a file name for each policy, all different, also if case is ignored."""
     plain = [re.sub(r"[^A-Za-z0-9_]+", "-", c.name)[-_LONGEST:].strip("-") for c in contenders]
     lower = [label.lower() for label in plain]
     return [
@@ -159,3 +145,15 @@ def labels(contenders: Sequence[Contender]) -> list[str]:
 
 def _digest(name: str) -> str:
     return sha256(name.encode()).hexdigest()[:8]
+
+
+def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) -> dict[str, Any]:
+    """Return all of a policy that results depend on, as JSON."""
+    if isinstance(policy, ClassicalStack):
+        settings: dict[str, Any] = {"name": name or CLASSICAL, "ik": policy.ik}
+        settings |= {"speed": policy.pace, "qp_solver": policy.qp_solver}
+        return {**settings, "controller": policy.controller}
+    timing, stack = policy.timing, policy.stack
+    settings = {"name": name or policy.text, "sha256": policy.digest}
+    settings |= {"rate": timing.rate, "time_limit": timing.seconds}
+    return {**settings, "speed": stack.pace, "controller": stack.controller}

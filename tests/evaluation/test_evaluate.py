@@ -20,7 +20,7 @@ from robo47_qp.errors import (
     RecordingError,
     UnknownNameError,
 )
-from robo47_qp.evaluation import evaluate as evaluate_module
+from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.episode import (
     Episode,
@@ -29,8 +29,11 @@ from robo47_qp.evaluation.episode import (
     errored,
 )
 from robo47_qp.evaluation.evaluate import evaluate
+from robo47_qp.evaluation.evaluation import evaluate_policy
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.policies import PolicyReference
 from robo47_qp.evaluation.report.progress import EvaluationBar, described
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, compare
 from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
@@ -40,9 +43,9 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
-from tests.toy_policies import GoodDriver
 
 QUIET = Console(quiet=True)
 
@@ -57,6 +60,8 @@ class Odd(Reach):
     def verdict(self, simulation: Simulation) -> Failure | None:
         if self.buggy:
             raise ZeroDivisionError("a bug of ours")
+        if simulation.time == 0.0:
+            return Failure(cause=Cause.PLACE, evidence="nothing has moved")
         friction = float(simulation.model.geom("table").friction[0])
         if friction > 1.1:
             return Failure(cause=Cause.PLACE, evidence=f"friction {friction:.3f}")
@@ -93,7 +98,7 @@ class InProcess:
 def _in_process() -> Iterator[None]:
     """Starting workers takes longer than the episodes; tests of workers are elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluate_module, "LocalProcesses", InProcess)
+        patch.setattr(evaluation, "LocalProcesses", InProcess)
         yield
 
 
@@ -188,8 +193,6 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
             evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
 
     refused(ClassLoadError, "cannot be loaded", policy=("nowhere:Policy",))
-    good = "tests.toy_policies:GoodPolicy"
-    refused(InvalidValueError, "--policy must be classical; found tests", policy=(good,))
     refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
     odd = tmp_path / "odd.json"
     for content, match in (
@@ -203,10 +206,34 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
         evaluate_chosen(options(tmp_path, task="fly"), QUIET)
 
 
-def test_a_policy_runs_where_there_is_a_cell_for_it(tmp_path: Path) -> None:
-    chosen = options(tmp_path, episodes=1, policy=("tests.toy_policies:GoodPolicy",), workers=1)
-    assert evaluate(Odd(), PANDA, chosen, QUIET, GoodDriver) == 0
-    assert read(tmp_path)["policy"] == "tests.toy_policies:GoodPolicy"
+def test_a_policy_from_elsewhere_is_evaluated(tmp_path: Path) -> None:
+    policy = "tests.toy_policies:LazyPolicy"
+    chosen = options(tmp_path, episodes=1, policy=(policy,), workers=1, speed=0.5, rate=10.0)
+    assert evaluate(Odd(), PANDA, chosen, QUIET) == 0
+    report = read(tmp_path)
+    assert report["policy"] == policy
+    told = report["settings"]["policy"]
+    assert (told["rate"], told["time_limit"], told["speed"]) == (10.0, 30.0, 0.5)
+    assert len(told["sha256"]) == 64
+    assert report["errors"] == 0
+
+
+def test_a_policy_is_evaluated_without_a_command_and_without_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    far = Perturbation(friction=0.3)
+    found = evaluate_policy(Odd(), PANDA, episodes=3, perturbation=far)
+    assert evaluate(Odd(), PANDA, options(tmp_path / "files"), QUIET) == 0
+    again = EvaluationReport.of_json(read(tmp_path / "files"))
+    assert [r.sha256 for r in found.results] == [r.sha256 for r in again.results]
+    assert (found.rate, found.interval, found.causes) == (again.rate, again.interval, again.causes)
+    assert found.settings == again.settings
+    slow = evaluate_policy(Odd(), PANDA, ClassicalStack(pace=0.5), episodes=1, seed=1)
+    assert slow.figures["cycle_time_s"].median > found.figures["cycle_time_s"].max
+    lazy = PolicyReference(text="tests.toy_policies:LazyPolicy")
+    assert evaluate_policy(Odd(), PANDA, lazy, episodes=1).policy == lazy.text
+    assert [path.name for path in tmp_path.iterdir()] == ["files"]
 
 
 @pytest.mark.parametrize(

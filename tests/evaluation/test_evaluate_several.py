@@ -19,6 +19,7 @@ from rich.console import Console
 from robo47_qp.cli import main
 from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
 from robo47_qp.evaluation import evaluate as evaluate_module
+from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.episode import (
     Episode,
@@ -26,7 +27,8 @@ from robo47_qp.evaluation.episode import (
     EpisodeSpec,
     errored,
 )
-from robo47_qp.evaluation.evaluate import Job, evaluate
+from robo47_qp.evaluation.evaluate import evaluate
+from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.policies import (
@@ -107,7 +109,7 @@ class Skilled:
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(InProcess, "ran", [])
     monkeypatch.setattr(InProcess, "interrupted_after", None)
-    monkeypatch.setattr(evaluate_module, "LocalProcesses", InProcess)
+    monkeypatch.setattr(evaluation, "LocalProcesses", InProcess)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
@@ -115,7 +117,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
 def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Quick episodes in place of the simulation, and no drawing."""
     monkeypatch.setattr(evaluate_module, "plot_evaluation", lambda _, path: path.write_text(""))
-    monkeypatch.setattr(Job, "_episode", lambda self: Skilled(str(self.options.contender.ik)))
+    monkeypatch.setattr(PolicyEvaluation, "_episode", lambda self: Skilled(self.policy.ik))
 
 
 def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
@@ -137,7 +139,13 @@ def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None
     chosen = options(tmp_path, episodes=2, policy=policies, ik="lm", friction=0.3, failures=0)
     assert evaluate(Reach(), PANDA, chosen, QUIET) == 0
     a, b = read(tmp_path, "eval.classical.json"), read(tmp_path, "eval.classical-dls-single.json")
-    assert a["settings"]["policy"] == {"name": "classical", "ik": "lm", "speed": 1.0}
+    assert a["settings"]["policy"] == {
+        "name": "classical",
+        "ik": "lm",
+        "speed": 1.0,
+        "qp_solver": "daqp",
+        "controller": "joint_impedance",
+    }
     assert a["policy"] == "classical:lm"
     assert b["settings"]["policy"]["ik"] == "dls-single"
     assert [e["seed"] for e in a["entries"]] == [e["seed"] for e in b["entries"]] == [0, 1]
@@ -325,7 +333,7 @@ def test_what_the_last_policy_lacks_is_told_before_the_first_runs(tmp_path: Path
 def test_policies_that_cannot_be_had_are_told_before_any_runs(tmp_path: Path) -> None:
     for name, error, match in (
         ("nowhere:Policy", ClassLoadError, "'nowhere:Policy' cannot be loaded"),
-        ("tests.toy_policies:GoodPolicy", InvalidValueError, "--policy must be classical; found"),
+        ("tests.toy_policies:GoodPolicy", InvalidValueError, "verdict is no success before any"),
     ):
         with pytest.raises(error, match=match):
             evaluate(Reach(), PANDA, options(tmp_path, policy=("classical", name)), QUIET)
@@ -338,7 +346,7 @@ def test_an_internal_error_is_told_and_counts_as_no_success(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        Job, "_episode", lambda self: Skilled(str(self.options.contender.ik), buggy=True)
+        PolicyEvaluation, "_episode", lambda self: Skilled(self.policy.ik, buggy=True)
     )
     screen = StringIO()
     chosen = options(tmp_path, episodes=4)
@@ -449,10 +457,16 @@ def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None
 
 def test_each_name_means_one_stack() -> None:
     assert EvaluateOptions().contenders == [Contender(name="classical", ik="qp")]
-    assert EvaluateOptions(ik="dls").contending.ik == "dls"
+
+    def stack_of(chosen: EvaluateOptions) -> ClassicalStack:
+        policy = chosen.evaluation(Reach(), PANDA).policy
+        assert isinstance(policy, ClassicalStack)
+        return policy
+
+    assert stack_of(EvaluateOptions(ik="dls")).ik == "dls"
     for name in NAMES[1:]:
         (alone,) = EvaluateOptions(policy=(name,)).each
-        assert alone.contending.ik == name.partition(":")[2]
+        assert stack_of(alone).ik == name.partition(":")[2]
         assert alone.files["report"].name == "eval.json"
     mixed = EvaluateOptions(policy=("classical", "a.py:B", "classical:dls"), ik="lm", rate=9.0)
     assert [one.contender.ik for one in mixed.each] == ["lm", None, "dls"]

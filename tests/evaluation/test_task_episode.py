@@ -15,21 +15,21 @@ from mink import SE3
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import (
-    PolicyDrive,
     PolicyFailed,
     PolicyReference,
 )
-from robo47_qp.evaluation.task_episode import TaskEpisode, classical
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
+from robo47_qp.run.runner import ProgramDriver
 from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.table import add_table
 from tests.runs import Reach
-from tests.toy_policies import Drive, GoodDriver
+from tests.toy_policies import Drive
 
 SPEC = EpisodeSpec(index=2, seed=7)
 TOYS = "tests.toy_policies"
@@ -114,11 +114,9 @@ def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> N
 
 def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None:
     """Scene, start, mass and friction depend on the seed, not on policy, speed or noise."""
-    drive = PolicyDrive(reference=PolicyReference(text=f"{TOYS}:GoodPolicy"), driver=GoodDriver)
     other = episode(
         perturbation=replace(NOISY, noise_q=0.0, pose_noise=0.0, pushes=0),
         stack=ClassicalStack(ik="lm", pace=0.5),
-        drive=drive,
         foreign=True,
     )(SPEC)
     assert other.measures == noisy.measures
@@ -160,7 +158,7 @@ def test_a_failure_has_its_cause_with_time_and_evidence() -> None:
     ],
 )
 def test_what_cannot_be_carried_out_costs_the_episode(way: str, cause: str, evidence: str) -> None:
-    result = episode(drive=Drive(way), foreign=True)(SPEC)
+    result = episode(driver=Drive(way), foreign=True)(SPEC)
     assert (result.success, result.cause, result.error) == (False, cause, None)
     assert result.evidence is not None
     assert evidence in result.evidence
@@ -178,7 +176,7 @@ def test_what_cannot_be_carried_out_costs_the_episode(way: str, cause: str, evid
     ],
 )
 def test_a_bug_of_ours_is_no_failure_of_the_robot(way: str, last: str) -> None:
-    result = run_guarded(episode(drive=Drive(way)), SPEC)
+    result = run_guarded(episode(driver=Drive(way)), SPEC)
     assert (result.success, result.cause, result.failure) == (False, None, "error")
     assert result.error is not None
     assert result.error.startswith("Traceback")
@@ -198,7 +196,7 @@ def test_an_episode_keeps_the_scenario_it_was_given_but_for_the_seed(
 
 
 def test_the_classical_stack_drives_by_default() -> None:
-    assert episode().drive is classical
+    assert episode().driver is ProgramDriver
     assert not episode().foreign
 
 
@@ -252,5 +250,5 @@ def test_a_policy_that_cannot_be_made_fails_its_episode() -> None:
     unmakeable = PolicyReference(text=f"{TOYS}:UnmakeablePolicy")
     with pytest.raises(PolicyFailed, match="raised OSError as it was made: no weights"):
         unmakeable.make()
-    result = episode(drive=PolicyDrive(reference=unmakeable, driver=GoodDriver), foreign=True)(SPEC)
+    result = episode(driver=unmakeable.driver, foreign=True)(SPEC)
     assert (result.cause, result.error) == ("limit", None)

@@ -17,6 +17,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program
@@ -118,7 +119,7 @@ def test_in_a_cell_that_errs_an_item_is_grasped_and_carried_within_all_limits() 
     heavier than it is, it breaks three promises."""
     episode = TaskEpisode(robot=PANDA, task=PickPlace(), perturbation=PRESETS["moderate"])
     scenario = episode.scenario(505)
-    run = episode.drive(scenario, episode.simulation(scenario, 505), sinks=(), observers=())
+    run = Runner(scenario, episode.simulation(scenario, 505)).run()
     assert run.failure is None
     assert [str(finding) for finding in audit(run) if not finding.ok] == []
     # Nothing of this is promised of an arm that yields, and yet it is so.
