@@ -59,7 +59,7 @@ class Range:
             words += [f"below {self.below:g}" if self.below < inf else f"at most {self.at_most:g}"]
         elif not (self.whole or self.infinite):
             words += ["finite"]
-        return f"a whole number, {words[0]}" if self.whole else " and ".join(words)
+        return ("a whole number, " if self.whole else "") + " and ".join(words)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The table that tasks happen on, and what it takes to see them."""
+"""The table that tasks take place on, with a floor, lights and a camera."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape
 
 TABLE_TOP = 0.0
@@ -16,7 +17,17 @@ TABLE = Obstacle(
     size=(0.60, 0.60, 0.02),
     T_world_obstacle=SE3.from_translation(np.array([0.30, 0.0, TABLE_TOP - 0.02])),
 )
-"""Its top, for tasks that declare what the arm must stay away from."""
+"""Its top, as an obstacle."""
+
+
+def check_place(name: str, where: Sequence[float]) -> None:
+    """Check that a place on the table is two finite numbers, x and y [m].
+
+    Raises:
+        InvalidValueError: It is not.
+    """
+    if len(where) != 2 or not np.isfinite(where).all():
+        raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
 
 
 def add_table(spec: mujoco.MjSpec) -> None:

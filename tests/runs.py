@@ -66,7 +66,7 @@ def picked_and_placed(seed: int | None = None, speed: float = 1.0) -> Run:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reach:
+class Reach(Task):
     """A short job without objects: up by `rise` and home again."""
 
     rise: float = 0.02
@@ -76,14 +76,8 @@ class Reach:
     obstacles: tuple[Obstacle, ...] = ()
     name: str = "reach"
 
-    def variant(self, rng: np.random.Generator) -> "Reach":
-        return self
-
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         add_table(spec)
-
-    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
-        pass
 
     def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
         up = SE3.from_translation(np.array([0.0, 0.0, self.rise])) @ simulation.tool_pose()
@@ -95,9 +89,6 @@ class Reach:
     def program(self, simulation: Simulation) -> Program:
         yield from self.preview(simulation)
         return self.ending
-
-    def monitor(self, simulation: Simulation) -> None:
-        pass
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         return None

@@ -47,6 +47,7 @@ ONLY_IN = {
 }
 """Modules and rooms of the package that may import a library."""
 TASKS_MAY_USE = {
+    "arrays",
     "errors",
     "model.gripper",
     "model.obstacle",

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike, Wait
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
@@ -24,7 +24,7 @@ from robo47_qp.tasks.handling.item_handler import (
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import RED, Item
-from robo47_qp.tasks.table import TABLE_TOP, add_table
+from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _BELT = (0.09, 0.60, 0.015)
 """Half lengths of the belt: across, along (the y axis) and up [m]."""
@@ -43,7 +43,7 @@ _STARTS = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConveyorPick:
+class ConveyorPick(Task):
     """Take the cube from the belt and put it on the goal; with a seed, all is drawn at random.
 
     The belt's speed belongs to the scene. The cube counts as placed as in `PickPlace`.
@@ -55,37 +55,27 @@ class ConveyorPick:
     """Goal of the cube's centre on the table, x and y [m]."""
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
     """What is carried."""
-    grip_force: float = 30.0
+    grip_force: Positive = 30.0
     """Force of a finger on the item [N]."""
-    clearance: float = 0.10
+    clearance: Positive = 0.10
     """Height above the cube on the belt at which the tool waits and follows [m]."""
-    place_tolerance: float = 5e-3
+    place_tolerance: Positive = 5e-3
     """[m]"""
-    retries: int = 2
+    retries: CountOrZero = 2
     """How often to try again while the cube is in reach."""
-    force_max: float = 60.0
+    force_max: Positive = 60.0
     """See `Task.force_max`."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """The belt is touched by the cube alone, but that is not looked at."""
     name: str = "conveyor_pick"
     scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: The goal is not finite, the belt stands still, or a size is not
-                positive.
-        """
-        if len(self.goal) != 2 or not np.isfinite(self.goal).all():
-            raise InvalidValueError("goal", self.goal, "two finite numbers, x and y [m]")
+        """Check the fields; see `Checked`."""
+        super().__post_init__()
+        check_place("goal", self.goal)
         if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
-        for name in ("grip_force", "clearance", "place_tolerance", "force_max"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
 
-    def variant(self, rng: np.random.Generator) -> "ConveyorPick":
+    def variant(self, rng: np.random.Generator) -> Self:
         """A belt of a random speed, either way."""
         speed = rng.uniform(*_SPEEDS)
         return replace(self, speed=speed if rng.random() < 0.5 else -speed)
@@ -157,9 +147,6 @@ class ConveyorPick:
         yield hand.retreat(simulation.tool_pose())
         yield HOME
         return None
-
-    def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""

@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, unfinished
 from robo47_qp.tasks.heading import upright
@@ -31,7 +30,7 @@ from robo47_qp.tasks.table import TABLE_TOP, add_table
 
 
 @dataclass(frozen=True, kw_only=True)
-class PegInsert:
+class PegInsert(Task):
     """Pick the peg from the table and put it into the hole, down to the bottom.
 
     The peg counts as inserted when it is at least 90 % of the depth in the hole, upright
@@ -47,36 +46,20 @@ class PegInsert:
             rgba=(0.75, 0.62, 0.30, 1.0),
         )
     )
-    grip_force: float = 60.0
+    grip_force: Positive = 60.0
     """Of a finger on the peg [N]."""
-    search_force: float = 2.0
+    search_force: Positive = 2.0
     """What the peg is pressed with while it looks for the hole [N]."""
-    insert_force: float = 5.0
+    insert_force: Positive = 5.0
     """What it is pressed with on the way down [N]."""
-    search_radius: float = 3.2e-3
+    search_radius: Positive = 3.2e-3
     """Of the first spiral: a little more than the error of the position in x and y [m]."""
-    retries: int = 3
+    retries: CountOrZero = 3
     """Further attempts, each with the peg picked again, or with a spiral that is 1.5 times as wide
     and has its turns 0.7 times as far apart."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """The block is to be touched."""
     name: str = "peg_insert"
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: One is not positive.
-        """
-        for name in ("grip_force", "search_force", "insert_force", "search_radius"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
-
-    def variant(self, rng: np.random.Generator) -> "PegInsert":
-        """The same: what differs are poses, and what is known of them."""
-        return self
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
@@ -152,9 +135,6 @@ class PegInsert:
         yield hand.retreat(simulation.tool_pose())
         yield HOME
         return None
-
-    def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program, option
+from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
 from robo47_qp.tasks.handling.item_handler import (
@@ -21,7 +22,7 @@ from robo47_qp.tasks.handling.item_handler import (
 )
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import BLUE, RED, Item
-from robo47_qp.tasks.table import TABLE_TOP, add_table
+from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
 """Where random starts and goals lie: ranges of x and y [m]."""
@@ -32,7 +33,7 @@ _SIDES, _HEIGHTS, _MASSES = (0.025, 0.06), (0.03, 0.08), (0.05, 0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PickPlace:
+class PickPlace(Task):
     """Carry an item from `pick` to `place`; with a seed, both are drawn at random.
 
     The item counts as placed when its centre is within `place_tolerance` of the goal and it
@@ -48,13 +49,13 @@ class PickPlace:
     )
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
     """What is carried."""
-    grip_force: float = 30.0
+    grip_force: Positive = 30.0
     """Force of a finger on the item [N]."""
-    clearance: float = 0.12
+    clearance: Positive = 0.12
     """Height above the item on the table at which the tool comes and goes [m]."""
-    place_tolerance: float = 5e-3
+    place_tolerance: Positive = 5e-3
     """[m]"""
-    retries: int = 2
+    retries: CountOrZero = 2
     """Further attempts after a missed or lost grasp."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
@@ -63,20 +64,12 @@ class PickPlace:
     name: str = "pick_place"
 
     def __post_init__(self) -> None:
-        """Check the numbers.
+        """Check the fields; see `Checked`."""
+        super().__post_init__()
+        check_place("pick", self.pick)
+        check_place("place", self.place)
 
-        Raises:
-            InvalidValueError: A place is not finite, or a size is not positive.
-        """
-        for name in ("pick", "place"):
-            where = getattr(self, name)
-            if len(where) != 2 or not np.isfinite(where).all():
-                raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
-        for name in ("grip_force", "clearance", "place_tolerance"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
-
-    def variant(self, rng: np.random.Generator) -> "PickPlace":
+    def variant(self, rng: np.random.Generator) -> Self:
         """A box or a cylinder of a random size and mass."""
         x, y = rng.uniform(*_SIDES, 2)
         height, mass = rng.uniform(*_HEIGHTS), rng.uniform(*_MASSES)
@@ -129,9 +122,6 @@ class PickPlace:
         yield hand.retreat(simulation.tool_pose())
         yield HOME
         return None
-
-    def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""

@@ -2,23 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Positive
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import StepLike, Wait
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.handling.item_handler import HOME
 from robo47_qp.tasks.heading import upright
-from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
+from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table, check_place
 
 _BOARD = (0.12, 0.18, 0.01)
 """Half lengths of the shelf's board: out, across and up [m]."""
@@ -29,7 +29,7 @@ _SETTLE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleReach:
+class ObstacleReach(Task):
     """Bring the tool behind a post and under a shelf, hold it at each, and go home.
 
     Where the two stand is part of the scene; a seed draws the targets near them. A target is
@@ -39,41 +39,32 @@ class ObstacleReach:
 
     post: tuple[float, float] = (0.38, -0.22)
     """Where the post stands, x and y [m]."""
-    post_radius: float = 0.04
+    post_radius: Positive = 0.04
     """[m]"""
-    post_height: float = 0.40
+    post_height: Positive = 0.40
     """[m]"""
     shelf: tuple[float, float] = (0.45, 0.35)
     """Where the middle of the shelf is, x and y [m]; it opens towards the robot."""
-    shelf_height: float = 0.50
+    shelf_height: Positive = 0.50
     """Height of the shelf's lower side [m]."""
-    behind: float = 0.22
+    behind: Positive = 0.22
     """How far behind the middle of the post the tool goes by default [m]."""
-    position_tolerance: float = 1e-3
+    position_tolerance: Positive = 1e-3
     """[m]"""
-    turn_tolerance: float = np.radians(0.5)
+    turn_tolerance: Positive = np.radians(0.5)
     """[rad]"""
-    seconds: float = 0.25
+    seconds: Positive = 0.25
     """How long each target is held [s]."""
-    force_max: float = 1.0
+    force_max: Positive = 1.0
     """Nothing is to be touched [N]."""
     name: str = "obstacle_reach"
     scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: A place is not finite, or a size is not positive.
-        """
-        for name in ("post", "shelf"):
-            where = getattr(self, name)
-            if len(where) != 2 or not np.isfinite(where).all():
-                raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
-        sizes = ("post_radius", "post_height", "shelf_height", "behind")
-        for name in (*sizes, "position_tolerance", "turn_tolerance", "seconds", "force_max"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
+        """Check the fields; see `Checked`."""
+        super().__post_init__()
+        check_place("post", self.post)
+        check_place("shelf", self.shelf)
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
@@ -104,7 +95,7 @@ class ObstacleReach:
             ),
         )
 
-    def variant(self, rng: np.random.Generator) -> "ObstacleReach":
+    def variant(self, rng: np.random.Generator) -> Self:
         """Post and shelf at random places, one to the left and one to the right of the robot."""
         side = 1.0 if rng.random() < 0.5 else -1.0
         post = _polar(rng.uniform(0.36, 0.42), -side * rng.uniform(0.35, 0.75))

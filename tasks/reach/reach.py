@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import Annotated
 
 import mujoco
 import numpy as np
 from mink import SE3, SO3
 
+from robo47_qp.arrays import Positive, Range
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import Move, StepLike, Wait
-from robo47_qp.run.task import Program, option
+from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
@@ -44,7 +46,7 @@ _DEFAULT = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reach:
+class Reach(Task):
     """Hold tool poses, one after the other, and go home; with a seed they are random.
 
     A random pose is that of a random configuration inside the joint limits which touches
@@ -54,34 +56,20 @@ class Reach:
     to each stays above the table.
     """
 
-    count: int = option(5, "Poses to visit, 1 to 5.")
-    position_tolerance: float = 1e-3
+    count: Annotated[int, Range(at_least=1, at_most=5, whole=True)] = option(
+        5, "Poses to visit, 1 to 5."
+    )
+    position_tolerance: Positive = 1e-3
     """How far the tool point may be from a pose as it is held [m]."""
-    angle_tolerance: float = float(np.deg2rad(0.5))
+    angle_tolerance: Positive = float(np.deg2rad(0.5))
     """How far the tool may be turned from it [rad]."""
-    seconds: float = 0.2
+    seconds: Positive = 0.2
     """How long each pose is held [s]."""
     force_max: float = 1.0
     """See `Task.force_max`; nothing is to be touched [N]."""
     obstacles: tuple[Obstacle, ...] = (TABLE,)
     """All that is in the way."""
     name: str = "reach"
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: The count is not one of poses, or a number is not positive.
-        """
-        if not 1 <= self.count <= len(_DEFAULT):
-            raise InvalidValueError("count", self.count, f"1 to {len(_DEFAULT)}")
-        for name in ("position_tolerance", "angle_tolerance", "seconds"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
-
-    def variant(self, rng: np.random.Generator) -> "Reach":
-        """The same: its scene does not change."""
-        return self
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""

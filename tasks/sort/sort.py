@@ -2,17 +2,17 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import (
     HOME,
@@ -47,7 +47,7 @@ _ON_TABLE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sort:
+class Sort(Task):
     """Put each item into the bin of its colour; with a seed, they lie anywhere on the table.
 
     An item is sorted when its centre is inside the bin's walls and below their rim; the task is
@@ -68,28 +68,26 @@ class Sort:
         Bin(name="blue bin", centre=(0.45, -0.37), rgba=BLUE),
     )
     """Where they belong."""
-    drop: float = 8e-3
+    drop: Positive = 8e-3
     """Height above the table from which an item falls into its bin [m]."""
-    grip_force: float = 30.0
+    grip_force: Positive = 30.0
     """Of one finger [N]."""
-    above: float = 0.16
+    above: Positive = 0.16
     """Height of the tool above the table as it comes and goes [m]."""
-    retries: int = 4
+    retries: CountOrZero = 4
     """Further items to pick after one was missed, lost or fell beside its bin."""
     force_max: float = 40.0
     """See `Task.force_max`; the hand touches no wall [N]."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """The items may touch the walls of the bins, so they are not declared."""
     name: str = "sort"
     scene_stream: ClassVar[int | None] = 1
 
     def __post_init__(self) -> None:
-        """Check items, bins and numbers.
+        """Check the fields; see `Checked`.
 
         Raises:
-            InvalidValueError: An item has no bin, a bin is too small for its items, or a number
-                is out of range.
+            InvalidValueError: An item has no bin, or a bin is too small for its items.
         """
+        super().__post_init__()
         if not 1 <= len(self.items) <= len(_START):
             found = len(self.items)
             raise InvalidValueError("number of items", found, f"1 to {len(_START)}")
@@ -100,13 +98,8 @@ class Sort:
             count = sum(item.rgba == place.rgba for item in self.items)
             if count > len(place.slots):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
-        if self.retries < 0:
-            raise InvalidValueError("retries", self.retries, "0 or more")
-        for name in ("drop", "grip_force", "above"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
 
-    def variant(self, rng: np.random.Generator) -> "Sort":
+    def variant(self, rng: np.random.Generator) -> Self:
         """Boxes and cylinders of random sizes and masses."""
         items = []
         for item in self.items:
@@ -173,9 +166,6 @@ class Sort:
                 yield Release(name="open gripper")
         yield HOME
         return None
-
-    def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""

@@ -2,16 +2,17 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program, option
+from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import (
     YELLOW,
@@ -36,7 +37,7 @@ from robo47_qp.tasks.item import (
 )
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
-from robo47_qp.tasks.table import TABLE_TOP, add_table
+from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
 """Where random cubes lie: ranges of x and y [m]."""
@@ -54,7 +55,7 @@ _EDGES = (0.035, 0.05)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stack:
+class Stack(Task):
     """Stack cubes on top of each other; with a seed, they and the goal are drawn at random.
 
     Which cube is at which level does not matter. The tower stands when every level has a cube
@@ -70,48 +71,40 @@ class Stack:
     goal: tuple[float, float] = option(
         (0.45, -0.20), "Where the tower stands without a seed: x, y [m]."
     )
-    tolerance: float = 5e-3
+    tolerance: Positive = 5e-3
     """Horizontal distance of each cube's centre from the goal's vertical at most [m]."""
-    height_tolerance: float = 2e-3
+    height_tolerance: Positive = 2e-3
     """How far each centre may be from the height that its level has [m]."""
-    grip_force: float = 30.0
+    grip_force: Positive = 30.0
     """Of one finger [N]."""
-    clearance: float = 0.06
+    clearance: Positive = 0.06
     """Between the tower and the last cube, as it is carried over it [m]."""
-    retries: int = 4
+    retries: CountOrZero = 4
     """Further cubes to pick after one was missed, lost or knocked down."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """Nothing stands on the table but the cubes."""
     name: str = "stack"
 
     def __post_init__(self) -> None:
-        """Check the numbers.
+        """Check the fields; see `Checked`.
 
         Raises:
-            InvalidValueError: They are no cubes of one edge, too few or too many, or a number is
-                out of range.
+            InvalidValueError: They are not two or three cubes of one edge.
         """
+        super().__post_init__()
         edges = {length for cube in self.cubes for length in cube.size}
         few = not 2 <= len(self.cubes) <= len(_START)
         if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
             found = [cube.size for cube in self.cubes]
             raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
-        if len(self.goal) != 2 or not np.isfinite(self.goal).all():
-            raise InvalidValueError("goal", self.goal, "two finite numbers, x and y [m]")
-        if self.retries < 0:
-            raise InvalidValueError("retries", self.retries, "0 or more")
-        for name in ("tolerance", "height_tolerance", "grip_force", "clearance"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
+        check_place("goal", self.goal)
 
     @property
     def edge(self) -> float:
         """Of every cube [m]."""
         return self.cubes[0].height
 
-    def variant(self, rng: np.random.Generator) -> "Stack":
+    def variant(self, rng: np.random.Generator) -> Self:
         """Cubes of a random edge and mass."""
         edge, mass = rng.uniform(*_EDGES), rng.uniform(*_MASSES)
         cubes = tuple(replace(cube, size=(edge,) * 3, mass=mass) for cube in self.cubes)
@@ -172,9 +165,6 @@ class Stack:
                 yield hand.retreat(simulation.tool_pose())
         yield HOME
         return None
-
-    def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`; the end tells all."""
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""

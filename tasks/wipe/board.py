@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Checked, Positive
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.table import TABLE_TOP
 from robo47_qp.tasks.task_state import add_task_state, hide_marker, task_state
@@ -31,29 +31,19 @@ _SLID, _OUTSIDE, _WORST, _LAST = range(4)
 
 
 @dataclass(frozen=True, kw_only=True)
-class WipeSettings:
+class WipeSettings(Checked):
     """Force and speed of a sponge on a board."""
 
-    force: float = 10.0
+    force: Positive = 10.0
     """What the sponge is pressed with [N]."""
-    force_least: float = 5.0
+    force_least: Positive = 5.0
     """What it takes to wipe a mark off [N]."""
-    band: float = 0.05
+    band: Positive = 0.05
     """How far the force may be from the one asked for, relative to it [-]."""
-    speed: float = 0.06
+    speed: Positive = 0.06
     """Of the sponge on the board [m/s]."""
-    touch_speed: float = 0.1
+    touch_speed: Positive = 0.1
     """At which the sponge meets the board, at most [m/s]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: One is not positive and finite.
-        """
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0.0):
-                raise InvalidValueError(name, value, "positive and finite")
 
 
 def add_board(spec: mujoco.MjSpec) -> None:

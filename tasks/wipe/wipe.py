@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
-from robo47_qp.run.task import Program, option
+from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.heading import upright
@@ -34,7 +34,7 @@ _SPONGE = (0.085, 0.04, 0.065)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wipe:
+class Wipe(Task):
     """Take the sponge, wipe all marks off the board, and put the sponge back where it was.
 
     A mark is wiped once the sponge has passed over it, pressed with at least `force_least`.
@@ -43,39 +43,25 @@ class Wipe:
     the arm home.
     """
 
-    force: float = option(WipeSettings.force, "Force that the sponge is pressed with [N].")
+    force: Positive = option(WipeSettings.force, "Force that the sponge is pressed with [N].")
     sponge: Sponge = field(
         default_factory=lambda: Sponge(
             name="sponge", size=_SPONGE, mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
         )
     )
-    retries: int = 2
+    retries: CountOrZero = 2
     """Further attempts after a lost sponge or marks that were missed."""
-    obstacles: tuple[Obstacle, ...] = ()
-    """The board is to be touched."""
     name: str = "wipe"
-
-    def __post_init__(self) -> None:
-        """Check the force.
-
-        Raises:
-            InvalidValueError: It is not positive and finite.
-        """
-        self.settings  # noqa: B018  # checks its numbers
 
     @property
     def settings(self) -> WipeSettings:
-        """How the sponge is led."""
+        """Force and speed of the sponge on the board."""
         return WipeSettings(force=self.force)
 
     @property
     def force_max(self) -> float:
-        """Three times the force: see `Task.force_max` [N]."""
+        """Three times the force; see `Task.force_max` [N]."""
         return 3.0 * self.force
-
-    def variant(self, rng: np.random.Generator) -> "Wipe":
-        """The same: what differs are poses and heights."""
-        return self
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""

@@ -220,7 +220,7 @@ def _world() -> Simulation:
 @pytest.mark.parametrize("name", ["grip_force", "search_force", "insert_force", "search_radius"])
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InvalidValueError, match=f"{name} must be positive; found"):
+    with pytest.raises(InvalidValueError, match=f"{name} must be above 0 and finite; found"):
         replace(PegInsert(), **{name: value})  # type: ignore[arg-type]
 
 

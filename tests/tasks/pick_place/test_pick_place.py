@@ -418,9 +418,9 @@ def test_the_payload_is_the_cube() -> None:
         ({"pick": (np.nan, 0.0)}, r"pick must be two finite numbers.*nan"),
         ({"place": (0.0, np.inf)}, r"place must be two finite numbers.*inf"),
         ({"pick": (0.4,)}, r"pick must be two finite numbers"),
-        ({"grip_force": np.nan}, r"grip_force must be positive; found nan"),
-        ({"clearance": 0.0}, r"clearance must be positive"),
-        ({"place_tolerance": 0.0}, r"place_tolerance must be positive"),
+        ({"grip_force": np.nan}, r"grip_force must be above 0 and finite; found nan"),
+        ({"clearance": 0.0}, r"clearance must be above 0 and finite"),
+        ({"place_tolerance": 0.0}, r"place_tolerance must be above 0 and finite"),
     ],
 )
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:

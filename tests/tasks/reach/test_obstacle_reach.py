@@ -171,7 +171,7 @@ def test_dls_takes_another_answer_where_its_first_one_is_in_the_way() -> None:
 
 @pytest.mark.parametrize("name", ["post_radius", "shelf_height", "behind", "seconds", "force_max"])
 def test_sizes_are_positive(name: str) -> None:
-    with pytest.raises(InvalidValueError, match=f"{name} must be positive; found 0.0"):
+    with pytest.raises(InvalidValueError, match=f"{name} must be above 0 and finite; found 0.0"):
         replace(ObstacleReach(), **{name: 0.0})  # type: ignore[arg-type]
 
 

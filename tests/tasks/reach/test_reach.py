@@ -155,8 +155,8 @@ def test_poses_for_which_links_meet_are_not_taken(tmp_path: Path) -> None:
 
 
 def test_a_workspace_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tasks.reach._DISTANCE", (2.0, 3.0))
-    monkeypatch.setattr("tasks.reach._DRAWS", 50)
+    monkeypatch.setattr("robo47_qp.tasks.reach.reach._DISTANCE", (2.0, 3.0))
+    monkeypatch.setattr("robo47_qp.tasks.reach.reach._DRAWS", 50)
     with pytest.raises(InvalidValueError, match=r"none of 50 configurations of panda in it"):
         Reach().reset(_world(), np.random.default_rng(0))
 
@@ -165,8 +165,8 @@ def test_configurations_that_touch_something_are_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Below the table the tool cannot be without the arm being in it."""
-    monkeypatch.setattr("tasks.reach._HEIGHT", (-0.03, 0.0))
-    monkeypatch.setattr("tasks.reach._DRAWS", 3000)
+    monkeypatch.setattr("robo47_qp.tasks.reach.reach._HEIGHT", (-0.03, 0.0))
+    monkeypatch.setattr("robo47_qp.tasks.reach.reach._DRAWS", 3000)
     with pytest.raises(InvalidValueError, match=r"none of 3000 configurations"):
         Reach().reset(_world(), np.random.default_rng(0))
 
@@ -266,11 +266,11 @@ def test_the_arm_must_be_home_at_the_end() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"count": 0}, r"count must be 1 to 5; found 0"),
-        ({"count": 6}, r"count must be 1 to 5; found 6"),
-        ({"position_tolerance": 0.0}, r"position_tolerance must be positive"),
-        ({"angle_tolerance": np.nan}, r"angle_tolerance must be positive"),
-        ({"seconds": -1.0}, r"seconds must be positive"),
+        ({"count": 0}, r"count must be a whole number, at least 1 and at most 5; found 0"),
+        ({"count": 6}, r"count must be a whole number, at least 1 and at most 5; found 6"),
+        ({"position_tolerance": 0.0}, r"position_tolerance must be above 0 and finite"),
+        ({"angle_tolerance": np.nan}, r"angle_tolerance must be above 0 and finite"),
+        ({"seconds": -1.0}, r"seconds must be above 0 and finite"),
     ],
 )
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:

@@ -258,10 +258,10 @@ def _lowest_point(model: mujoco.MjModel, geom: int) -> float:
             {"items": tuple(replace(item, rgba=RED) for item in ALL.items)},
             r"items for 'red bin' must be one per slot at most; found 6",
         ),
-        ({"drop": 0.0}, r"drop must be positive"),
-        ({"grip_force": np.nan}, r"grip_force must be positive"),
-        ({"above": -1.0}, r"above must be positive"),
-        ({"retries": -1}, r"retries must be 0 or more; found -1"),
+        ({"drop": 0.0}, r"drop must be above 0 and finite"),
+        ({"grip_force": np.nan}, r"grip_force must be above 0 and finite"),
+        ({"above": -1.0}, r"above must be above 0 and finite"),
+        ({"retries": -1}, r"retries must be a whole number, 0 or more; found -1"),
     ],
 )
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:

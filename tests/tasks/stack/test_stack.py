@@ -283,11 +283,11 @@ def test_the_cube_is_carried_above_the_tower() -> None:
             r"cubes must be 2 to 3 cubes of one edge",
         ),
         ({"goal": (0.4, np.nan)}, r"goal must be two finite numbers"),
-        ({"tolerance": 0.0}, r"^tolerance must be positive"),
-        ({"height_tolerance": -1.0}, r"height_tolerance must be positive"),
-        ({"grip_force": np.nan}, r"grip_force must be positive"),
-        ({"retries": -1}, r"retries must be 0 or more; found -1"),
-        ({"clearance": 0.0}, r"clearance must be positive"),
+        ({"tolerance": 0.0}, r"^tolerance must be above 0 and finite"),
+        ({"height_tolerance": -1.0}, r"height_tolerance must be above 0 and finite"),
+        ({"grip_force": np.nan}, r"grip_force must be above 0 and finite"),
+        ({"retries": -1}, r"retries must be a whole number, 0 or more; found -1"),
+        ({"clearance": 0.0}, r"clearance must be above 0 and finite"),
     ],
 )
 def test_impossible_settings_are_refused(change: dict[str, object], message: str) -> None:

@@ -337,5 +337,5 @@ def _world() -> Simulation:
 @pytest.mark.parametrize("name", ["force", "force_least", "band", "speed", "touch_speed"])
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InvalidValueError, match=f"{name} must be positive and finite; found"):
+    with pytest.raises(InvalidValueError, match=f"{name} must be above 0 and finite; found"):
         replace(WipeSettings(), **{name: value})
