@@ -13,10 +13,9 @@ from rich.console import Console
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
-from robo47_qp.evaluation.benchmarks.ik.compare import compare
+from robo47_qp.evaluation.benchmarks.ik.command import CompareOptions, chosen, compare
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
-from robo47_qp.evaluation.benchmarks.ik.options import CompareOptions, chosen
 from robo47_qp.evaluation.benchmarks.ik.targets import uniform
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
@@ -143,8 +142,8 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"n": 0}, "--n must be 1 or more"),
-        ({"seed": -1}, "--seed must be 0 or more"),
+        ({"n": 0}, "--n must be a whole number, 1 or more"),
+        ({"seed": -1}, "--seed must be a whole number, 0 or more"),
         ({"log": Path("ik.txt")}, r"--log must be a file that ends with \.rrd"),
         ({"plot": Path("ik.gif")}, r"--plot must be a file that ends with \.png"),
     ],

@@ -1,20 +1,19 @@
-"""The recording of a comparison: targets coloured by outcome, each failure with the arm."""
+"""Recording of a comparison: targets coloured by outcome, and each failure with the arm."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
-from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.failure_pages import FAILURE, FIGURES, pages
-from robo47_qp.evaluation.benchmarks.ik.failure_words import legend, why
-from robo47_qp.evaluation.benchmarks.ik.outcome import (
+from robo47_qp.evaluation.benchmarks.ik.answers import (
     COLOURS,
     GOOD,
+    Answers,
     Outcome,
     outcomes,
 )
@@ -158,3 +157,108 @@ class FailureLog:
 
 def _index(count: int) -> rr.TimeColumn:
     return rr.TimeColumn(FAILURE, sequence=range(1, count + 1))
+
+
+FAILURE = "failure"
+"""Timeline: the number of a failure, counted for each solver on its own."""
+FIGURES = "figures"
+"""Entity of the tables."""
+
+
+def pages(solvers: Sequence[str]) -> rrb.Blueprint:
+    """One tab for each solver, the figures first."""
+    return rrb.Blueprint(
+        rrb.Tabs(
+            rrb.TextDocumentView(name="Figures", origin=f"/{FIGURES}"),
+            *(_page(solver) for solver in solvers),
+            active_tab=min(1, len(solvers)),
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=FAILURE, play_state="paused", fps=2.0),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _page(solver: str) -> rrb.Horizontal:
+    origin = f"/{rr.escape_entity_path_part(solver)}"
+    scene = rrb.Spatial3DView(
+        name="Targets and failures",
+        origin=origin,
+        contents=["$origin/**", "- $origin/why"],
+        background=(24, 27, 32),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=(1.9, -1.5, 1.25), look_target=(0.0, 0.0, 0.4), eye_up=(0, 0, 1)
+        ),
+    )
+    why = rrb.TextDocumentView(name="This failure", origin=f"{origin}/why")
+    return rrb.Horizontal(scene, why, column_shares=[3, 1], name=solver)
+
+
+def why(answers: Answers, k: int, outcome: Outcome, place: str) -> str:
+    """One failure: what was wanted, what came back, and the solver's own words.
+
+    Args:
+        answers: All answers of the solver.
+        k: Which of them.
+        outcome: What became of it.
+        place: Which failure this is, of how many.
+    """
+    answer = answers.items[k]
+    verdict = answer.verdict
+    kinds = answers.targets.kinds
+    lines = [
+        f"# {answers.solver}: {outcome.value}",
+        "",
+        f"Failure {place}: target {k} of `{answers.targets.name}`"
+        + (f" ({kinds[k]})" if kinds else ""),
+        "",
+        "| | |",
+        "|---|--:|",
+        f"| tool off by | {1e3 * verdict.position_error:.3g} mm |",
+        f"| and | {np.degrees(verdict.orientation_error):.3g}° |",
+        f"| outside the limits by | {verdict.limit_excess:.3g} rad |",
+        f"| steps | {answer.iterations} |",
+        f"| restarts | {answer.restarts} |",
+        f"| processor time | {1e3 * answer.seconds:.3g} ms |",
+    ]
+    if verdict.pair is not None:
+        first, second = verdict.pair
+        lines.append(f"| {first} in {second} | {1e3 * verdict.penetration:.1f} mm |")
+    said = "reached" if answer.reason is None else answer.reason
+    lines += ["", f"The solver says: **{said}**. {answer.explanation}", ""]
+    lines += ["q = " + " ".join(f"{value:.4f}" for value in answer.q) + " rad"]
+    return "\n".join(lines)
+
+
+def legend() -> str:
+    """What the colours of the targets mean."""
+    lines = ["| colour (red, green, blue) | outcome |", "|---|---|"]
+    lines += [f"| {COLOURS[outcome]} | {outcome.value} |" for outcome in Outcome]
+    return "\n".join(lines)
+
+
+def figures_markdown(summary: Mapping[str, Any]) -> str:
+    """The rows of a report as tables."""
+    rows: Sequence[Mapping[str, Any]] = summary["rows"]
+    lines = [f"# Inverse kinematics of {summary['robot']}, seed {summary['seed']}", ""]
+    for name in dict.fromkeys(row["targets"] for row in rows):
+        own = [row for row in rows if row["targets"] == name]
+        lines += [
+            f"## {name}, {own[0]['n']} targets",
+            "",
+            "| solver | success % | 95 % interval | tight % | collision-free % | outside limits "
+            "| median ms | p95 ms | p99 ms |",
+            "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+        ]
+        lines += [
+            f"| {row['solver']} | {100 * row['success']:.2f} | {100 * row['interval'][0]:.2f} – "
+            f"{100 * row['interval'][1]:.2f} | {100 * row['tight']:.2f} | "
+            f"{100 * row['collision_free']:.2f} | {row['limit_violations']} | "
+            f"{row['median_ms']:.3f} | {row['p95_ms']:.3f} | {row['p99_ms']:.3f} |"
+            for row in own
+        ]
+        lines.append("")
+    return "\n".join(lines)

@@ -1,5 +1,6 @@
 """Judge: what an answer is worth, by MuJoCo on the robot's own file, whoever gave it."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -10,8 +11,8 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.model.mjcf import compiled, robot_spec
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
-from robo47_qp.sim.scene import BuildScene
 
 LOOSE = Tolerance(position=1e-3, orientation=float(np.radians(0.1)))
 """What counts as success: 1 mm and 0.1 degrees."""
@@ -58,11 +59,11 @@ class Judge:
     not drive, such as fingers, are at zero.
     """
 
-    def __init__(self, robot: Robot, build_scene: BuildScene | None = None) -> None:
-        """Compile the robot's own file, with obstacles around it where they are given."""
+    def __init__(self, robot: Robot, obstacles: Sequence[Obstacle] = ()) -> None:
+        """Compile the robot's own file with obstacles around it."""
         spec = robot_spec(robot)
-        if build_scene is not None:
-            build_scene(spec)
+        for obstacle in obstacles:
+            add_obstacle(spec, obstacle)
         self._model = compiled(spec, robot.mjcf)
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in robot.joints]

@@ -13,10 +13,10 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError
-from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.outcome import (
+from robo47_qp.evaluation.benchmarks.ik.answers import (
     COLOURS,
     GOOD,
+    Answers,
     Outcome,
     outcomes,
 )

@@ -1,20 +1,156 @@
-"""The report of a comparison, as JSON that repeats but for its times."""
+"""Figures of a comparison: a row per solver and target set, reasons, paired tests, report."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from typing import Any
 
-from robo47_qp.evaluation.benchmarks.ik.answers import Answers
+import numpy as np
+from numpy.typing import NDArray
+
+from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answers
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison
 from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT
-from robo47_qp.evaluation.benchmarks.ik.rows import (
-    Question,
-    paired_tests,
-    reason_rows,
-    rows,
-)
-from robo47_qp.evaluation.statistics import CONFIDENCE
+from robo47_qp.evaluation.benchmarks.ik.unreachable import EXPECTED
+from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, wilson
 from robo47_qp.report.run_report import plain, versions
+
+Question = tuple[str, str]
+"""Two solvers that were to be compared before there were figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedTest:
+    """Two solvers on the same targets: McNemar's exact test on those that only one solved."""
+
+    targets: str
+    a: str
+    b: str
+    only_a: int
+    """Targets that a alone solved."""
+    only_b: int
+    """Targets that b alone solved."""
+    p: float
+    """Chance of a split at least as uneven, were both equally good; two-sided."""
+    p_holm: float
+    """The same, corrected for the number of tests (Holm, 1979): the planned ones among
+    themselves, the others among all others."""
+    planned: bool
+    """True for a comparison that was chosen before there were figures."""
+
+
+def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
+    """The figures of one solver on one target set, as JSON.
+
+    Rates are of all n targets. Times are of those that some solver reached: how long a
+    solver searches in vain for what is not there is told beside them.
+
+    Args:
+        answers: What the solver answered.
+        reached: For each target, whether some solver of the comparison reached it, tight.
+    """
+    timed = reached if reached.any() else np.ones(answers.n, dtype=np.bool_)
+    in_vain = answers.milliseconds[~reached]
+    reached_by_any = int(reached.sum())
+    n, success, tight = answers.n, answers.success, answers.tight
+    free = success & answers.free
+    times = np.percentile(answers.milliseconds[timed], [50.0, 95.0, 99.0, 100.0])
+    reasons = Counter(answer.reason for answer in answers.items)
+    return {
+        "solver": answers.solver,
+        "targets": answers.targets.name,
+        "n": n,
+        "success": float(success.mean()),
+        "interval": list(wilson(int(success.sum()), n)),
+        "tight": float(tight.mean()),
+        "tight_interval": list(wilson(int(tight.sum()), n)),
+        "collision_free": float(free.mean()),
+        "collision_free_interval": list(wilson(int(free.sum()), n)),
+        "position_only": float(answers.in_place.mean()),
+        "median_ms": float(times[0]),
+        "p95_ms": float(times[1]),
+        "p99_ms": float(times[2]),
+        "max_ms": float(times[3]),
+        "in_vain_median_ms": float(np.median(in_vain)) if len(in_vain) else 0.0,
+        "first_ms": 1e3 * answers.first_seconds,
+        "limit_violations": int(answers.outside.sum()),
+        "reached_by_any": reached_by_any,
+        "missed": reached_by_any - int(tight.sum()),
+        "false_claims": int((answers.claimed & ~success).sum()),
+        "raised": reasons[RAISED],
+        "median_iterations": float(np.median(answers.iterations)),
+        "mean_restarts": float(answers.restarts.mean()),
+        "reasons": dict(sorted((k, v) for k, v in reasons.items() if k is not None)),
+        "sha256": answers.digest(),
+    }
+
+
+def rows(field: Sequence[Answers]) -> list[dict[str, Any]]:
+    """The rows of all solvers on one target set."""
+    some = np.logical_or.reduce([answers.tight for answers in field])
+    return [row(answers, some) for answers in field]
+
+
+def reason_rows(answers: Answers) -> list[dict[str, Any]]:
+    """Per kind of unreachable target, how often the solver named the right class of reason."""
+    kinds = np.array(answers.targets.kinds[: answers.n])
+    found = []
+    for kind in dict.fromkeys(kinds.tolist()):
+        said = [
+            (answer.reason, answer.seconds)
+            for answer, own in zip(answers.items, kinds, strict=True)
+            if own == kind
+        ]
+        right = sum(reason in EXPECTED[kind] for reason, _ in said)
+        found.append(
+            {
+                "solver": answers.solver,
+                "targets": answers.targets.name,
+                "kind": kind,
+                "n": len(said),
+                "right": right,
+                "expected": sorted(EXPECTED[kind]),
+                "said": dict(sorted(Counter(reason or "REACHED" for reason, _ in said).items())),
+                "p99_ms": float(np.percentile([1e3 * seconds for _, seconds in said], 99.0)),
+            }
+        )
+    return found
+
+
+def paired_tests(
+    fields: Sequence[Sequence[Answers]], planned: Collection[Question]
+) -> list[PairedTest]:
+    """All pairs of solvers on all target sets that can be reached.
+
+    Success is that of the row: 1 mm, 0.1 degrees, inside the limits.
+    """
+    tests = []
+    for field in fields:
+        solved = {answers.solver: answers.success for answers in field}
+        if field[0].targets.reachable is False:
+            continue
+        for a, b in combinations(solved, 2):
+            only_a, only_b, p = mcnemar(solved[a], solved[b])
+            tests.append(
+                PairedTest(
+                    targets=field[0].targets.name,
+                    a=a,
+                    b=b,
+                    only_a=only_a,
+                    only_b=only_b,
+                    p=p,
+                    p_holm=p,
+                    planned=(a, b) in planned,
+                )
+            )
+    return [test for family in (True, False) for test in _corrected(tests, family)]
+
+
+def _corrected(tests: Sequence[PairedTest], planned: bool) -> list[PairedTest]:
+    family = [test for test in tests if test.planned is planned]
+    corrected = holm([test.p for test in family])
+    return [replace(test, p_holm=p) for test, p in zip(family, corrected, strict=True)]
 
 
 def summary(

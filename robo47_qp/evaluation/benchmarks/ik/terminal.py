@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.rows import rows
+from robo47_qp.evaluation.benchmarks.ik.summary import rows
 
 _REFRESH = 1.0
 """Time between two looks at the figures while they grow [s]."""

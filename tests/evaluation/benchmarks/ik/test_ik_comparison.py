@@ -11,12 +11,10 @@ from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answers
+from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answers, Outcome, outcomes
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field, Start
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
-from robo47_qp.evaluation.benchmarks.ik.outcome import Outcome, outcomes
-from robo47_qp.evaluation.benchmarks.ik.rows import paired_tests, reason_rows, rows
-from robo47_qp.evaluation.benchmarks.ik.summary import summary
+from robo47_qp.evaluation.benchmarks.ik.summary import paired_tests, reason_rows, rows, summary
 from robo47_qp.evaluation.benchmarks.ik.targets import (
     MakeTargets,
     TargetSet,

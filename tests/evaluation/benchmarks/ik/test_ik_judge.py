@@ -15,6 +15,7 @@ from robo47_qp.evaluation.benchmarks.ik.judge import (
 )
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from tests.examples import fractions, inner_fractions, poses, shifted, turned
@@ -128,11 +129,8 @@ def test_what_stands_around_counts_and_what_touches_at_home_does_not() -> None:
     there, home = ARM.pose(q), ARM.pose(PANDA.home)
 
     def with_ball(place: SE3) -> Judge:
-        def build(spec: mujoco.MjSpec) -> None:
-            ball = mujoco.mjtGeom.mjGEOM_SPHERE
-            spec.worldbody.add_geom(type=ball, pos=place.translation(), size=[0.05] * 3)
-
-        return Judge(PANDA, build)
+        ball = Obstacle(name="ball", shape=Shape.SPHERE, size=(0.05,), T_world_obstacle=place)
+        return Judge(PANDA, [ball])
 
     assert JUDGE.verdict(there, q).free
     assert with_ball(there).verdict(home, PANDA.home).free

@@ -10,17 +10,16 @@ from rich.console import Console
 
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.ik import failure_log
-from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
-from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog
-from robo47_qp.evaluation.benchmarks.ik.failure_words import figures_markdown, legend, why
-from robo47_qp.evaluation.benchmarks.ik.judge import Judge
-from robo47_qp.evaluation.benchmarks.ik.outcome import (
+from robo47_qp.evaluation.benchmarks.ik.answers import (
     COLOURS,
     GOOD,
+    Answers,
     Outcome,
     outcomes,
 )
+from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
+from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown, legend, why
+from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
 from robo47_qp.evaluation.benchmarks.ik.summary import summary
 from robo47_qp.evaluation.benchmarks.ik.targets import near_limits

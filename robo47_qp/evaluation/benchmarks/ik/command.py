@@ -1,0 +1,164 @@
+"""Inverse kinematics compared: damped least squares, QP, restarts, on paired targets."""
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from rich.console import Console
+from rich.markup import escape
+
+from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
+from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
+from robo47_qp.errors import UnknownNameError
+from robo47_qp.evaluation.benchmarks.ik.answers import Answers
+from robo47_qp.evaluation.benchmarks.ik.catalogue import QUESTIONS, peers, solvers, target_sets
+from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Start
+from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown
+from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
+from robo47_qp.evaluation.benchmarks.ik.summary import Question, summary
+from robo47_qp.evaluation.benchmarks.ik.terminal import LiveTable, paired_table, reasons_table
+from robo47_qp.files import claim, write_text
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robots import load_robot
+
+Member = TypeVar("Member")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(Checked):
+    """Options of a comparison."""
+
+    robot: str = "panda"
+    """Robot whose inverse kinematics is solved."""
+    n: Count = 1000
+    """Targets per target set."""
+    seed: CountOrZero = 0
+    """Seed of the targets."""
+    solvers: tuple[str, ...] = ()
+    """Names of the solvers to compare; all of them if none is named."""
+    targets: tuple[str, ...] = ()
+    """Names of the target sets; all of them if none is named."""
+    start: Literal["home", "random"] = "home"
+    """Where every search starts: the robot's home, or a random configuration per target."""
+    peers: bool = False
+    """Also compare the solvers of other packages; those that are not installed are named."""
+    log: Annotated[Path, Suffix(".rrd")] = LOGS / "ik.rrd"
+    """Recording to write; the report goes beside it, with the ending .json."""
+    plot: Annotated[Path, Suffix(".png")] | None = None
+    """Picture to write (PNG); by default beside the recording."""
+    json: bool = False
+    """Print the report as JSON on the standard output and nothing else."""
+
+    def _label(self, field: str) -> str:
+        return f"--{field}"
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files that are written, by name."""
+        return {
+            "report": self.log.with_suffix(".json"),
+            "plot": self.plot or self.log.with_suffix(".png"),
+            "recording": self.log,
+        }
+
+
+def compare_command(args: Sequence[str] | None = None, prog: str | None = None) -> int:
+    """Compare from the command line, and return the exit code; see `robo47_qp.cli.main`."""
+    return main(CompareOptions, compare_chosen, __doc__, args=args, prog=prog)
+
+
+def compare_chosen(options: CompareOptions, console: Console) -> int:
+    """Run the comparison that was chosen, and return the exit code."""
+    others, left_out = peers() if options.peers else ({}, {})
+    robot = load_robot(options.robot)
+    comparison = Comparison(
+        arm=Arm(robot),
+        solvers=chosen("solver", solvers() | others, options.solvers),
+        fields=chosen("target set", target_sets(robot), options.targets),
+        n=options.n,
+        seed=options.seed,
+        start=Start(options.start),
+    )
+    return compare(comparison, options, console, left_out=left_out, questions=QUESTIONS)
+
+
+def chosen(kind: str, known: Mapping[str, Member], names: Iterable[str]) -> dict[str, Member]:
+    """Return the named members, in the order of all; all if none is named.
+
+    Raises:
+        UnknownNameError: A name is not among those known.
+    """
+    wanted = tuple(names)
+    for name in wanted:
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
+    return {name: member for name, member in known.items() if not wanted or name in wanted}
+
+
+def compare(
+    comparison: Comparison,
+    options: CompareOptions,
+    console: Console,
+    *,
+    left_out: Mapping[str, str],
+    questions: Sequence[Question],
+) -> int:
+    """Run a comparison, write its report, plot and recording, and return the exit code.
+
+    The report is written after each target set and after an interruption.
+
+    Raises:
+        RecordingError: A file cannot be written.
+    """
+    files = options.files
+    for path in files.values():
+        claim(path)
+    for name, reason in left_out.items():
+        console.print(f"left out: {name}; {escape(reason)}", highlight=False, soft_wrap=True)
+    done: list[Sequence[Answers]] = []
+    complete = False
+    try:
+        with LiveTable(console, comparison.n * len(comparison.fields)) as table:
+            for field in comparison.run(table.show):
+                table.close_field(field)
+                done.append(field)
+                write_text(
+                    files["report"],
+                    _text(summary(comparison, done, questions, left_out, complete=False)),
+                )
+        complete = True
+    except KeyboardInterrupt:
+        console.print("interrupted; what was measured so far is kept")
+    figures = summary(comparison, done, questions, left_out, complete=complete)
+    write_text(files["report"], _text(figures))
+    if done:
+        plot_comparison(comparison.arm, done, files["plot"])
+        with closing(_log(comparison, files["recording"])) as log:
+            log.write(done, figures_markdown(figures))
+    if options.json:
+        sys.stdout.write(_text(figures) + "\n")
+    else:
+        _print_end(figures, options, console)
+    return OK if complete else INTERRUPTED
+
+
+def _log(comparison: Comparison, path: Path) -> FailureLog:
+    return FailureLog(path, comparison.arm.robot, list(comparison.solvers))
+
+
+def _text(figures: Mapping[str, Any]) -> str:
+    return json.dumps(figures, indent=2, allow_nan=False)
+
+
+def _print_end(figures: Mapping[str, Any], options: CompareOptions, console: Console) -> None:
+    asked = [test for test in figures["paired"] if test["planned"]]
+    if asked:
+        console.print(paired_table(asked))
+    if figures["reasons"]:
+        console.print(reasons_table(figures["reasons"]))
+    for name, path in options.files.items():
+        console.print(f"  {name:<10} {path}", highlight=False, soft_wrap=True)
