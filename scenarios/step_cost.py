@@ -127,8 +127,8 @@ def _control(done: Run, controller: Controller) -> float:
 def _columns(done: Run) -> float:
     """Seconds that filling the columns of a run takes."""
     simulation = Simulation(PANDA, PickPlace().build_scene)
-    now = sum(len(s.labels) for s in signals.now(PANDA, simulation.objects))
-    last = sum(len(s.labels) for s in signals.last(PANDA))
+    now = sum(len(signal.labels) for signal in simulation.signals_now)
+    last = sum(len(signal.labels) for signal in simulation.signals_last)
     rows = Rows(done.rows.signals, done.rows.values.copy())
     row_now, row_last = np.empty(now), np.empty(last)
     started = perf_counter()
@@ -137,7 +137,7 @@ def _columns(done: Run) -> float:
         simulation.write_last(row_last)
     for first in range(0, len(rows), 400):
         block = Rows(rows.signals, rows.values[first : first + 400])
-        signals.derive(block, simulation.gripper.fingers)
+        signals.derive(block, PANDA)
     return perf_counter() - started
 
 

@@ -1,6 +1,6 @@
 """ControlLoop: reference, controller, simulation and recording, period by period."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -12,14 +12,14 @@ from robo47_qp.control.active import ActiveController
 from robo47_qp.control.controller import Controller
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.payload import Payload
-from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.timing.stopping import stop
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Recording, Signal, slices
+from robo47_qp.run.recording import Recording
 from robo47_qp.sim.simulation import Simulation
 
 TICK_ROWS = 20
@@ -77,13 +77,14 @@ class ControlLoop:
         self.arm, self.sim = arm, simulation
         self.profile = arm.robot.profile if profile is None else profile
         self.control = ActiveController(controller, arm, dt=TIMESTEP)
-        self.recording = Recording(signals.all_signals(arm.robot, simulation.objects))
+        self.recording = Recording(signals.all_signals(simulation))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
         self._check = check
-        self._columns = _Columns(arm.robot, simulation.objects)
+        self._columns = signals.Columns(simulation)
+        self._wanted = tuple(signals.references(arm.robot).values())
         self.rest(np.array(arm.robot.home))
 
     @property
@@ -194,7 +195,7 @@ class ControlLoop:
         rows = self.recording.open_rows(count)
         rows[:, 0] = (len(self.recording) + np.arange(count)) * TIMESTEP
         rows[:, 1] = len(self.phases) - 1
-        rows[:, self._columns.reference] = references[first : first + count]
+        rows[:, self._columns.references] = references[first : first + count]
         for row, q, v, a in zip(
             rows,
             trajectory.q[first : first + count],
@@ -211,28 +212,8 @@ class ControlLoop:
         self.seconds += perf_counter() - started
 
     def _references(self, trajectory: Trajectory) -> Matrix:
-        """Columns `signals.reference` for every sample."""
-        arm = self.control.arm
+        """Return the columns `signals.references` of every sample."""
         if trajectory.still and trajectory.steps:
             return np.repeat(self._references(trajectory.part(0, 0)), trajectory.steps + 1, axis=0)
-        samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
-        tau = np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
-        poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])
-        return np.hstack(
-            [trajectory.q, trajectory.v, trajectory.a, tau, poses[:, 4:], poses[:, :4]]
-        )
-
-
-class _Columns:
-    """Where groups of signals stand in a row."""
-
-    def __init__(self, robot: Robot, objects: Sequence[str]) -> None:
-        found = slices(signals.all_signals(robot, objects))
-
-        def span(group: Sequence[Signal]) -> slice:
-            return slice(found[group[0].name].start, found[group[-1].name].stop)
-
-        self.reference = span(signals.reference(robot))
-        self.now = span(signals.now(robot, objects))
-        self.command = span(signals.command(robot))
-        self.last = span(signals.last(robot))
+        arm = self.control.arm
+        return np.hstack([columns(arm, trajectory) for columns in self._wanted])

@@ -6,24 +6,13 @@ accelerations and contact forces are those of the period from t_k to t_k+1.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import UnknownNameError
-
-
-@dataclass(frozen=True, kw_only=True)
-class Signal:
-    """A named group of columns."""
-
-    name: str
-    """Path with slashes, for example "joints/q"."""
-    labels: tuple[str, ...]
-    """One per column."""
-    unit: str
+from robo47_qp.sim.signal import Signal
 
 
 class Sink(Protocol):

@@ -8,6 +8,7 @@ import numpy as np
 
 from robo47_qp.errors import NoGripperError
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg
 from robo47_qp.run import signals
 from robo47_qp.run.control_loop import Aborted, ControlLoop
@@ -121,10 +122,8 @@ class Runner:
         Raises:
             RecordingError: A sink could not keep the recording.
         """
-        gripper = self.scenario.robot.gripper
-        derive = _Derive(() if gripper is None else gripper.fingers)
         loop, task = self.loop, self.scenario.task
-        loop.recording.sinks = (derive, *sinks)
+        loop.recording.sinks = (_Derive(self.scenario.robot), *sinks)
         loop.observers = tuple(observers)
         failure = self.finish()
         if failure is not None and failure.time is None:
@@ -173,10 +172,10 @@ class Runner:
 
 
 class _Derive:
-    """Sink that completes the rows for those after it; in chunks it costs a tenth."""
+    """Sink that fills the derived columns for those after it; in chunks it costs a tenth."""
 
-    def __init__(self, fingers: Sequence[str]) -> None:
-        self._fingers = fingers
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
 
     def write(self, rows: Rows) -> None:
-        signals.derive(rows, self._fingers)
+        signals.derive(rows, self._robot)

@@ -1,122 +1,122 @@
-"""Which signals a run records, and those computed from others."""
+"""Which signals a run records, and where the values of each come from.
 
-from collections.abc import Sequence
+A row has, in this order: time and phase; the references for t_k; the state at t_k; the command at
+t_k; the effects from t_k to t_k+1; what is derived from all these. State and effects are the
+simulation's own (`Simulation.signals_now`, `signals_last`). Every signal is one entry of its group.
+"""
+
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
-from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.run.recording import Rows, slices
+from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
+from robo47_qp.sim.simulation import Simulation
 
-_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_POSE_UNIT = "m, quaternion wxyz"
 
-
-def reference(robot: Robot) -> tuple[Signal, ...]:
-    """What the planner asks for at t_k; `tau_ref` is the arm's inverse dynamics of it."""
+def references(robot: Robot) -> dict[Signal, Callable[[Arm, Trajectory], Matrix]]:
+    """Return the signals of what the planner wants, with functions of all samples (N, size)."""
     joints, unit = robot.joints, robot.unit
-    return (
-        Signal(name="joints/q_ref", labels=joints, unit=unit("rad", "m")),
-        Signal(name="joints/v_ref", labels=joints, unit=unit("rad/s", "m/s")),
-        Signal(name="joints/a_ref", labels=joints, unit=unit("rad/s²", "m/s²")),
-        Signal(name="joints/tau_ref", labels=joints, unit=unit("N·m", "N")),
-        Signal(name="tool/pose_ref", labels=_POSE, unit=_POSE_UNIT),
-    )
+    return {
+        Signal(name="joints/q_ref", labels=joints, unit=unit("rad", "m")): lambda _, t: t.q,
+        Signal(name="joints/v_ref", labels=joints, unit=unit("rad/s", "m/s")): lambda _, t: t.v,
+        Signal(name="joints/a_ref", labels=joints, unit=unit("rad/s²", "m/s²")): lambda _, t: t.a,
+        Signal(name="joints/tau_ref", labels=joints, unit=unit("N·m", "N")): _torques,
+        Signal(name="tool/pose_ref", labels=POSE, unit=POSE_UNIT): _poses,
+    }
 
 
-def now(robot: Robot, objects: Sequence[str]) -> tuple[Signal, ...]:
-    """What the simulation is at t_k, in the order of `Simulation.write_now`."""
-    gripper: tuple[Signal, ...] = ()
-    if robot.gripper is not None:
-        gripper = (
-            Signal(name="gripper/fingers", labels=robot.gripper.joints, unit="m"),
-            Signal(name="gripper/width_command", labels=("width",), unit="m"),
-        )
-    return (
-        Signal(name="joints/q", labels=robot.joints, unit=robot.unit("rad", "m")),
-        Signal(name="joints/v", labels=robot.joints, unit=robot.unit("rad/s", "m/s")),
-        Signal(name="tool/pose", labels=_POSE, unit=_POSE_UNIT),
-        *gripper,
-        *(Signal(name=f"objects/{name}", labels=_POSE, unit=_POSE_UNIT) for name in objects),
-    )
+def command(robot: Robot) -> Signal:
+    """Return the signal of what the controller commands, before the limits of the motors."""
+    return Signal(name="joints/tau_command", labels=robot.joints, unit=robot.unit("N·m", "N"))
 
 
-def command(robot: Robot) -> tuple[Signal, ...]:
-    """What the controller asks for at t_k."""
-    unit = robot.unit("N·m", "N")
-    return (Signal(name="joints/tau_command", labels=robot.joints, unit=unit),)
-
-
-def last(robot: Robot) -> tuple[Signal, ...]:
-    """What happened from t_k to t_k+1, in the order of `Simulation.write_last`."""
-    return (
-        Signal(name="joints/a", labels=robot.joints, unit=robot.unit("rad/s²", "m/s²")),
-        Signal(name="joints/tau", labels=robot.joints, unit=robot.unit("N·m", "N")),
-        Signal(name="contact/tool", labels=("x", "y", "z"), unit="N"),
-        Signal(name="contact/links", labels=("sum",), unit="N"),
-        *(
-            Signal(name=f"gripper/{finger}_contact", labels=("x", "y", "z"), unit="N")
-            for finger in _fingers(robot)
+def derived(robot: Robot) -> dict[Signal, Callable[[Rows], Matrix]]:
+    """Return the signals that follow from others, with functions of rows (N, size)."""
+    found: dict[Signal, Callable[[Rows], Matrix]] = {
+        Signal(name="errors/q", labels=robot.joints, unit=robot.unit("rad", "m")): lambda rows: (
+            rows["joints/q_ref"] - rows["joints/q"]
         ),
-    )
-
-
-def derived(robot: Robot) -> tuple[Signal, ...]:
-    """What follows from the others, filled by `derive`."""
-    gripper: tuple[Signal, ...] = ()
+        Signal(name="errors/tool_position", labels=("distance",), unit="m"): lambda rows: _size(
+            rows["tool/pose_ref"][:, :3] - rows["tool/pose"][:, :3]
+        ),
+        Signal(name="errors/tool_angle", labels=("angle",), unit="rad"): lambda rows: (
+            _angle_between(rows["tool/pose_ref"][:, 3:], rows["tool/pose"][:, 3:])
+        ),
+        Signal(name="joints/saturated", labels=("motors",), unit="count"): lambda rows: (
+            rows["joints/tau"] != rows["joints/tau_command"]
+        ).sum(axis=1, keepdims=True),
+    }
     if robot.gripper is not None:
-        gripper = (
-            Signal(name="gripper/width", labels=("width",), unit="m"),
-            Signal(name="gripper/force", labels=robot.gripper.fingers, unit="N"),
+        fingers = robot.gripper.fingers
+        found[Signal(name="gripper/width", labels=("width",), unit="m")] = lambda rows: rows[
+            "gripper/fingers"
+        ].sum(axis=1, keepdims=True)
+        found[Signal(name="gripper/force", labels=fingers, unit="N")] = lambda rows: np.hstack(
+            [_size(rows[f"gripper/{finger}_contact"]) for finger in fingers]
         )
-    return (
-        Signal(name="errors/q", labels=robot.joints, unit=robot.unit("rad", "m")),
-        Signal(name="errors/tool_position", labels=("distance",), unit="m"),
-        Signal(name="errors/tool_angle", labels=("angle",), unit="rad"),
-        Signal(name="joints/saturated", labels=("motors",), unit="count"),
-        *gripper,
-    )
+    return found
 
 
-def all_signals(robot: Robot, objects: Sequence[str]) -> tuple[Signal, ...]:
-    """Every signal of a run, in the order of its columns."""
+def all_signals(simulation: Simulation) -> tuple[Signal, ...]:
+    """Return every signal of a run, in the order of its columns."""
+    robot = simulation.robot
     return (
         Signal(name="time", labels=("t",), unit="s"),
         Signal(name="phase", labels=("index",), unit="count"),
-        *reference(robot),
-        *now(robot, objects),
-        *command(robot),
-        *last(robot),
+        *references(robot),
+        *simulation.signals_now,
+        command(robot),
+        *simulation.signals_last,
         *derived(robot),
     )
 
 
-def derive(rows: Rows, fingers: Sequence[str]) -> None:
-    """Fill the derived columns of rows whose other columns are filled.
-
-    Args:
-        rows: Rows of `all_signals`.
-        fingers: The gripper's fingers; none where there is no gripper.
-    """
-    np.subtract(rows["joints/q_ref"], rows["joints/q"], out=rows["errors/q"])
-    pose, asked = rows["tool/pose"], rows["tool/pose_ref"]
-    rows["errors/tool_position"][:, 0] = np.linalg.norm(asked[:, :3] - pose[:, :3], axis=1)
-    rows["errors/tool_angle"][:, 0] = _angle_between(asked[:, 3:], pose[:, 3:])
-    off = rows["joints/tau"] != rows["joints/tau_command"]
-    rows["joints/saturated"][:, 0] = off.sum(axis=1)
-    if fingers:
-        rows["gripper/width"][:, 0] = rows["gripper/fingers"].sum(axis=1)
-    for i, finger in enumerate(fingers):
-        rows["gripper/force"][:, i] = np.linalg.norm(rows[f"gripper/{finger}_contact"], axis=1)
+def derive(rows: Rows, robot: Robot) -> None:
+    """Fill the derived columns of rows whose other columns are filled."""
+    for signal, values in derived(robot).items():
+        rows[signal.name][:] = values(rows)
 
 
-def _fingers(robot: Robot) -> tuple[str, ...]:
-    return () if robot.gripper is None else robot.gripper.fingers
+class Columns:
+    """Where the groups of signals stand in a row."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Find them."""
+        found = slices(all_signals(simulation))
+
+        def span(group: Iterable[Signal]) -> slice:
+            spans = [found[signal.name] for signal in group]
+            return slice(spans[0].start, spans[-1].stop)
+
+        self.references = span(references(simulation.robot))
+        self.now, self.last = span(simulation.signals_now), span(simulation.signals_last)
+        self.command = span([command(simulation.robot)])
 
 
-def _angle_between(a: Matrix, b: Matrix) -> Vector:
-    """Angle of the rotation between unit quaternions (N, 4), accurate near zero [rad]."""
+def _torques(arm: Arm, trajectory: Trajectory) -> Matrix:
+    samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
+    return np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
+
+
+def _poses(arm: Arm, trajectory: Trajectory) -> Matrix:
+    poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])
+    return np.hstack([poses[:, 4:], poses[:, :4]])
+
+
+def _size(vectors: Matrix) -> Matrix:
+    """Return the length of each row (N, 1)."""
+    size: Matrix = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return size
+
+
+def _angle_between(a: Matrix, b: Matrix) -> Matrix:
+    """Return the angle between the rotations of unit quaternions (N, 4), accurate near 0 (N, 1)."""
     # |a ∓ b| = 2 sin(angle/4): unlike arccos of the dot product, exact for small angles.
-    chord = np.minimum(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
-    angle: Vector = 4.0 * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
+    chord = np.minimum(_size(a - b), _size(a + b))
+    angle: Matrix = 4.0 * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
     return angle

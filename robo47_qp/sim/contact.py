@@ -8,6 +8,7 @@ import numpy as np
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.model.robot import Robot
+from robo47_qp.sim.signal import XYZ, Signal
 
 _FORCE_FIELD, _NET_FORCE, _ONE_SLOT = 1 << 1, 3, 1
 """Parameters of MuJoCo's contact sensor: report the force, summed over all contacts."""
@@ -41,7 +42,7 @@ def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 class ContactSensing:
-    """Reads the contact forces on an arm. Part of `Simulation`, which says what belongs to when."""
+    """Reads the contact forces on an arm; part of `Simulation`."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the views of the sensors' numbers in `data`."""
@@ -54,11 +55,13 @@ class ContactSensing:
         start = model.sensor_adr[links[0]] if links else 0
         self._on_links = data.sensordata[start : start + 3 * len(links)]
         self._tool, self._links = np.zeros(3), np.zeros(1)
-        self.views_last = (self._tool, self._links)
-        """Columns of a recording, once updated: see `tool_force` and `links_force`."""
+        self.signals_last = {
+            Signal(name="contact/tool", labels=XYZ, unit="N"): (self._tool,),
+            Signal(name="contact/links", labels=("sum",), unit="N"): (self._links,),
+        }
 
     def update(self) -> None:
-        """Bring the columns up to the sensors."""
+        """Read the sensors into the views of `signals_last`."""
         np.subtract(self._within_tool, self._by_tool, out=self._tool)
         forces = self._on_links.tolist()
         # Scalars, because numpy takes several times the time for so few numbers.

@@ -8,10 +8,11 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.sim.contact import contact_sensor
+from robo47_qp.sim.signal import XYZ, Signal
 
 
 class SimulatedGripper:
-    """Moves the fingers and reads them. Part of `Simulation`, which says what belongs to when."""
+    """Moves the fingers and reads them; part of `Simulation`."""
 
     def __init__(self, gripper: Gripper, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the views of the gripper's numbers in `data`."""
@@ -23,10 +24,17 @@ class SimulatedGripper:
         self._servo = model.actuator(gripper.actuator).id
         self._forces = [data.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
         servo = data.ctrl[self._servo : self._servo + 1]
-        self.views_now = (self._left[:1], self._right[:1], servo)
-        """Columns of a recording: the fingers' positions and the width commanded."""
-        self.views_last = tuple(self._forces)
-        """Columns of a recording: contact forces on the fingers."""
+        self.signals_now = {
+            Signal(name="gripper/fingers", labels=gripper.joints, unit="m"): (
+                self._left[:1],
+                self._right[:1],
+            ),
+            Signal(name="gripper/width_command", labels=("width",), unit="m"): (servo,),
+        }
+        self.signals_last = {
+            Signal(name=f"gripper/{finger}_contact", labels=XYZ, unit="N"): (force,)
+            for finger, force in zip(gripper.fingers, self._forces, strict=True)
+        }
         self._open = Grip(width=gripper.width_max, force=gripper.force_max)
         self._grip = self._open
 

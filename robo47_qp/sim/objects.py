@@ -7,10 +7,11 @@ from mink import SE3
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.sim.scene import free_bodies, mocap_bodies
+from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
 
 class SimulatedObjects:
-    """Reads and places free bodies (objects) and mocap bodies (markers). Part of `Simulation`."""
+    """Reads and places free bodies (objects) and mocap bodies (markers); part of `Simulation`."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the views of the bodies' numbers in `data`."""
@@ -20,8 +21,10 @@ class SimulatedObjects:
         joints = {name: model.joint(model.body(name).jntadr[0]) for name in self.objects}
         self._poses = {name: data.qpos[joint.qposadr[0] :][:7] for name, joint in joints.items()}
         self._twists = {name: data.qvel[joint.dofadr[0] :][:6] for name, joint in joints.items()}
-        self.views_now = tuple(self._poses.values())
-        """Columns of a recording: poses of the objects, positions first."""
+        self.signals_now = {
+            Signal(name=f"objects/{name}", labels=POSE, unit=POSE_UNIT): (pose,)
+            for name, pose in self._poses.items()
+        }
 
     def pose(self, name: str) -> SE3:
         """T_world_object now.

@@ -14,6 +14,7 @@ from robo47_qp.sim.gripper import SimulatedGripper
 from robo47_qp.sim.motors import SimulatedMotors
 from robo47_qp.sim.objects import SimulatedObjects
 from robo47_qp.sim.scene import BuildScene, compile_scene
+from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
 
 class Simulation:
@@ -50,15 +51,25 @@ class Simulation:
         hand = None if robot.gripper is None else SimulatedGripper(robot.gripper, m, d)
         self._hand = hand
         self._contact = ContactSensing(m, d)
-        self._views_now = (
-            *(self._q, self._v, self._tcp_position, self._tcp_quaternion),
-            *(() if hand is None else hand.views_now),
-            *self._bodies.views_now,
-        )
-        self._views_last = (
-            *(self._a, self._tau, *self._contact.views_last),
-            *(() if hand is None else hand.views_last),
-        )
+        joints, unit = robot.joints, robot.unit
+        tool = self._tcp_position, self._tcp_quaternion
+        self.signals_now: dict[Signal, tuple[Vector, ...]] = {
+            Signal(name="joints/q", labels=joints, unit=unit("rad", "m")): (self._q,),
+            Signal(name="joints/v", labels=joints, unit=unit("rad/s", "m/s")): (self._v,),
+            Signal(name="tool/pose", labels=POSE, unit=POSE_UNIT): tool,
+            **({} if hand is None else hand.signals_now),
+            **self._bodies.signals_now,
+        }
+        """What belongs to `time`, each with the views of MjData that hold its columns."""
+        self.signals_last: dict[Signal, tuple[Vector, ...]] = {
+            Signal(name="joints/a", labels=joints, unit=unit("rad/s²", "m/s²")): (self._a,),
+            Signal(name="joints/tau", labels=joints, unit=unit("N·m", "N")): (self._tau,),
+            **self._contact.signals_last,
+            **({} if hand is None else hand.signals_last),
+        }
+        """What belongs to the last period, likewise."""
+        self._views_now = [view for views in self.signals_now.values() for view in views]
+        self._views_last = [view for views in self.signals_last.values() for view in views]
         self._motors = SimulatedMotors(robot, self._ctrl)
         self.reset()
 
@@ -114,11 +125,11 @@ class Simulation:
         return float(self.data.time)
 
     def write_now(self, row: Vector) -> None:
-        """Fill a recording's columns `signals.now` with what belongs to `time`."""
+        """Fill the columns of `signals_now` in a recording's row."""
         np.concatenate(self._views_now, out=row)
 
     def write_last(self, row: Vector) -> None:
-        """Fill a recording's columns `signals.last` with what belongs to the last period."""
+        """Fill the columns of `signals_last` in a recording's row."""
         self._contact.update()
         np.concatenate(self._views_last, out=row)
 

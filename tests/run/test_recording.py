@@ -9,12 +9,8 @@ from hypothesis import strategies as st
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import RecordingError, UnknownNameError
-from robo47_qp.run.recording import (
-    Recording,
-    Rows,
-    Signal,
-    slices,
-)
+from robo47_qp.run.recording import Recording, Rows, slices
+from robo47_qp.sim.signal import Signal
 
 SIGNALS = (
     Signal(name="time", labels=("t",), unit="s"),

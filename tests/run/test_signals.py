@@ -12,15 +12,23 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run import signals
-from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
-from tests.runs import Holder
+from tests.runs import Holder, picked_and_placed
+
+
+def two_objects(spec: mujoco.MjSpec) -> None:
+    PickPlace().build_scene(spec)
+    die = spec.worldbody.add_body(name="die", pos=[0.5, 0.3, 0.05])
+    die.add_freejoint()
+    die.add_geom(name="die", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01] * 3, mass=0.05)
+
 
 FINGERS = GRIPPER.fingers
-OBJECTS = ("cube", "die")
-ALL = signals.all_signals(PANDA, OBJECTS)
+ALL = signals.all_signals(Simulation(PANDA, two_objects))
 WIDTH = sum(len(signal.labels) for signal in ALL)
 
 
@@ -51,13 +59,13 @@ def test_names_are_unique_and_every_column_has_a_label() -> None:
 
 def test_nothing_is_left_for_derive_to_forget() -> None:
     rows = block(5)
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     assert np.isfinite(rows.values).all()
 
 
 def test_derive_leaves_what_was_recorded_alone() -> None:
     rows, before = block(5), block(5)
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     derived = {signal.name for signal in signals.derived(PANDA)}
     for signal in ALL:
         if signal.name not in derived:
@@ -67,7 +75,7 @@ def test_derive_leaves_what_was_recorded_alone() -> None:
 def test_the_joint_error_is_reference_minus_measurement() -> None:
     rows = block(1)
     rows["joints/q_ref"][:], rows["joints/q"][:] = 0.3, 0.1
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     np.testing.assert_allclose(rows["errors/q"], 0.2)
 
 
@@ -75,7 +83,7 @@ def test_the_tool_error_is_a_distance() -> None:
     rows = block(2)
     rows["tool/pose"][:, :3] = [1.0, 2.0, 3.0]
     rows["tool/pose_ref"][:, :3] = [[1.0, 2.0, 3.0], [1.3, 2.0, 2.6]]
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     np.testing.assert_allclose(rows["errors/tool_position"][:, 0], [0.0, 0.5], atol=1e-15)
 
 
@@ -100,7 +108,7 @@ def test_the_tool_angle_is_that_between_the_orientations(
     # A quaternion and its opposite are the same orientation.
     rows["tool/pose"][:, 3:] = wxyz(first) * (-1 if flip_a else 1)
     rows["tool/pose_ref"][:, 3:] = wxyz(second) * (-1 if flip_b else 1)
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     found = float(rows["errors/tool_angle"][0, 0])
     assert found == pytest.approx((first.inv() * second).magnitude(), abs=1e-14, rel=1e-7) or (
         abs(found - angle) < 1e-14 + 1e-7 * angle
@@ -112,7 +120,7 @@ def test_saturated_motors_are_counted_on_both_sides() -> None:
     rows = block(3)
     rows["joints/tau"][1, 2] += 1e-9
     rows["joints/tau"][2, [0, 3, 6]] += [5.0, -5.0, 1e-3]
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     np.testing.assert_array_equal(rows["joints/saturated"][:, 0], [0, 1, 3])
 
 
@@ -121,19 +129,12 @@ def test_width_and_force_of_the_gripper() -> None:
     rows["gripper/fingers"][:] = [0.01, 0.02]
     rows["gripper/left_finger_contact"][:] = [3.0, 0.0, -4.0]
     rows["gripper/right_finger_contact"][:] = [0.0, 5.0, 12.0]
-    signals.derive(rows, FINGERS)
+    signals.derive(rows, PANDA)
     np.testing.assert_allclose(rows["gripper/width"], [[0.03]])
     np.testing.assert_allclose(rows["gripper/force"], [[5.0, 13.0]])
 
 
 # What the simulation writes is what the columns say.
-
-
-def two_objects(spec: mujoco.MjSpec) -> None:
-    PickPlace().build_scene(spec)
-    die = spec.worldbody.add_body(name="die", pos=[0.5, 0.3, 0.05])
-    die.add_freejoint()
-    die.add_geom(name="die", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01] * 3, mass=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +158,7 @@ def filled(group: tuple[Signal, ...], values: Vector) -> Rows:
 
 
 def test_what_is_written_for_now_is_what_the_model_says_by_name(busy: Simulation) -> None:
-    group = signals.now(PANDA, busy.objects)
+    group = tuple(busy.signals_now)
     row = np.full(sum(len(signal.labels) for signal in group), np.nan)
     busy.write_now(row)
     rows, data = filled(group, row), busy.data
@@ -181,7 +182,7 @@ def test_what_is_written_for_now_is_what_the_model_says_by_name(busy: Simulation
 def test_what_is_written_for_the_last_period_is_what_the_model_says_by_name(
     busy: Simulation,
 ) -> None:
-    group = signals.last(PANDA)
+    group = tuple(busy.signals_last)
     row = np.full(sum(len(signal.labels) for signal in group), np.nan)
     busy.write_last(row)
     rows, data = filled(group, row), busy.data
@@ -197,13 +198,48 @@ def test_what_is_written_for_the_last_period_is_what_the_model_says_by_name(
         assert force.any()
 
 
-def test_the_order_of_a_row_is_reference_now_command_last_derived() -> None:
+def test_the_order_of_a_row_is_reference_now_command_last_derived(busy: Simulation) -> None:
     parts = (
         *ALL[:2],
-        *signals.reference(PANDA),
-        *signals.now(PANDA, OBJECTS),
-        *signals.command(PANDA),
-        *signals.last(PANDA),
+        *signals.references(PANDA),
+        *busy.signals_now,
+        signals.command(PANDA),
+        *busy.signals_last,
         *signals.derived(PANDA),
     )
     assert parts == ALL
+
+
+# The contract of every signal.
+
+
+def test_every_recorded_column_is_known_by_name_and_place() -> None:
+    """A recording of earlier days is read by these: a change is meant, or it is a mistake."""
+    names = [signal.name for signal in signals.all_signals(Simulation(PANDA, two_objects))]
+    assert names == [
+        *("time", "phase"),
+        *("joints/q_ref", "joints/v_ref", "joints/a_ref", "joints/tau_ref", "tool/pose_ref"),
+        *("joints/q", "joints/v", "tool/pose", "gripper/fingers", "gripper/width_command"),
+        *("objects/cube", "objects/die", "joints/tau_command", "joints/a", "joints/tau"),
+        *("contact/tool", "contact/links"),
+        *("gripper/left_finger_contact", "gripper/right_finger_contact"),
+        *("errors/q", "errors/tool_position", "errors/tool_angle", "joints/saturated"),
+        *("gripper/width", "gripper/force"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "signal",
+    signals.all_signals(Simulation(PANDA, PickPlace().build_scene)),
+    ids=lambda signal: signal.name,
+)
+def test_every_signal_of_a_run_is_finite_and_has_its_shape(signal: Signal) -> None:
+    """That each comes back from the Rerun file is tested there."""
+    run = picked_and_placed()
+    assert signal in run.rows.signals
+    values = run.rows[signal.name]
+    assert values.shape == (len(run.rows), len(signal.labels))
+    assert np.isfinite(values).all()
+    # No link touches anything, and no motor is at its limit.
+    if signal.name not in ("contact/links", "joints/saturated"):
+        assert len(np.unique(values)) > 1, "it is never filled"

@@ -13,7 +13,8 @@ import rerun as rr
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import RecordingError
 from robo47_qp.model.robot import Robot
-from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.signal import Signal
 
 _column, _FrameIds = rr.ComponentColumn, rr.components.TransformFrameIdBatch
 _QUATERNION = ("qw", "qx", "qy", "qz")

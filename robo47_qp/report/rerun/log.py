@@ -23,7 +23,8 @@ from robo47_qp.report.rerun.scene import body_name, body_shapes, undrawn
 from robo47_qp.report.rerun.stream import RerunStream
 from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 FRAME_RATE = 60.0

@@ -16,7 +16,8 @@ from robo47_qp.errors import RecordingError
 from robo47_qp.report.rerun.blueprint import EVENTS, PHASES, SIGNALS, SUMMARY
 from robo47_qp.report.rerun.columns import component
 from robo47_qp.report.rerun.stream import TIMELINE
-from robo47_qp.run.recording import Rows, Signal
+from robo47_qp.run.recording import Rows
+from robo47_qp.sim.signal import Signal
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ from tests.robots import GRIPPER
 
 Table: TypeAlias = dict[str, list[Any]]
 
-SIGNALS = signals.all_signals(PANDA, ["cube"])
+SIGNALS = signals.all_signals(Simulation(PANDA, PickPlace().build_scene))
 LEFT_OUT = {
     "time",
     "phase",
