@@ -18,13 +18,7 @@ from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
-from robo47_qp.motion.timing.time_law import (
-    Cubic,
-    Quintic,
-    SCurve,
-    TimeLaw,
-    Trapezoid,
-)
+from robo47_qp.motion.timing.time_law import Cubic, Quintic, SCurve, TimeLaw, Trapezoid
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.report.run_plot import plot_curves
 from robo47_qp.sim.simulation import Simulation

@@ -14,11 +14,7 @@ from rich.console import Console
 from robo47_qp.arrays import Matrix
 from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import (
-    InvalidValueError,
-    MissingExtraError,
-    RecordingError,
-)
+from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import OffscreenCamera

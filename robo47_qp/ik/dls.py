@@ -7,13 +7,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
-from robo47_qp.ik.solver import (
-    IkResult,
-    Tolerance,
-    is_pose,
-    judged,
-    rejected,
-)
+from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 from robo47_qp.model.arm import Arm
 
 

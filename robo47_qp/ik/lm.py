@@ -11,13 +11,7 @@ from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.search import Limits, attempted, searched
 from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall
-from robo47_qp.ik.solver import (
-    Attempt,
-    IkResult,
-    Tolerance,
-    is_pose,
-    rejected,
-)
+from robo47_qp.ik.solver import Attempt, IkResult, Tolerance, is_pose, rejected
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 

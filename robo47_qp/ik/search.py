@@ -12,13 +12,7 @@ from robo47_qp.collision.clearance import clearance_of
 from robo47_qp.ik.avoidance import Avoidance
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import (
-    IkResult,
-    Miss,
-    Reason,
-    Tolerance,
-    judged,
-)
+from robo47_qp.ik.solver import IkResult, Miss, Reason, Tolerance, judged
 from robo47_qp.model.arm import Arm
 
 _SPARE = 1e-5

@@ -3,13 +3,7 @@
 import numpy as np
 
 from robo47_qp.arrays import Vector
-from robo47_qp.run.policy.policy import (
-    Action,
-    JointTarget,
-    Observation,
-    ToolTarget,
-    pose_of,
-)
+from robo47_qp.run.policy.policy import Action, JointTarget, Observation, ToolTarget, pose_of
 
 _DONE = -0.5
 """Height below which a marker is out of sight: what it marks is done [m]."""

@@ -15,12 +15,7 @@ from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.item_handler import (
-    HOME,
-    LOST,
-    ItemHandler,
-    unfinished,
-)
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import RED, Item

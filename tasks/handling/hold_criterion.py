@@ -10,12 +10,7 @@ from mink import SE3
 
 from robo47_qp.run.failure import Cause, Condition, Failure
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.task_state import (
-    add_task_state,
-    hide_marker,
-    is_visible,
-    task_state,
-)
+from robo47_qp.tasks.task_state import add_task_state, hide_marker, is_visible, task_state
 
 _HOME = 0.01
 """Largest distance of a joint from home at the end [rad]."""

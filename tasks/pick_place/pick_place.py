@@ -14,12 +14,7 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.item_handler import (
-    HOME,
-    LOST,
-    ItemHandler,
-    unfinished,
-)
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import BLUE, RED, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place

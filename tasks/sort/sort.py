@@ -14,20 +14,10 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.item_handler import (
-    HOME,
-    LOST,
-    ItemHandler,
-    unfinished,
-)
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import heading, upright
-from robo47_qp.tasks.item import (
-    BLUE,
-    RED,
-    Item,
-    upright_item,
-)
+from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
 from robo47_qp.tasks.table import TABLE_TOP, add_table

@@ -14,27 +14,11 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import (
-    YELLOW,
-    add_goal,
-    marked_goal,
-    place_goal,
-)
-from robo47_qp.tasks.handling.item_handler import (
-    HOME,
-    LOST,
-    ItemHandler,
-    unfinished,
-)
+from robo47_qp.tasks.goal import YELLOW, add_goal, marked_goal, place_goal
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import heading, upright
-from robo47_qp.tasks.item import (
-    BLUE,
-    GREEN,
-    RED,
-    Item,
-    upright_item,
-)
+from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place

@@ -14,20 +14,10 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 
 from robo47_qp.cli import main
-from robo47_qp.errors import (
-    InvalidValueError,
-    MissingExtraError,
-    RecordingError,
-    UnknownNameError,
-)
+from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
 from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    errored,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.evaluation import evaluate_policy
 from robo47_qp.evaluation.journal import JournalError

@@ -21,22 +21,12 @@ from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
 from robo47_qp.evaluation import evaluate as evaluate_module
 from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    errored,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policies import (
-    IK_NAMES,
-    NAMES,
-    Contender,
-    labels,
-)
+from robo47_qp.evaluation.policies import IK_NAMES, NAMES, Contender, labels
 from robo47_qp.evaluation.report.progress import EvaluationBar
 from robo47_qp.evaluation.report.report import EvaluationReport, compare_policies
 from robo47_qp.evaluation.report.words import paired_markdown

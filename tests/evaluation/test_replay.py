@@ -6,13 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    failed,
-    overdue,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, failed, overdue
 from robo47_qp.evaluation.replay import record_failures
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.run.failure import Cause, Failure

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.statistics import (
-    holm,
-    mcnemar,
-    paired_difference,
-    wilson,
-)
+from robo47_qp.evaluation.statistics import holm, mcnemar, paired_difference, wilson
 
 
 @pytest.mark.parametrize(

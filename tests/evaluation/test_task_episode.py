@@ -14,10 +14,7 @@ from mink import SE3
 
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
-from robo47_qp.evaluation.policies import (
-    PolicyFailed,
-    PolicyReference,
-)
+from robo47_qp.evaluation.policies import PolicyFailed, PolicyReference
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA

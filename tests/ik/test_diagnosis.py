@@ -18,13 +18,7 @@ from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import (
-    Bound,
-    IkResult,
-    Reason,
-    Tolerance,
-    judged,
-)
+from robo47_qp.ik.solver import Bound, IkResult, Reason, Tolerance, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from tests.examples import shifted, turned

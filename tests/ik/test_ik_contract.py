@@ -12,14 +12,7 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.solver import (
-    IkResult,
-    IkSolver,
-    Reason,
-    Tolerance,
-    is_pose,
-    judged,
-)
+from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance, is_pose, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot

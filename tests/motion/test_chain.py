@@ -22,12 +22,7 @@ from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.refusals import PathError
-from robo47_qp.motion.waypoint import (
-    Motion,
-    Place,
-    Waypoint,
-    tool_down,
-)
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
 from tests.examples import shifted
 
 IK = MultiStart(solver=LmIk(max_iterations=20, stall=Stall()))

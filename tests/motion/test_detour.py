@@ -12,12 +12,7 @@ import pytest
 from mink import SE3
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.errors import (
-    InvalidValueError,
-    MissingExtraError,
-    PlanError,
-    RefusalReason,
-)
+from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.lm import LmIk

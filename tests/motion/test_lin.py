@@ -13,12 +13,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import (
-    IkResult,
-    IkSolver,
-    Reason,
-    Tolerance,
-)
+from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA

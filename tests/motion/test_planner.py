@@ -16,12 +16,7 @@ from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
-from robo47_qp.motion.waypoint import (
-    Motion,
-    Place,
-    Waypoint,
-    tool_down,
-)
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
 from tests.examples import inner_fractions, shifted, turned
 from tests.motion.test_lin import check_joints, off_line
 from tests.plain_arm import PlainArm

@@ -19,12 +19,7 @@ from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.motion.waypoint import (
-    Motion,
-    Place,
-    Waypoint,
-    tool_down,
-)
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick

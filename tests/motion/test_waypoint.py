@@ -9,12 +9,7 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
-from robo47_qp.motion.waypoint import (
-    Motion,
-    Place,
-    Waypoint,
-    tool_down,
-)
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
 
 NOWHERE = SE3.identity()
 

@@ -14,12 +14,7 @@ import robo47_qp
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
-from robo47_qp.report.run_report import (
-    plain,
-    report,
-    summary_markdown,
-    versions,
-)
+from robo47_qp.report.run_report import plain, report, summary_markdown, versions
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.scenario import Run
 from robo47_qp.tasks.pick_place.pick_place import PickPlace

@@ -9,12 +9,7 @@ from mink import SE3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError, RecordingError
-from robo47_qp.model.arm import (
-    MARGIN,
-    Arm,
-    JointReference,
-    JointState,
-)
+from robo47_qp.model.arm import MARGIN, Arm, JointReference, JointState
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.gym.spaces import (
-    ActionScale,
-    Mode,
-    Single,
-    numbers_of,
-    observation_space,
-)
+from robo47_qp.evaluation.gym.spaces import ActionScale, Mode, Single, numbers_of, observation_space
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA

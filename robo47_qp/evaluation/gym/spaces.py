@@ -9,13 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
-from robo47_qp.run.policy.policy import (
-    Action,
-    JointTarget,
-    Observation,
-    ToolTarget,
-    Torques,
-)
+from robo47_qp.run.policy.policy import Action, JointTarget, Observation, ToolTarget, Torques
 
 Mode: TypeAlias = Literal["joints", "tool", "torques"]
 """What the numbers of an action are."""

@@ -9,13 +9,7 @@ from time import monotonic
 from typing import Protocol
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    died,
-    overdue,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
 from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for
 
 _START_TIMEOUT = 300.0

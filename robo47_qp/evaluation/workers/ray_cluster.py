@@ -11,13 +11,7 @@ from time import monotonic
 from typing import Any
 
 from robo47_qp.errors import InvalidValueError, MissingExtraError
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    died,
-    overdue,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
 from robo47_qp.evaluation.workers.worker import ENVIRONMENT, WorkerError, run_guarded
 
 _START_TIMEOUT = 300.0

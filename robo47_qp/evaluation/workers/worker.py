@@ -13,12 +13,7 @@ from time import monotonic
 from typing import Any
 
 from robo47_qp.errors import Robo47Error
-from robo47_qp.evaluation.episode import (
-    Episode,
-    EpisodeResult,
-    EpisodeSpec,
-    errored,
-)
+from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.run.foreign_code import Guard
 
 READY = "ready"

@@ -12,13 +12,7 @@ from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import (
-    Hasty,
-    IkResult,
-    IkSolver,
-    Tolerance,
-    joints_outside,
-)
+from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Tolerance, joints_outside
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.refusals import AT_LIMIT
 

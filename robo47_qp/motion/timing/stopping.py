@@ -5,12 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import (
-    InvalidValueError,
-    PlanError,
-    RefusalReason,
-    Rejection,
-)
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason, Rejection
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.timing.state_to_state import Leap, to_rest, to_state

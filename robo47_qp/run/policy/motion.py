@@ -7,12 +7,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.controller import Controller
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.stream.stream import StreamIk
-from robo47_qp.model.arm import (
-    MARGIN,
-    Arm,
-    JointReference,
-    JointState,
-)
+from robo47_qp.model.arm import MARGIN, Arm, JointReference, JointState
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.timing.state_to_state import Leap, to_state
 from robo47_qp.motion.trajectory import Trajectory

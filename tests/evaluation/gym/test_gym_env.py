@@ -15,12 +15,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.policy.drivers import PolicyTiming
-from robo47_qp.run.policy.policy import (
-    JointTarget,
-    ToolTarget,
-    Torques,
-    vector_of,
-)
+from robo47_qp.run.policy.policy import JointTarget, ToolTarget, Torques, vector_of
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach

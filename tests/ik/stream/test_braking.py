@@ -6,12 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.stream.joint_bounds import (
-    JointBrakes,
-    braked,
-    fastest,
-    stopping_distance,
-)
+from robo47_qp.ik.stream.joint_bounds import JointBrakes, braked, fastest, stopping_distance
 from robo47_qp.model.robot import MotionProfile
 
 DT = 1e-3

@@ -16,14 +16,7 @@ from robo47_qp.ik.solver import IkResult, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following import small_steps
-from robo47_qp.motion.following.small_steps import (
-    STRIDE,
-    blocked,
-    creep,
-    nearby,
-    one_start,
-    rough,
-)
+from robo47_qp.motion.following.small_steps import STRIDE, blocked, creep, nearby, one_start, rough
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
 from tests.robots import robot_named

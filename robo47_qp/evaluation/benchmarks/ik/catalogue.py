@@ -13,12 +13,7 @@ from robo47_qp.evaluation.benchmarks.ik.peers.drake import DrakeIk
 from robo47_qp.evaluation.benchmarks.ik.peers.optik import OptikIk
 from robo47_qp.evaluation.benchmarks.ik.peers.pink import PinkIk
 from robo47_qp.evaluation.benchmarks.ik.peers.toolbox import ToolboxIk
-from robo47_qp.evaluation.benchmarks.ik.targets import (
-    near_limits,
-    near_singular,
-    tabletop,
-    uniform,
-)
+from robo47_qp.evaluation.benchmarks.ik.targets import near_limits, near_singular, tabletop, uniform
 from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk

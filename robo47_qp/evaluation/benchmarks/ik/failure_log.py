@@ -10,13 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
-from robo47_qp.evaluation.benchmarks.ik.answers import (
-    COLOURS,
-    GOOD,
-    Answers,
-    Outcome,
-    outcomes,
-)
+from robo47_qp.evaluation.benchmarks.ik.answers import COLOURS, GOOD, Answers, Outcome, outcomes
 from robo47_qp.model.mjcf import compiled, robot_spec
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.rerun.columns import xyzw

@@ -13,13 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError
-from robo47_qp.evaluation.benchmarks.ik.answers import (
-    COLOURS,
-    GOOD,
-    Answers,
-    Outcome,
-    outcomes,
-)
+from robo47_qp.evaluation.benchmarks.ik.answers import COLOURS, GOOD, Answers, Outcome, outcomes
 from robo47_qp.model.arm import Arm
 
 _PALETTE = (

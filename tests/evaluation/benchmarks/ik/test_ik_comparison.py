@@ -15,21 +15,11 @@ from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answers, Outcome,
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field, Start
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.summary import paired_tests, reason_rows, rows, summary
-from robo47_qp.evaluation.benchmarks.ik.targets import (
-    MakeTargets,
-    TargetSet,
-    tabletop,
-    uniform,
-)
+from robo47_qp.evaluation.benchmarks.ik.targets import MakeTargets, TargetSet, tabletop, uniform
 from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.evaluation.statistics import wilson
 from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.solver import (
-    IkResult,
-    IkSolver,
-    Tolerance,
-    judged,
-)
+from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 

@@ -7,12 +7,7 @@ from hypothesis import given
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.evaluation.benchmarks.ik.judge import (
-    LOOSE,
-    TIGHT,
-    IkVerdict,
-    Judge,
-)
+from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT, IkVerdict, Judge
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape

@@ -10,13 +10,7 @@ from rich.console import Console
 
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.ik import failure_log
-from robo47_qp.evaluation.benchmarks.ik.answers import (
-    COLOURS,
-    GOOD,
-    Answers,
-    Outcome,
-    outcomes,
-)
+from robo47_qp.evaluation.benchmarks.ik.answers import COLOURS, GOOD, Answers, Outcome, outcomes
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
 from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown, legend, why
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge

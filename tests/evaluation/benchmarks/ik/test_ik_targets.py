@@ -13,12 +13,7 @@ from robo47_qp.evaluation.benchmarks.ik.targets import (
     tabletop,
     uniform,
 )
-from robo47_qp.evaluation.benchmarks.ik.unreachable import (
-    EXPECTED,
-    HOSTILE,
-    hostile,
-    unreachable,
-)
+from robo47_qp.evaluation.benchmarks.ik.unreachable import EXPECTED, HOSTILE, hostile, unreachable
 from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart

@@ -12,13 +12,7 @@ from mink import SE3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import TIP, kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
-from robo47_qp.ik.solver import (
-    IkResult,
-    Tolerance,
-    is_pose,
-    judged,
-    rejected,
-)
+from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 from robo47_qp.model.arm import Arm
 
 
