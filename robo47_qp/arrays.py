@@ -18,8 +18,25 @@ Vector: TypeAlias = NDArray[np.float64]
 Matrix: TypeAlias = NDArray[np.float64]
 
 
+class Rule:
+    """What a value must be; `str` says it in the words of a message."""
+
+    def _accepts(self, value: Any) -> bool:
+        raise NotImplementedError
+
+    def check(self, name: str, value: Any) -> None:
+        """Check a value that messages call `name`.
+
+        Raises:
+            InvalidValueError: The rule does not accept the value.
+        """
+        if not self._accepts(value):
+            found = repr(value) if isinstance(value, str) else value
+            raise InvalidValueError(name, found, str(self))
+
+
 @dataclass(frozen=True, kw_only=True)
-class Range:
+class Range(Rule):
     """A rule for numbers: the range they lie in. Infinity counts only where `infinite` is set."""
 
     above: float = -inf
@@ -29,15 +46,14 @@ class Range:
     whole: bool = False
     infinite: bool = False
 
-    def accepts(self, value: Any) -> bool:
-        """Return whether a number, or every number of an array, is in the range."""
+    def _accepts(self, value: Any) -> bool:
         try:
             numbers = np.ravel(index(value) if self.whole else value).astype(float).tolist()
         except (TypeError, ValueError):
             return False
-        return all(map(self._accepts, numbers))
+        return all(map(self._contains, numbers))
 
-    def _accepts(self, x: float) -> bool:
+    def _contains(self, x: float) -> bool:
         if not (self.above < x and self.at_least <= x <= self.at_most):
             return False
         return x < self.below or self.infinite
@@ -54,13 +70,12 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Suffix:
+class Suffix(Rule):
     """A rule for files: the suffix of their names."""
 
     suffix: str
 
-    def accepts(self, value: Path) -> bool:
-        """Return whether a file has the suffix."""
+    def _accepts(self, value: Path) -> bool:
         return value.suffix == self.suffix
 
     def __str__(self) -> str:
@@ -68,13 +83,12 @@ class Suffix:
 
 
 @dataclass(frozen=True)
-class OneOf:
+class OneOf(Rule):
     """A rule for names: those that are known. `Literal` stands for it."""
 
     names: tuple[object, ...]
 
-    def accepts(self, value: object) -> bool:
-        """Return whether a name is known."""
+    def _accepts(self, value: object) -> bool:
         return value in self.names
 
     def __str__(self) -> str:
@@ -114,9 +128,8 @@ class Checked:
                 continue
             if isinstance(rule, Size):
                 object.__setattr__(self, field, frozen_vector(label, value, rule.size))
-            elif not rule.accepts(value):
-                found = repr(value) if isinstance(value, str) else value
-                raise InvalidValueError(label, found, str(rule))
+            else:
+                rule.check(label, value)
 
     def _label(self, field: str) -> str:
         """Return what messages call a field."""
@@ -124,7 +137,7 @@ class Checked:
 
     @classmethod
     @cache
-    def _rules(cls) -> list[tuple[str, Range | Suffix | OneOf | Size, bool]]:
+    def _rules(cls) -> list[tuple[str, Rule | Size, bool]]:
         """Return fields with their rules, and whether None passes."""
         rules = []
         for field, hint in get_type_hints(cls, include_extras=True).items():
@@ -134,7 +147,7 @@ class Checked:
                 if get_origin(choice) is Literal:
                     stated = (OneOf(get_args(choice)),)
                 for rule in stated:
-                    if isinstance(rule, Range | Suffix | OneOf | Size):
+                    if isinstance(rule, Rule | Size):
                         rules.append((field, rule, NoneType in choices))
         return rules
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from robo47_qp.errors import InvalidValueError, Robo47Error
-from robo47_qp.files import claim, write_text
+from robo47_qp.files import check_writable, write_text
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.audit.audit import audit
@@ -279,7 +279,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
     if options.video is not None:
         files["video"] = options.video
     for path in files.values():
-        claim(path)
+        check_writable(path)
     with ExitStack() as stack:
 
         def joined(observer: ObserverT) -> ObserverT:

@@ -12,7 +12,7 @@ if sys.platform != "win32":
     import resource
 
 
-def claim(path: Path) -> None:
+def check_writable(path: Path) -> None:
     """Make sure that a file can be written, before anything moves.
 
     Raises:
@@ -44,7 +44,7 @@ def write_text(path: Path, text: str) -> None:
         raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
 
 
-def room(path: Path) -> float:
+def free_space(path: Path) -> float:
     """Bytes by which a file can still grow, as far as that can be told."""
     try:
         left = float(shutil.disk_usage(path.parent).free)

@@ -22,7 +22,7 @@ from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
 from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
-from robo47_qp.files import claim
+from robo47_qp.files import check_writable
 
 MJCF = """
 <mujoco model="cart-pole">
@@ -133,7 +133,7 @@ def error(states: Matrix) -> Vector:
 
 def run(options: CartPoleOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
-    claim(options.report)
+    check_writable(options.report)
     model = mujoco.MjModel.from_xml_string(MJCF)
     A, B = linearised(model)
     K = lqr_gain(A, B, np.diag(TOLERABLE**-2.0), np.array([[TOLERABLE_FORCE**-2.0]]))

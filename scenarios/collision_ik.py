@@ -15,7 +15,7 @@ from robo47_qp.cli import main
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
-from robo47_qp.files import claim, write_json
+from robo47_qp.files import check_writable, write_json
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
@@ -129,7 +129,7 @@ def solvers(clearance: float) -> dict[str, IkSolver]:
 def run(options: CollisionIkOptions, console: Console) -> int:
     """Solve, judge and print; returns the exit code."""
     if options.report is not None:
-        claim(options.report)
+        check_writable(options.report)
     arm = Arm(PANDA, obstacles=cell())
     clearance, judge = Clearance(arm, options.clearance), ContactJudge(PANDA, cell())
     patient = MultiStart(

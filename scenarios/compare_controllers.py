@@ -30,7 +30,7 @@ from robo47_qp.evaluation.benchmarks.control.trial import (
     TrialCondition,
 )
 from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
-from robo47_qp.files import claim, write_json
+from robo47_qp.files import check_writable, write_json
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.run_report import versions
@@ -126,7 +126,7 @@ def run(options: ControllersOptions, console: Console) -> int:
             raise UnknownNameError("condition", name, [repr(one) for one in known])
     chosen = [known[name] for name in options.only or known]
     for ending in (".rrd", ".png", ".json"):
-        claim(options.log.with_suffix(ending))
+        check_writable(options.log.with_suffix(ending))
     by_condition = [
         [bench.run(name, controller, condition) for name, controller in CONTROLLERS.items()]
         for condition in track(chosen, "trying", console=console, transient=True)

@@ -22,7 +22,7 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
 from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
-from robo47_qp.files import claim
+from robo47_qp.files import check_writable
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.simulation import Simulation
@@ -82,7 +82,7 @@ def step_response(simulation: Simulation, arm: Arm, offset: Vector, seconds: flo
 
 def run(options: SettlingOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
-    claim(options.report)
+    check_writable(options.report)
     arm, simulation = Arm(PANDA), Simulation(PANDA, _nothing_else)
     rng = np.random.default_rng(options.seed)
     offsets = rng.uniform(-options.offset, options.offset, (options.starts, arm.n))

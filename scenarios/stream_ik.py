@@ -19,7 +19,7 @@ from robo47_qp.cli import FAILED, OK, main
 from robo47_qp.collision.clearance import clearance_of
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
-from robo47_qp.ik.stream.stream import IkStream, StreamIk
+from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
@@ -114,7 +114,7 @@ def run(options: StreamOptions, console: Console) -> int:
 
 
 def hostile_run(
-    stream: IkStream, options: StreamOptions, rng: np.random.Generator
+    stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Ticks on hostile targets, with the audit of what was commanded."""
     arm, q0, ticks = stream.arm, stream.q, options.ticks
@@ -197,7 +197,7 @@ def stretching(rng: np.random.Generator, count: int) -> Iterator[SE3]:
         yield SE3.from_rotation_and_translation(turn, np.array([0.0, 0.0, 0.333]) + far * direction)
 
 
-def circle(stream: IkStream, *, speed: float, radius: float) -> dict[str, Any]:
+def circle(stream: StreamSolver, *, speed: float, radius: float) -> dict[str, Any]:
     """Largest error on a circle, from half a second after its start."""
     T = stream.arm.pose(stream.arm.home)
     errors = [stream.tick(target).position_error for target in circling(T, radius, speed, 4000)]
@@ -205,7 +205,7 @@ def circle(stream: IkStream, *, speed: float, radius: float) -> dict[str, Any]:
 
 
 def far_targets(
-    stream: IkStream, options: StreamOptions, rng: np.random.Generator
+    stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Static clear targets from home: how many are reached in 8 s, how soon, how far passed."""
     arm, clearance = stream.arm, clearance_of(stream.arm, options.clearance)

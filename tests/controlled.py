@@ -84,7 +84,7 @@ def self_motion(arm: Arm, steps: int) -> Vector:
         n = np.linalg.svd(arm.jacobian(q))[2][-1]
         along = n if n @ along >= 0 else -n
         q = q + 1e-3 * along
-        q = q + np.linalg.pinv(arm.jacobian(q)) @ arm.way_to(home, q)
+        q = q + np.linalg.pinv(arm.jacobian(q)) @ arm.pose_error(home, q)
     return q
 
 

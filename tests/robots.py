@@ -64,13 +64,13 @@ MODULES = {
     "test_multistart": ("panda", "hinge6"),
     "test_joint_impedance": ("panda", "hinge6"),
     # Few or no geoms of the others can collide.
-    "test_levers": ("panda",),
-    "test_separation": ("panda",),
-    "test_library": ("panda",),
+    "test_motion_bounds": ("panda",),
+    "test_clearance_bounds": ("panda",),
+    "test_seeds": ("panda",),
     "test_diagnosis": ("panda",),
     "test_lm": ("panda", "hinge6"),
     "test_preference": ("panda", "slider6"),
-    "test_spread": ("panda", "slider6"),
+    "test_sampling": ("panda", "slider6"),
     "test_tool_error": ("panda", "slider6"),
 }
 """Modules whose tests run on these robots alone, to save time; all others run on every one."""

@@ -15,7 +15,7 @@ from robo47_qp.collision.pairs import GeomPairs
 from robo47_qp.model.arm import Arm
 
 
-class Nearby(NamedTuple):
+class ClosePairs(NamedTuple):
     """Pairs of geoms that are close to one another, the closest first."""
 
     pair: NDArray[np.intp]
@@ -87,7 +87,7 @@ class Clearance:
                 return False
         return True
 
-    def nearby(self, q: Vector, within: float) -> Nearby:
+    def pairs_within(self, q: Vector, within: float) -> ClosePairs:
         """Pairs closer than `within` at q [m]."""
         bound = self._bounds_at(q)
         found, distances, segments = [], [], []
@@ -102,7 +102,8 @@ class Clearance:
         distance_of = np.array(distances)
         order = np.argsort(distance_of, kind="stable")
         segment_of = np.array(segments).reshape(-1, 6)
-        return Nearby(np.array(found, dtype=np.intp)[order], distance_of[order], segment_of[order])
+        pair_of = np.array(found, dtype=np.intp)
+        return ClosePairs(pair_of[order], distance_of[order], segment_of[order])
 
     def distance_of(self, pair: int, q: Vector) -> float:
         """Signed distance of one of the checked pairs at q [m]."""
@@ -123,7 +124,7 @@ def clearance_of(arm: Arm, asked: float) -> Clearance:
     return Clearance(arm, asked)
 
 
-class Proximity(NamedTuple):
+class ClosestPair(NamedTuple):
     """The closest pair of a configuration."""
 
     distance: float
@@ -134,7 +135,7 @@ class Proximity(NamedTuple):
     """True where the pose of the tool settles that this is too close, whatever the joints."""
 
 
-def proximity(arm: Arm, q: Vector, asked: float, leeway: float) -> Proximity:
+def closest_pair(arm: Arm, q: Vector, asked: float, leeway: float) -> ClosestPair:
     """The closest pair at q; one of the tool with what stands still, where that is too close.
 
     Args:
@@ -148,11 +149,11 @@ def proximity(arm: Arm, q: Vector, asked: float, leeway: float) -> Proximity:
     if distance < asked:
         of_tool, tool_pair = clearance.nearest_of_tool(q)
         if of_tool < asked - leeway:
-            return Proximity(of_tool, tool_pair, True)
-    return Proximity(distance, pair, False)
+            return ClosestPair(of_tool, tool_pair, True)
+    return ClosestPair(distance, pair, False)
 
 
-def too_close(found: Proximity, asked: float) -> str:
+def too_close_text(found: ClosestPair, asked: float) -> str:
     """A clearance that is not kept, in words."""
     a, b = found.pair
     apart = f"are {1e3 * found.distance:.1f} mm apart"

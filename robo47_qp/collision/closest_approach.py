@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.distance import GeomDistance
-from robo47_qp.collision.motion_bounds import levers
+from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.errors import ModelError
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
-HIDDEN = 0.1e-3
+RESOLUTION = 0.1e-3
 """How much closer than what is found the robot may have been, at most [m]."""
 _FIRST_LOOKS = 33
 
@@ -55,7 +55,7 @@ class ClosestApproach:
         solid = np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0))
         around = [m.geom(obstacle.name).id for obstacle in obstacles]
         pairs = [(min(a, b), max(a, b)) for a in solid.tolist() for b in around if a != b]
-        reach = levers(m, tuple(pairs))[:, joints]
+        reach = approach_speed_bounds(m, tuple(pairs))[:, joints]
         moves: NDArray[np.bool_] = np.count_nonzero(reach, axis=1) > 0
         self._pairs = [pair for pair, moved in zip(pairs, moves, strict=True) if moved]
         if not self._pairs:
@@ -67,7 +67,7 @@ class ClosestApproach:
         self._around = set(around)
 
     def along(self, q: Matrix) -> Nearest:
-        """The least distance over all rows; what is hidden between looks is below `HIDDEN`.
+        """The least distance over all rows; what is hidden between looks is below `RESOLUTION`.
 
         A pair of geoms comes closer by no more than its levers times the ways of the joints.
         So a pair that is known to be d apart is not looked at again before it may be
@@ -84,7 +84,7 @@ class ClosestApproach:
         for i in np.argsort(first.min(axis=0), kind="stable").tolist():
             travelled, row, apart = ways @ self._reach[i], 0, float(first[0, i])
             while True:
-                far = travelled[row] + apart - best + HIDDEN
+                far = travelled[row] + apart - best + RESOLUTION
                 row = max(row + 1, int(np.searchsorted(travelled, far, side="right")))
                 if row >= len(q):
                     break

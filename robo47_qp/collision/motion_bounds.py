@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix, Vector
 
 
-def levers(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
+def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
     """Bounds L (pairs, n) with |d(q') - d(q)| <= L |q' - q| for the distance d of each pair.
 
     A joint that moves one geom of a pair alone changes their distance no faster than its lever,
@@ -63,7 +63,7 @@ def _links(m: mujoco.MjModel) -> Matrix:
     return links
 
 
-class Closing:
+class ClosingJacobian:
     """Rates of the pairs of one model, from the joint axes of its state."""
 
     def __init__(
@@ -79,7 +79,7 @@ class Closing:
         self._p = np.ones((len(pairs), 4))
         self._products = np.zeros((len(pairs), 3, 4))
 
-    def rates(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
+    def rows(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
         """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
 
         MuJoCo's `cdof` holds the twist (w, v) of each joint about the centre of mass c: it moves

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from robo47_qp.arrays import Range
 from robo47_qp.collision.distance import GeomDistance
-from robo47_qp.errors import InvalidValueError, ModelError
+from robo47_qp.errors import ModelError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
 
@@ -57,7 +58,7 @@ class GeomPairs:
             InvalidValueError: The clearance is negative or not finite.
             ModelError: No pair is left.
         """
-        check_clearance(clearance)
+        Range(at_least=0.0).check("clearance", clearance)
         m, kept, left_out = arm.model, [], []
         candidates = list(_movable(m))
         reasons = {pair: _ruled_out(m, pair) for pair in candidates}
@@ -84,16 +85,6 @@ def pair_names(m: mujoco.MjModel, pair: tuple[int, int]) -> tuple[str, str]:
     """What messages call two geoms; what stands in the world comes last."""
     a, b = (_name(m, geom) for geom in pair)
     return (b, a) if m.geom_bodyid[pair[0]] == 0 else (a, b)
-
-
-def check_clearance(clearance: float) -> None:
-    """Check a clearance from outside [m].
-
-    Raises:
-        InvalidValueError: It is negative or not finite.
-    """
-    if not (np.isfinite(clearance) and clearance >= 0.0):
-        raise InvalidValueError("clearance", clearance, "finite and not negative [m]")
 
 
 def _movable(m: mujoco.MjModel) -> Iterator[tuple[int, int]]:

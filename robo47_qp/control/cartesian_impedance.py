@@ -100,7 +100,7 @@ class CartesianImpedance:
         force += space.inertia_times(space.jacobian_rate_times(unfelt, in_tool=in_tool))
         tau: Vector = space.J_T.dot(force)
         tau += free
-        if arm.slips:
+        if arm.has_dry_friction:
             add_dry_friction(tau, arm, reference.v)
         return tau
 

@@ -58,7 +58,7 @@ class JointImpedance:
             tau = arm.inverse_dynamics(state.q, state.v, reference.a)
         else:
             tau = _feed_forward(arm, self.feed_forward, state)
-        if arm.slips and self.feed_forward in _WITH_FRICTION:
+        if arm.has_dry_friction and self.feed_forward in _WITH_FRICTION:
             add_dry_friction(tau, arm, reference.v)
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)

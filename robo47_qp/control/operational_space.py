@@ -69,7 +69,7 @@ class OperationalSpace:
         a += space.jacobian_rate_times(e_v)
         a -= space.J.dot(posture)
         tau += space.J_T.dot(space.inertia.dot(a))
-        if arm.slips:
+        if arm.has_dry_friction:
             add_dry_friction(tau, arm, reference.v)
         return tau
 

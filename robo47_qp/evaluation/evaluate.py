@@ -34,7 +34,7 @@ from robo47_qp.evaluation.report.words import (
     rate_line,
     throughput_line,
 )
-from robo47_qp.files import claim, read_json, write_json, write_text
+from robo47_qp.files import check_writable, read_json, write_json, write_text
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.task import Task
 
@@ -148,7 +148,7 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
         check_paired(evaluations[0].settings, seeds, _other(options.against))
     for job in jobs:
         for path in (*job.options.files.values(), *(options.files[name] for name in _COMPARISON)):
-            claim(path)
+            check_writable(path)
     journals = [(job.options.files["journal"], job.evaluation.settings) for job in jobs]
     if options.resume:
         for path, settings in journals:
@@ -176,8 +176,8 @@ def _replay(job: Job, seed: int, console: Console) -> int:
     options = job.options
     path = options.log.with_name(f"{options.log.stem}-{job.chosen.task.name}-{seed}.rrd")
     report = path.with_suffix(".json")
-    claim(path)
-    claim(report)
+    check_writable(path)
+    check_writable(report)
     executor = replace(job.chosen, workers=1, cluster="local").executor
     result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
     entry = {**result.entry(), "same_as_evaluated": same}

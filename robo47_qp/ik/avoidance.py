@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Range, Vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
@@ -17,7 +17,7 @@ _H = 1e-6
 """Half the width of central differences there [rad or m]."""
 
 
-class Rows(NamedTuple):
+class DistanceRows(NamedTuple):
     """A dq <= upper keeps pairs apart, for a step dq of the joints [rad or m]."""
 
     A: Matrix
@@ -72,10 +72,8 @@ class Avoidance:
             raise InvalidValueError(
                 "d_min and detection", (d_min, detection), "0 <= d_min < detection, finite [m]"
             )
-        if not 0.0 <= recovery <= 1.0:
-            raise InvalidValueError("recovery", recovery, "in [0, 1]")
-        if max_rows < 1:
-            raise InvalidValueError("max_rows", max_rows, "at least 1")
+        Range(at_least=0.0, at_most=1.0).check("recovery", recovery)
+        Range(at_least=1, whole=True).check("max_rows", max_rows)
         self._clearance, self._d_min, self._detection = clearance, d_min, detection
         self._recovery, self._max_rows = recovery, max_rows
         m = clearance.arm.model
@@ -84,14 +82,14 @@ class Avoidance:
         self._sign = moves[ends[:, 1]] - moves[ends[:, 0]]
         self._slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
 
-    def rows(self, q: Vector) -> Rows:
-        """Rows for the pairs within the detection distance at q, at most `max_rows`."""
-        near = self._clearance.nearby(q, self._detection)
+    def rows(self, q: Vector) -> DistanceRows:
+        """Return rows for the pairs within the detection distance at q, at most `max_rows`."""
+        near = self._clearance.pairs_within(q, self._detection)
         pair, d = near.pair[: self._max_rows], near.distance[: self._max_rows]
         lacking = d - self._d_min
         upper = np.where(lacking < 0.0, self._recovery * lacking, lacking)
         A = self._closing(q, pair, d, near.segment[: self._max_rows])
-        return Rows(A, upper, d, pair)
+        return DistanceRows(A, upper, d, pair)
 
     def kept(self, q: Vector) -> bool:
         """True where every pair has the clearance that the distances were built for."""

@@ -7,7 +7,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.ik.avoidance import Avoidance, Rows
+from robo47_qp.ik.avoidance import Avoidance, DistanceRows
 from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import Tolerance
@@ -76,7 +76,7 @@ class Descent:
         error, q, low, high = self._error, self.q, self._low, self._high
         q_min, q_max, expand, solve = self._q_min, self._q_max, self._expand, self._qp.solve
         distance2 = angle2 = np.inf
-        error.aim(T_world_target)
+        error.set_target(T_world_target)
         np.maximum(q_seed, q_min, out=q)
         np.minimum(q, q_max, out=q)
         close = tolerance.position**2
@@ -94,7 +94,7 @@ class Descent:
                     break
             if iteration == max_iterations:
                 break
-            error.differentiate()
+            error.update_jacobian()
             H, f = expand(error, squared_error, q, q_seed)
             np.subtract(q_min, q, low)
             np.subtract(q_max, q, high)
@@ -112,7 +112,7 @@ class Descent:
         self.missed = distance2 > _ROUNDING * close or angle2 > _ROUNDING * aligned
         return iteration
 
-    def _step(self, H: Matrix, f: Vector, rows: Rows) -> Vector | None:
+    def _step(self, H: Matrix, f: Vector, rows: DistanceRows) -> Vector | None:
         """The step within the bounds and the rows.
 
         Bounds and rows together may leave no step where pairs have to part. Then the parting

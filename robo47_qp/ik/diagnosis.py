@@ -10,8 +10,8 @@ from robo47_qp.arrays import Vector
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
-    Bound,
     IkResult,
+    ReachEvidence,
     Reason,
     Tolerance,
     joints_outside,
@@ -72,7 +72,7 @@ def diagnosed(
             best,
             reason=Reason.OUT_OF_REACH,
             beyond_reach=left,
-            bound=Bound.SEARCH,
+            bound=ReachEvidence.SEARCH,
             explanation=(
                 f"the tool comes no closer than {left:.4f} m to the position, "
                 "its orientation left aside"

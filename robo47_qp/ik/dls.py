@@ -49,7 +49,7 @@ class DlsIk(Checked):
         if self.position_only:
             tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
         for iteration in range(self.max_iterations + 1):
-            e = arm.way_to(T_world_target, q)[:rows]
+            e = arm.pose_error(T_world_target, q)[:rows]
             close = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
             if close and (self.position_only or np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation):
                 break

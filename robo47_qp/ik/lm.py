@@ -9,9 +9,15 @@ from mink import SE3
 from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Vector
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
-from robo47_qp.ik.search import Limits, attempted, searched
-from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall
-from robo47_qp.ik.solver import Attempt, IkResult, Tolerance, is_pose, rejected
+from robo47_qp.ik.search import SearchLimits, attempted, searched
+from robo47_qp.ik.settings import LATE_STALL, THOROUGH_STEPS, Stall
+from robo47_qp.ik.solver import (
+    Attempt,
+    IkResult,
+    Tolerance,
+    is_pose,
+    rejected,
+)
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -62,16 +68,16 @@ class LmIk(Checked):
         rows = 3 if self.position_only else 6
         return _descent(arm, self.damping, rows, self.within_limits)
 
-    def _limits(self) -> Limits:
+    def _limits(self) -> SearchLimits:
         tolerance = self.tolerance
         if self.position_only:
             tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
-        return Limits(tolerance, self.max_iterations, self.stall, self.clearance)
+        return SearchLimits(tolerance, self.max_iterations, self.stall, self.clearance)
 
-    def patient(self) -> "LmIk":
-        """See `Hasty.patient`."""
-        steps = max(self.max_iterations, PATIENT_STEPS)
-        return replace(self, stall=PATIENT, max_iterations=steps)
+    def thorough(self) -> "LmIk":
+        """See `EarlyStopping.thorough`."""
+        steps = max(self.max_iterations, THOROUGH_STEPS)
+        return replace(self, stall=LATE_STALL, max_iterations=steps)
 
 
 class _Damped:

@@ -12,12 +12,12 @@ from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Vector
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.seeds import feature_of, library_of
 from robo47_qp.ik.solver import (
-    Hasty,
+    EarlyStopping,
     IkResult,
     IkSolver,
-    Miss,
     Reason,
     Tolerance,
+    Unconverged,
     attempts_of,
     is_pose,
     judged,
@@ -140,7 +140,7 @@ class MultiStart(Checked):
         iterations, restarts = tally.iterations, tally.starts - 1
         found, best = tally.found, tally.best
         if not found and best is not None:
-            if isinstance(best, Miss):
+            if isinstance(best, Unconverged):
                 best = judged(arm, T_world_target, best.q, self.tolerance, best.iterations)
             best = replace(best, iterations=iterations, restarts=restarts)
             starts = list(islice(self._starts(arm, T_world_target, q_seed), _DIAGNOSES))
@@ -159,8 +159,8 @@ class MultiStart(Checked):
             tally.starts += 1
             if tally.take(attempt(q_start)):
                 return
-            if tally.starts in _SECOND_LOOKS and isinstance(self.solver, Hasty):
-                again = attempts_of(self.solver.patient(), arm, T_world_target)
+            if tally.starts in _SECOND_LOOKS and isinstance(self.solver, EarlyStopping):
+                again = attempts_of(self.solver.thorough(), arm, T_world_target)
                 if any(tally.take(again(q)) for q in tally.ends()):
                     return
 
@@ -191,10 +191,10 @@ class _Tally:
         self._answers, self._apart = answers, apart
         self.starts, self.iterations = 0, 0
         self.found: list[IkResult] = []
-        self.best: IkResult | Miss | None = None
-        self._close: list[IkResult | Miss] = []
+        self.best: IkResult | Unconverged | None = None
+        self._close: list[IkResult | Unconverged] = []
 
-    def take(self, result: IkResult | Miss) -> bool:
+    def take(self, result: IkResult | Unconverged) -> bool:
         """Count a result; True where no further one is needed, or would help."""
         self.iterations += result.iterations
         if isinstance(result, IkResult) and result.converged:
@@ -205,7 +205,7 @@ class _Tally:
             self.best = result
         if result.error < _CLOSE:
             self._close.append(result)
-        if isinstance(result, Miss):
+        if isinstance(result, Unconverged):
             return False
         return result.reason in _HOPELESS or result.inevitable
 
@@ -220,8 +220,8 @@ class _Tally:
         return ends[:_ENDS]
 
 
-def _rank(result: IkResult | Miss) -> tuple[bool, float]:
+def _rank(result: IkResult | Unconverged) -> tuple[bool, float]:
     """How far a result is from an answer: one that is reached but too close comes first."""
-    if isinstance(result, Miss) or result.reason is not Reason.COLLISION:
+    if isinstance(result, Unconverged) or result.reason is not Reason.COLLISION:
         return True, result.error
     return False, -(result.clearance or 0.0)

@@ -13,8 +13,8 @@ _SKEW = ((0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 0, 1.0, 2), (1, 2, -1.0, 0), (2, 0
 _SKEW_ALL = (*_SKEW, (2, 1, 1.0, 0))
 
 
-class Twist:
-    """Memory for the logarithm; what `towards` returns belongs to its last call."""
+class PoseLog:
+    """Memory for the logarithm; what `expand` returns belongs to its last call."""
 
     def __init__(self) -> None:
         """Make the memory."""
@@ -34,7 +34,7 @@ class Twist:
         self._twist = np.zeros(6)
         self._v = self._twist[:3]
 
-    def towards(self, e: Vector) -> tuple[Vector, Matrix]:
+    def expand(self, e: Vector) -> tuple[Vector, Matrix]:
         """The steady twist that covers a way in unit time, and how it falls on the way.
 
         With w the rotation vector and p the displacement, the twist is (v, w), v = A p,

@@ -10,10 +10,16 @@ from mujoco import mju_addToScl
 from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Vector
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
-from robo47_qp.ik.pose_log import Twist
-from robo47_qp.ik.search import Limits, attempted, searched
-from robo47_qp.ik.settings import PATIENT, PATIENT_STEPS, Stall
-from robo47_qp.ik.solver import Attempt, IkResult, Tolerance, is_pose, rejected
+from robo47_qp.ik.pose_log import PoseLog
+from robo47_qp.ik.search import SearchLimits, attempted, searched
+from robo47_qp.ik.settings import LATE_STALL, THOROUGH_STEPS, Stall
+from robo47_qp.ik.solver import (
+    Attempt,
+    IkResult,
+    Tolerance,
+    is_pose,
+    rejected,
+)
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -73,13 +79,13 @@ class QpIk(Checked):
     def _descent(self, arm: Arm) -> Descent:
         return _descent(arm, self.backend, self.lm_damping, self.posture_cost)
 
-    def _limits(self) -> Limits:
-        return Limits(self.tolerance, self.max_iterations, self.stall, self.clearance)
+    def _limits(self) -> SearchLimits:
+        return SearchLimits(self.tolerance, self.max_iterations, self.stall, self.clearance)
 
-    def patient(self) -> "QpIk":
-        """See `Hasty.patient`."""
-        steps = max(self.max_iterations, PATIENT_STEPS)
-        return replace(self, stall=PATIENT, max_iterations=steps)
+    def thorough(self) -> "QpIk":
+        """See `EarlyStopping.thorough`."""
+        steps = max(self.max_iterations, THOROUGH_STEPS)
+        return replace(self, stall=LATE_STALL, max_iterations=steps)
 
 
 class _TwistAndPosture:
@@ -87,7 +93,7 @@ class _TwistAndPosture:
 
     def __init__(self, n: int, lm_damping: float, posture_cost: float) -> None:
         self._lm_damping, self._posture = lm_damping, posture_cost**2
-        self._twist = Twist()
+        self._twist = PoseLog()
         self._J = np.empty((6, n))
         self._H, self._f, self._lean = np.empty((n, n)), np.empty(n), np.empty(n)
         self._diagonal = self._H.reshape(-1)[:: n + 1]
@@ -95,7 +101,7 @@ class _TwistAndPosture:
     def expand(
         self, error: ToolError, squared_error: float, q: Vector, q_seed: Vector
     ) -> tuple[Matrix, Vector]:
-        e, slope = self._twist.towards(error.e)
+        e, slope = self._twist.expand(error.e)
         J, H, f, lean = self._J, self._H, self._f, self._lean
         slope.dot(error.J, J)
         J.T.dot(J, H)

@@ -12,7 +12,13 @@ from robo47_qp.collision.clearance import clearance_of
 from robo47_qp.ik.avoidance import Avoidance
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import IkResult, Miss, Reason, Tolerance, judged
+from robo47_qp.ik.solver import (
+    IkResult,
+    Reason,
+    Tolerance,
+    Unconverged,
+    judged,
+)
 from robo47_qp.model.arm import Arm
 
 _SPARE = 1e-5
@@ -22,7 +28,7 @@ _DETECTION = 0.05
 """How much further away a pair gets a row [m]."""
 
 
-class Limits(NamedTuple):
+class SearchLimits(NamedTuple):
     """When a search ends, and how far from everything."""
 
     tolerance: Tolerance
@@ -32,20 +38,20 @@ class Limits(NamedTuple):
 
 
 def searched(
-    arm: Arm, descent: Descent, T_world_target: SE3, limits: Limits, q_seed: Vector
+    arm: Arm, descent: Descent, T_world_target: SE3, limits: SearchLimits, q_seed: Vector
 ) -> IkResult:
     """The judged end of a search from q_seed."""
     started = process_time()
     end = attempted(arm, descent, T_world_target, limits, q_seed)
-    if isinstance(end, Miss):
+    if isinstance(end, Unconverged):
         end = judged(arm, T_world_target, end.q, limits.tolerance, end.iterations)
     seconds = process_time() - started
     return end.with_effort(iterations=end.iterations, restarts=0, seconds=seconds)
 
 
 def attempted(
-    arm: Arm, descent: Descent, T_world_target: SE3, limits: Limits, q_seed: Vector
-) -> IkResult | Miss:
+    arm: Arm, descent: Descent, T_world_target: SE3, limits: SearchLimits, q_seed: Vector
+) -> IkResult | Unconverged:
     """The end of a search from q_seed, judged unless it missed.
 
     The way to an answer is not driven, so nothing has to stay clear on it: the first search
@@ -55,7 +61,7 @@ def attempted(
     tolerance, count, stall, clearance = limits
     iterations = descent.run(T_world_target, q_seed, tolerance, count, stall)
     if descent.missed and arm.beyond_reach(T_world_target.wxyz_xyz[4:]) <= 0.0:
-        return Miss(descent.q.copy(), iterations, descent.error)
+        return Unconverged(descent.q.copy(), iterations, descent.error)
     free = judged(arm, T_world_target, descent.q, tolerance, iterations, None, clearance)
     if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
         return free

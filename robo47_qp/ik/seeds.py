@@ -27,7 +27,7 @@ _CHECKSUM = 32
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Library:
+class SeedLibrary:
     """Configurations spread evenly over the joint limits, found by their tool poses."""
 
     q: Matrix
@@ -61,7 +61,7 @@ def feature_of(pose: SE3) -> NDArray[np.float32]:
     return feature.astype(np.float32)
 
 
-def library_of(arm: Arm, count: int) -> Library:
+def library_of(arm: Arm, count: int) -> SeedLibrary:
     """The library of an arm: from memory, from the user's cache folder, or made now.
 
     What is kept on disk is named after what forward kinematics depends on: another robot,
@@ -73,7 +73,7 @@ def library_of(arm: Arm, count: int) -> Library:
 
 
 @lru_cache(maxsize=8)
-def _library(arm: Arm, count: int) -> Library:
+def _library(arm: Arm, count: int) -> SeedLibrary:
     path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.bin"
     kept = _read(path, arm, count)
     if kept is None:
@@ -83,7 +83,7 @@ def _library(arm: Arm, count: int) -> Library:
     half_square = 0.5 * np.einsum("ij,ij->i", feature, feature)
     for array in (q, feature, half_square):
         array.setflags(write=False)
-    return Library(q=q, feature=feature, half_square=half_square)
+    return SeedLibrary(q=q, feature=feature, half_square=half_square)
 
 
 def _made(arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]]:

@@ -25,7 +25,7 @@ class Stall(Checked):
         return squared_errors[-1] > (1.0 - self.fall) * squared_errors[-1 - self.steps]
 
 
-PATIENT = Stall(steps=10)
+LATE_STALL = Stall(steps=10)
 """Gives up late."""
-PATIENT_STEPS = 100
+THOROUGH_STEPS = 100
 """Steps of a patient search, at least."""

@@ -13,7 +13,7 @@ from mink import SE3
 from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector
-from robo47_qp.collision.clearance import Proximity, proximity, too_close
+from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_text
 from robo47_qp.model.arm import Arm
 
 _FAR = 1e9
@@ -44,7 +44,7 @@ _TOOL = 1.0
 """No point of a tool is further from the tool frame [m]."""
 
 
-class Bound(Enum):
+class ReachEvidence(Enum):
     """What says that a target is out of reach."""
 
     STRETCHED = "the length of the stretched arm"
@@ -77,7 +77,7 @@ class IkResult:
     """Processor time spent."""
     beyond_reach: float = 0.0
     """How far the target is out of reach [m]; 0 for any other reason."""
-    bound: Bound | None = None
+    bound: ReachEvidence | None = None
     """What says so; None for any other reason."""
     joints: tuple[str, ...] = ()
     """Joints that are outside their limits, or would have to be; empty for any other reason."""
@@ -133,10 +133,10 @@ class IkSolver(Protocol):
 
 
 @runtime_checkable
-class Hasty(Protocol):
+class EarlyStopping(Protocol):
     """A solver that gives up early, and can be asked not to."""
 
-    def patient(self) -> IkSolver:
+    def thorough(self) -> IkSolver:
         """The same search, given up late."""
         ...
 
@@ -162,25 +162,25 @@ def judged(
         asked: Clearance that an answer must have [m]; None leaves collisions out.
     """
     q = np.array(q, dtype=np.float64)
-    position_error, orientation_error = arm.distance_to(T_world_target, q)
+    position_error, orientation_error = arm.pose_distance(T_world_target, q)
     margin = arm.limit_margin(q)
     reason: Reason | None = None
     explanation, beyond = "", 0.0
-    bound: Bound | None = None
+    bound: ReachEvidence | None = None
     joints: tuple[str, ...] = ()
-    near: Proximity | None = None
+    near: ClosestPair | None = None
     if position_error <= tolerance.position and orientation_error <= tolerance.orientation:
         if margin < 0.0:
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
         if asked is not None:
-            near = proximity(arm, q, asked, tolerance.position + _TOOL * tolerance.orientation)
+            near = closest_pair(arm, q, asked, tolerance.position + _TOOL * tolerance.orientation)
             if reason is None and near.distance < asked:
-                reason, explanation = Reason.COLLISION, too_close(near, asked)
+                reason, explanation = Reason.COLLISION, too_close_text(near, asked)
     else:
         beyond = arm.beyond_reach(T_world_target.translation())
         if beyond > 0.0:
-            reason, bound = Reason.OUT_OF_REACH, Bound.STRETCHED
+            reason, bound = Reason.OUT_OF_REACH, ReachEvidence.STRETCHED
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
         else:
             reason = Reason.NOT_CONVERGED
@@ -251,7 +251,7 @@ def outside_limits(arm: Arm, q: Vector) -> str:
     )
 
 
-class Miss(NamedTuple):
+class Unconverged(NamedTuple):
     """Where a search ended that came nowhere near a target within reach; not judged."""
 
     q: Vector
@@ -262,7 +262,7 @@ class Miss(NamedTuple):
     """Distance and angle to the target together [m + rad]."""
 
 
-Attempt: TypeAlias = Callable[[Vector], IkResult | Miss]
+Attempt: TypeAlias = Callable[[Vector], IkResult | Unconverged]
 """A search for one pose from a start (n,)."""
 MakeAttempts: TypeAlias = Callable[[Arm, SE3], Attempt]
 """A solver's method `attempts`, where it has one: for an arm and a target that is a pose, what

@@ -41,7 +41,7 @@ class ToolError:
         """MuJoCo's state with the kinematics of the last `move`; not to be written to."""
         return self._data
 
-    def aim(self, T_world_target: SE3) -> None:
+    def set_target(self, T_world_target: SE3) -> None:
         """Measure to this pose from now on."""
         pose = T_world_target.wxyz_xyz
         self._target_quaternion[:], self._target_position[:] = pose[:4], pose[4:]
@@ -56,7 +56,7 @@ class ToolError:
         self._to_world()
         return float(p.dot(p)), float(w.dot(w))
 
-    def differentiate(self) -> None:
+    def update_jacobian(self) -> None:
         """Bring `J` up to date with the last `move`."""
         self._com_position()
         self._jacobian()

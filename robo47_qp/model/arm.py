@@ -10,14 +10,13 @@ import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
-from robo47_qp.arrays import Matrix, Vector, checked_vector
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Matrix, Range, Vector, checked_vector
 from robo47_qp.model.mjcf import compile_arm
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 
-MARGIN = 1e-3
+JOINT_MARGIN = 1e-3
 """Part of a joint's range that planned positions keep from either limit: room for the errors of
 tracking, at the Panda 3 to 6 mrad [-]."""
 _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
@@ -78,8 +77,7 @@ class Arm:
         self.payload = payload
         self.obstacles = tuple(obstacles)
         self.model = compile_arm(robot, payload, self.obstacles)
-        if not 0.0 <= margin < 0.5:
-            raise InvalidValueError("margin", margin, "at least 0 and below 0.5")
+        Range(at_least=0.0, below=0.5).check("margin", margin)
         if margin:
             limits = self.model.jnt_range
             limits += margin * np.diff(limits, axis=1) * [1.0, -1.0]
@@ -90,7 +88,7 @@ class Arm:
         self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.home = checked_vector("home", robot.home, self.n)
         self.dry_friction: Vector = self.model.dof_frictionloss.copy()
-        self.slips = bool(self.dry_friction.any())
+        self.has_dry_friction = bool(self.dry_friction.any())
         self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
@@ -102,7 +100,7 @@ class Arm:
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
         self._base, self._reach = self._shoulder_and_reach()
 
-    def carrying(self, payload: Payload | None) -> "Arm":
+    def with_payload(self, payload: Payload | None) -> "Arm":
         """The same arm among the same obstacles, with another belief about what it holds."""
         return Arm(self.robot, payload, self.obstacles)
 
@@ -114,17 +112,17 @@ class Arm:
         pose[4:] = self._position
         return SE3(pose)
 
-    def way_to(self, T_world_target: SE3, q: Vector) -> Vector:
+    def pose_error(self, T_world_target: SE3, q: Vector) -> Vector:
         """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
         return np.concatenate(self._way(T_world_target, q))
 
-    def distance_to(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
+    def pose_distance(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
         """Distance [m] and angle [rad] between the tool at q and a pose."""
         p, w = self._way(T_world_target, q)
         return sqrt(p.dot(p)), sqrt(w.dot(w))
 
     def _way(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
-        """The two parts of `way_to`; the second is overwritten by the next call."""
+        """The two parts of `pose_error`; the second is overwritten by the next call."""
         self._at(q)
         target = T_world_target.wxyz_xyz
         p = (target[4:] - self._position).dot(self._rotation)

@@ -79,7 +79,7 @@ def robot_from_mjcf(
         joints=chain,
         slides=tuple(j for j in chain if kinds.get(j) == mujoco.mjtJoint.mjJNT_SLIDE),
         motors=tuple(f"{joint}_torque" for joint in chain),
-        own_motors=False,
+        has_motors=False,
         tcp=site,
         tool=tool,
         home=checked_vector("home", home, n),

@@ -62,7 +62,7 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
     _strike(spec, spec.keys)
     if robot.gripper is None:
         _weld_others(robot, spec)
-    if not robot.own_motors:
+    if not robot.has_motors:
         _replace_drives(robot, spec)
     if robot.tool is not None:
         _add_tool_frame(robot, spec)
@@ -71,7 +71,7 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def without_looks(spec: mujoco.MjSpec) -> None:
+def remove_visuals(spec: mujoco.MjSpec) -> None:
     """Strike out geoms that neither touch nor weigh anything, and meshes that none uses."""
     for geom in list(spec.geoms):
         drawn_only = geom.contype == 0 and geom.conaffinity == 0
@@ -210,5 +210,5 @@ def _bare(robot: Robot) -> mujoco.MjSpec:
     for joint in list(spec.joints):
         if joint.name not in robot.joints:
             spec.delete(joint)
-    without_looks(spec)
+    remove_visuals(spec)
     return spec

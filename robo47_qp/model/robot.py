@@ -84,7 +84,7 @@ class Robot:
     """Those of the joints that slide; all others turn."""
     motors: tuple[str, ...]
     """Torque motors, in the order of `joints`."""
-    own_motors: bool = True
+    has_motors: bool = True
     """True where the file has the motors. Where it does not, whatever it drives the joints with
     is struck out and motors of `tau_max` take its place."""
     tcp: str

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.motion_bounds import levers, moved_by
+from robo47_qp.collision.motion_bounds import approach_speed_bounds, moved_by
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.refusals import Hit, collided
@@ -170,5 +170,5 @@ def _levers(model: mujoco.MjModel, joints: Sequence[int]) -> Vector:
     )
     if not pairs:
         return np.zeros(len(joints))
-    longest: Vector = levers(model, pairs)[:, joints].max(axis=0)
+    longest: Vector = approach_speed_bounds(model, pairs)[:, joints].max(axis=0)
     return longest

@@ -6,7 +6,7 @@ import numpy as np
 from mink import SE3
 from numpy.lib.stride_tricks import sliding_window_view
 
-from robo47_qp.ik.stream.stream import IkStream
+from robo47_qp.ik.stream.stream import StreamSolver
 from robo47_qp.model.arm import JointReference
 from robo47_qp.motion.trajectory import Trajectory
 
@@ -20,7 +20,7 @@ class SmoothStream:
     is at most 2 a_max / (w dt).
     """
 
-    def __init__(self, stream: IkStream, window: int) -> None:
+    def __init__(self, stream: StreamSolver, window: int) -> None:
         """Keep the stream to smooth.
 
         Args:

@@ -179,7 +179,7 @@ class ControlLoop:
     def set_payload(self, payload: Payload | None) -> None:
         """Tell the controller what the tool holds; None is nothing."""
         if payload is not self.control.arm.payload:
-            arm = self.arm if payload is None else self.arm.carrying(payload)
+            arm = self.arm if payload is None else self.arm.with_payload(payload)
             self.control.set_arm(arm, seconds=LOAD_CHANGES)
 
     def note(self, text: str, failure: Failure | None = None) -> None:

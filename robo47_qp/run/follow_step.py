@@ -8,7 +8,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.ik.stream.stream import IkStream
+from robo47_qp.ik.stream.stream import StreamSolver
 from robo47_qp.model.arm import JointReference
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
@@ -52,7 +52,7 @@ class Follow(Step):
                 raise StepFailed(violation(self.name, self.until, evidence))
             loop.track(self._block(loop, stream))
 
-    def _block(self, loop: ControlLoop, stream: IkStream) -> Trajectory:
+    def _block(self, loop: ControlLoop, stream: StreamSolver) -> Trajectory:
         """Return the next few periods, towards where the target will be then."""
         time, states = loop.sim.time, [loop.reference]
         for k in range(TICK_ROWS):

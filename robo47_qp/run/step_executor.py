@@ -10,8 +10,8 @@ from typing import ClassVar
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
-from robo47_qp.ik.stream.stream import IkStream, StreamIk
-from robo47_qp.model.arm import MARGIN, Arm
+from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
+from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Waypoint
@@ -66,7 +66,7 @@ class StepExecutor:
         """Keep the loop to act with, and what plans its motions."""
         self.loop, self.compliance = loop, CompliantMode(loop)
         self._planner = planner
-        inner = Arm(loop.arm.robot, obstacles=loop.arm.obstacles, margin=MARGIN)
+        inner = Arm(loop.arm.robot, obstacles=loop.arm.obstacles, margin=JOINT_MARGIN)
         self._inner = loop.arm if inner.limit_margin(inner.home) < 0.0 else inner
 
     def perform(self, step: Step) -> None:
@@ -109,9 +109,9 @@ class StepExecutor:
         return self._planned(self._planner, waypoints, q_start)
 
     @cached_property
-    def stream(self) -> IkStream:
+    def stream(self) -> StreamSolver:
         """Differential inverse kinematics within the loop's motion limits."""
-        settings = StreamIk(dt=TIMESTEP, profile=self.loop.profile, homing=0.0, gain=_GAIN)
+        settings = StreamIk(dt=TIMESTEP, profile=self.loop.profile, home_gain=0.0, gain=_GAIN)
         return settings.build(self.loop.arm)
 
     def planning_arm(self, q: Vector) -> Arm:

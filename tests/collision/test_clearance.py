@@ -170,7 +170,7 @@ def test_clear_says_whether_the_nearest_is_far_enough(crowded: Clearance) -> Non
 def test_nearby_pairs_are_all_that_are_close_the_closest_first(crowded: Clearance) -> None:
     for q in configurations(crowded.arm, 50):
         distances = every(crowded, q)
-        near = crowded.nearby(q, 0.06)
+        near = crowded.pairs_within(q, 0.06)
         assert set(near.pair.tolist()) == set(np.flatnonzero(distances < 0.06).tolist())
         assert near.distance.tolist() == sorted(near.distance.tolist())
         assert near.distance == pytest.approx(distances[near.pair], abs=1e-9)

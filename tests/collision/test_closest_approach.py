@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robo47_qp.collision.closest_approach import HIDDEN, ClosestApproach
+from robo47_qp.collision.closest_approach import RESOLUTION, ClosestApproach
 from robo47_qp.errors import ModelError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
@@ -30,7 +30,7 @@ def test_nothing_closer_is_missed(seed: int) -> None:
     q = wandering(np.random.default_rng(seed), 1500)
     found = closest.along(q)
     every = np.array([min(closest._distances(row)) for row in q])
-    assert every.min() - 1e-12 <= found.distance <= every.min() + HIDDEN
+    assert every.min() - 1e-12 <= found.distance <= every.min() + RESOLUTION
     assert every[found.row] == pytest.approx(found.distance, abs=1e-12)
     assert found.obstacle in {obstacle.name for obstacle in obstacles}
 
@@ -56,7 +56,7 @@ def test_the_distance_of_a_probe_is_known_by_hand(tmp_path: Path) -> None:
     q = np.zeros((1001, 4))
     q[:, 0] = np.linspace(-1.0, 0.6, 1001)
     found = closest.along(q)
-    assert found.distance == pytest.approx(0.3, abs=HIDDEN)
+    assert found.distance == pytest.approx(0.3, abs=RESOLUTION)
     assert (found.body, found.obstacle, found.row) == ("probe", "wall", 1000)
     q[500, :3] = 0.0, 0.0, 1.3
     found = closest.along(q)
@@ -71,7 +71,7 @@ def test_what_may_be_hidden_is_as_little_as_said(tmp_path: Path, dip: float, see
     q = np.zeros((4000, 4))
     q[2345, 0] = dip
     found = ClosestApproach(robot, (wall,)).along(q)
-    assert found.distance == pytest.approx(0.9 - dip, abs=1e-9 if seen else HIDDEN)
+    assert found.distance == pytest.approx(0.9 - dip, abs=1e-9 if seen else RESOLUTION)
     assert (found.row == 2345) == seen
 
 

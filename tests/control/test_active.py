@@ -123,13 +123,13 @@ def test_a_switch_during_a_switch_has_no_bump_either(arm: Arm) -> None:
         if k in (20, 40):
             active.switch(JointImpedance(stiffness_scale=0.5 if k == 20 else 2.0), seconds=0.05)
         if k == 60:
-            active.set_arm(arm.carrying(LOAD), seconds=0.05)
+            active.set_arm(arm.with_payload(LOAD), seconds=0.05)
         active.torque(reference, state)
         path.append(active.commanded)
     jump = np.abs(np.diff(path, axis=0)).max()
     spring = np.abs(JointImpedance().torque(arm, reference, state) - home_torque(arm)).max()
     assert jump < 0.15 * spring + 1.0
-    belief = arm.carrying(LOAD)
+    belief = arm.with_payload(LOAD)
     last = JointImpedance(stiffness_scale=2.0).torque(belief, reference, state)
     assert path[-1].tolist() == last.tolist()
 
@@ -137,15 +137,15 @@ def test_a_switch_during_a_switch_has_no_bump_either(arm: Arm) -> None:
 def test_in_no_time_the_change_is_at_once(arm: Arm) -> None:
     active = ActiveController(JointImpedance(), arm, dt=DT)
     ask(active, arm)
-    active.set_arm(arm.carrying(LOAD), seconds=0.0)
+    active.set_arm(arm.with_payload(LOAD), seconds=0.0)
     ask(active, arm)
-    assert active.commanded == pytest.approx(home_torque(arm.carrying(LOAD)), abs=1e-12)
+    assert active.commanded == pytest.approx(home_torque(arm.with_payload(LOAD)), abs=1e-12)
 
 
 def test_an_updated_payload_takes_the_error_away(robot: Robot, arm: Arm) -> None:
     sim = DisturbedSimulation(robot, no_objects, Disturbance(payload=LOAD))
     active, errors = ActiveController(JointImpedance(), arm, dt=DT), {}
-    for phase, belief in (("unknown", arm), ("known", arm.carrying(LOAD))):
+    for phase, belief in (("unknown", arm), ("known", arm.with_payload(LOAD))):
         active.set_arm(belief)
         for _ in range(2500):
             sim.step(ask_state(active, arm, sim))

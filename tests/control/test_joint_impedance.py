@@ -141,16 +141,16 @@ def test_a_payload_that_it_knows_is_held_and_one_that_it_does_not_sags(
     plain = PlainArm(robot, BRICK)
     sag = {}
     for known in (True, False):
-        belief = arm.carrying(BRICK) if known else arm
+        belief = arm.with_payload(BRICK) if known else arm
         world = World(plain, arm.home)
         for _ in range(2000):
             world.step(CONTROLLER.torque(belief, at_rest(arm.home), world.state()))
         sag[known] = np.abs(world.state().q - arm.home)
     assert sag[True].max() < 1e-9
     still = np.zeros(arm.n)
-    missing = arm.carrying(BRICK).inverse_dynamics(arm.home, still, still) - arm.inverse_dynamics(
+    missing = arm.with_payload(BRICK).inverse_dynamics(
         arm.home, still, still
-    )
+    ) - arm.inverse_dynamics(arm.home, still, still)
     assert sag[False] == pytest.approx(np.abs(missing) / robot.stiffness, rel=0.1, abs=1e-3)
     assert sag[False].max() > 5e-3
 
@@ -175,7 +175,7 @@ def test_the_same_question_has_the_same_answer(robot: Robot, arm: Arm) -> None:
     kept = first.copy()
     other = JointImpedance(stiffness_scale=3.0)
     other.torque(arm, at_rest(arm.home), state)
-    CONTROLLER.torque(arm.carrying(BRICK), reference, state)
+    CONTROLLER.torque(arm.with_payload(BRICK), reference, state)
     first[:] = 7.0
     for belief in (arm, Arm(robot)):
         assert CONTROLLER.torque(belief, reference, state).tolist() == kept.tolist()

@@ -112,7 +112,7 @@ def test_the_push_falls_to_zero_at_the_speed_and_brakes_beyond(
         state = JointState(arm.home, v)
         tau = presser.torque(arm, JointReference(arm.home, v, np.zeros(arm.n)), state)
         tau -= arm.inverse_dynamics(arm.home, v, np.zeros(arm.n))
-        if arm.slips:
+        if arm.has_dry_friction:
             tau -= 0.8 * arm.dry_friction * np.tanh(v / 0.05)
         expected = J[2] * -(10.0 + trim) * (1.0 - share)
         assert tau == pytest.approx(expected, abs=2e-3)
@@ -182,7 +182,7 @@ def test_it_takes_over_without_a_bump_and_keeps_its_trim_with_another_payload(ar
         if k == 50:
             active.switch(presser, seconds=0.05)
         if k == 150:
-            active.set_arm(arm.carrying(LOAD), seconds=0.05)
+            active.set_arm(arm.with_payload(LOAD), seconds=0.05)
         if k == 220:
             active.switch(JointImpedance(), seconds=0.05)
         active.torque(at_rest(arm.home), JointState(q.copy(), v.copy()))
@@ -195,7 +195,8 @@ def test_it_takes_over_without_a_bump_and_keeps_its_trim_with_another_payload(ar
     assert steps.min() > 0.0
     assert steps.max() < 1.2 * steps.min()
     assert (
-        np.abs(np.array(path[215]) - pressed_alone(arm.carrying(LOAD), q, trims[215])).max() < 1e-9
+        np.abs(np.array(path[215]) - pressed_alone(arm.with_payload(LOAD), q, trims[215])).max()
+        < 1e-9
     )
 
 

@@ -1,4 +1,4 @@
-"""Rows against differences of distances, and against what a step along them does."""
+"""DistanceRows against differences of distances, and against what a step along them does."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 from robo47_qp.arrays import Vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.avoidance import Avoidance, Rows
+from robo47_qp.ik.avoidance import Avoidance, DistanceRows
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
@@ -139,7 +139,7 @@ def test_the_unit_is_a_step_and_no_time_is_in_it(tmp_path: Path) -> None:
     avoidance = Avoidance(clearance, d_min=0.03, detection=0.1)
     dt, q = 0.02, vector(0.0, 0.0, 0.5, 0.0)
     for _ in range(40):
-        rows: Rows = avoidance.rows(q)
+        rows: DistanceRows = avoidance.rows(q)
         v = -2.0
         for A, upper in zip(rows.A, rows.upper, strict=True):
             v = max(v, upper / (A[2] * dt))
@@ -163,8 +163,8 @@ def test_what_is_returned_is_the_callers_own(crowded: Clearance) -> None:
         ({"d_min": 0.2}, "d_min and detection must be 0 <= d_min < detection"),
         ({"d_min": -0.1}, "d_min and detection"),
         ({"detection": np.inf}, "finite"),
-        ({"recovery": 1.5}, r"recovery must be in \[0, 1\]; found 1.5"),
-        ({"max_rows": 0}, "max_rows must be at least 1; found 0"),
+        ({"recovery": 1.5}, r"recovery must be at least 0 and at most 1; found 1.5"),
+        ({"max_rows": 0}, "max_rows must be a whole number, 1 or more; found 0"),
     ],
 )
 def test_numbers_out_of_range_are_refused(

@@ -18,7 +18,13 @@ from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import Bound, IkResult, Reason, Tolerance, judged
+from robo47_qp.ik.solver import (
+    IkResult,
+    ReachEvidence,
+    Reason,
+    Tolerance,
+    judged,
+)
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from tests.examples import shifted, turned
@@ -106,7 +112,7 @@ def failures(arm: Arm) -> dict[str, list[Failure]]:
             found["limits"].append((target, result))
         elif result.reason is Reason.NOT_CONVERGED:
             found["orientation"].append((target, result))
-        elif result.bound is Bound.SEARCH:
+        elif result.bound is ReachEvidence.SEARCH:
             found["reach"].append((target, result))
     assert all(len(kind) >= ENOUGH for kind in found.values())
     return found

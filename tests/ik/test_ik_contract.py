@@ -61,7 +61,7 @@ def check(solver: IkSolver, plain: PlainArm, target: SE3, result: IkResult) -> N
     assert 0.0 <= result.seconds < 60.0
 
 
-def hasty(solver: IkSolver) -> IkSolver:
+def few_restarts(solver: IkSolver) -> IkSolver:
     """The same solver, giving up after few starts."""
     if isinstance(solver, MultiStart):
         return MultiStart(solver=solver.solver, max_restarts=3)
@@ -117,7 +117,7 @@ def test_a_target_reached_by_the_seed_returns_the_seed(
 @EVERY
 @FEW
 @given(at=inner_fractions, step=rates)
-def test_a_target_near_the_seed_is_reached_nearby(
+def test_a_target_near_the_seed_is_reached_pairs_within(
     solver: IkSolver, arm: Arm, plain: PlainArm, at: Vector, step: Vector
 ) -> None:
     q_seed = plain.at(at)
@@ -137,7 +137,7 @@ def test_a_target_within_reach_is_never_called_out_of_reach(
     solver: IkSolver, arm: Arm, plain: PlainArm, at: Vector, seed: Vector
 ) -> None:
     target = arm.pose(plain.at(at))
-    solver = hasty(solver)
+    solver = few_restarts(solver)
     result = solver.solve(arm, target, plain.at(seed))
     check(solver, plain, target, result)
     assert result.reason in {None, Reason.NOT_CONVERGED, Reason.JOINT_LIMITS}
@@ -153,7 +153,7 @@ def test_a_target_within_reach_is_never_called_out_of_reach(
 def test_any_pose_in_the_room_has_an_answer(
     solver: IkSolver, arm: Arm, plain: PlainArm, target: SE3, seed: Vector
 ) -> None:
-    solver = hasty(solver)
+    solver = few_restarts(solver)
     check(solver, plain, target, solver.solve(arm, target, plain.at(seed)))
 
 
@@ -162,7 +162,7 @@ def test_any_pose_in_the_room_has_an_answer(
 def test_a_half_turn_of_the_tool_is_not_taken_for_none(
     solver: IkSolver, arm: Arm, plain: PlainArm, axis: int
 ) -> None:
-    solver = hasty(solver)
+    solver = few_restarts(solver)
     for angle in (np.pi, -np.pi, np.pi - 1e-9, np.pi + 1e-7):
         target = turned(arm.pose(arm.home), axis, angle)
         check(solver, plain, target, solver.solve(arm, target, arm.home))
@@ -173,7 +173,7 @@ def test_an_exact_half_turn_is_not_taken_for_none(
     solver: IkSolver, arm: Arm, plain: PlainArm
 ) -> None:
     """The quaternion between tool and target has w = 0, to the last bit."""
-    solver = hasty(solver)
+    solver = few_restarts(solver)
     for half_turn in np.eye(4)[1:]:
         for q in (arm.home, plain.at(np.full(8, 0.4))):
             target = arm.pose(q) @ SE3.from_rotation(SO3(half_turn))
@@ -187,7 +187,7 @@ def test_an_exact_half_turn_is_not_taken_for_none(
 def test_a_quaternion_and_its_negative_are_the_same_target(
     solver: IkSolver, arm: Arm, plain: PlainArm, at: Vector, step: Vector
 ) -> None:
-    solver, q_seed = hasty(solver), plain.at(at)
+    solver, q_seed = few_restarts(solver), plain.at(at)
     target = arm.pose(np.clip(q_seed + 0.1 * step[: plain.n], plain.q_min, plain.q_max))
     signs = np.array([-1.0] * 4 + [1.0] * 3)
     mirrored = SE3(target.wxyz_xyz * signs)
@@ -215,7 +215,7 @@ def test_beyond_the_stretched_arm_nothing_breaks(
 ) -> None:
     stretched = np.clip(np.zeros(arm.n), plain.q_min, plain.q_max)
     target = shifted(arm.pose(stretched), np.array([0.0, 0.0, 0.05]))
-    result = hasty(solver).solve(arm, target, stretched)
+    result = few_restarts(solver).solve(arm, target, stretched)
     check(solver, plain, target, result)
     assert result.converged == looks_at_position_only(solver)
 
@@ -357,7 +357,7 @@ def test_what_the_tool_holds_does_not_matter(solver: IkSolver, arm: Arm) -> None
     held = Payload(mass=2.0, inertia=(1e-2, 1e-2, 1e-2), T_tcp_com=SE3.identity())
     target = turned(shifted(arm.pose(arm.home), np.array([0.05, 0.08, -0.1])), 2, 0.4)
     empty = solver.solve(arm, target, arm.home)
-    loaded = solver.solve(arm.carrying(held), target, arm.home)
+    loaded = solver.solve(arm.with_payload(held), target, arm.home)
     # Rounding of the Jacobian is amplified along the null space.
     assert loaded.q == pytest.approx(empty.q, abs=1e-5)
     assert loaded.converged == empty.converged

@@ -122,13 +122,13 @@ def test_a_step_is_that_of_mink(
     q, q_seed = plain.at(at), plain.at(seed)
     if not isinstance(target, SE3):
         target = arm.pose(q + 0.5 * target[: plain.n])
-    # mink's own logarithm is another one beyond: see test_twist.py.
+    # mink's own logarithm is another one beyond: see test_pose_log.py.
     assume(1e-3 < plain.errors(q, target)[1] < np.pi - 1e-3)
     solver = QpIk(lm_damping=costs[0], posture_cost=costs[1])
     error = ToolError(arm)
-    error.aim(target)
+    error.set_target(target)
     distance2, angle2 = error.move(q)
-    error.differentiate()
+    error.update_jacobian()
     objective = _TwistAndPosture(arm.n, solver.lm_damping, solver.posture_cost)
     H, f = objective.expand(error, distance2 + angle2, q, q_seed)
     step = box_qp("daqp", arm.n).solve(H, f, plain.q_min - q, plain.q_max - q)

@@ -25,7 +25,7 @@ def test_the_error_leads_from_the_tool_to_the_target(
     arm: Arm, plain: PlainArm, at: Vector, target: SE3
 ) -> None:
     q, error = plain.at(at), ToolError(arm)
-    error.aim(target)
+    error.set_target(target)
     distance2, angle2 = error.move(q)
     expected = way(plain, q, target)
     assert error.e[:3] == pytest.approx(expected[:3], abs=1e-12)
@@ -41,7 +41,7 @@ def test_the_error_leads_from_the_tool_to_the_target(
 def test_the_jacobian_is_the_slope_of_the_tool(arm: Arm, plain: PlainArm, at: Vector) -> None:
     q, error = plain.at(at), ToolError(arm)
     error.move(q)
-    error.differentiate()
+    error.update_jacobian()
     _, R = plain.tool(q)
     in_tool_axes = plain.jacobian(q)
     expected = np.vstack([R @ in_tool_axes[:3], R @ in_tool_axes[3:]])
@@ -51,9 +51,9 @@ def test_the_jacobian_is_the_slope_of_the_tool(arm: Arm, plain: PlainArm, at: Ve
 def test_a_step_along_the_jacobian_shortens_the_error(arm: Arm, plain: PlainArm) -> None:
     """Signs and axes of both together: e falls by J dq."""
     error = ToolError(arm)
-    error.aim(turned(shifted(arm.pose(arm.home), np.array([0.02, -0.03, 0.01])), 1, 0.05))
+    error.set_target(turned(shifted(arm.pose(arm.home), np.array([0.02, -0.03, 0.01])), 1, 0.05))
     error.move(arm.home)
-    error.differentiate()
+    error.update_jacobian()
     before, J = error.e.copy(), error.J.copy()
     dq = 1e-5 * np.arange(1.0, arm.n + 1)
     error.move(arm.home + dq)
@@ -68,7 +68,7 @@ def test_a_quaternion_and_its_negative_are_one_target(arm: Arm) -> None:
     ways = []
     for same in (target, SE3(target.wxyz_xyz * signs)):
         error = ToolError(arm)
-        error.aim(same)
+        error.set_target(same)
         assert error.move(arm.home)[1] == pytest.approx(4.0)
         ways.append(error.e.copy())
     assert ways[0] == pytest.approx(ways[1], abs=1e-12)
@@ -77,7 +77,7 @@ def test_a_quaternion_and_its_negative_are_one_target(arm: Arm) -> None:
 def test_half_a_turn_is_not_taken_for_none(arm: Arm) -> None:
     error = ToolError(arm)
     for half_turn in np.eye(4)[1:]:
-        error.aim(arm.pose(arm.home) @ SE3.from_rotation(SO3(half_turn)))
+        error.set_target(arm.pose(arm.home) @ SE3.from_rotation(SO3(half_turn)))
         distance2, angle2 = error.move(arm.home)
         assert distance2 < 1e-20
         assert angle2 == pytest.approx(np.pi**2)
@@ -88,19 +88,19 @@ def test_it_keeps_its_own_state(arm: Arm) -> None:
     one, other = ToolError(arm), ToolError(arm)
     q = arm.home.copy()
     numbers = arm.pose(arm.home + 0.1).wxyz_xyz.copy()
-    one.aim(SE3(numbers))
+    one.set_target(SE3(numbers))
     numbers[:] = 0.0
     one.move(q)
     e = one.e.copy()
     q[:] = 9.0
-    other.aim(SE3.identity())
+    other.set_target(SE3.identity())
     other.move(arm.home + 0.4)
     arm.pose(arm.home + 0.2)
-    one.differentiate()
+    one.update_jacobian()
     assert one.e.tolist() == e.tolist()
     fresh = ToolError(arm)
     fresh.move(arm.home)
-    fresh.differentiate()
+    fresh.update_jacobian()
     assert one.J.tolist() == fresh.J.tolist()
     assert one.data.qpos.tolist() == arm.home.tolist()
     assert one.data.site_xpos[arm.model.site(arm.robot.tcp).id] == pytest.approx(

@@ -220,12 +220,12 @@ def test_bodies_that_are_only_drawn_keep_their_mass(robot: Robot, tmp_path: Path
 def test_another_belief_is_another_arm(robot: Robot, arm: Arm) -> None:
     still = np.zeros(arm.n)
     before = arm.inverse_dynamics(robot.home, still, still)
-    loaded = arm.carrying(HELD)
+    loaded = arm.with_payload(HELD)
     assert loaded.payload is HELD
     assert (loaded.inverse_dynamics(robot.home, still, still) != before).any()
     assert arm.payload is None
     assert arm.inverse_dynamics(robot.home, still, still).tolist() == before.tolist()
-    empty = loaded.carrying(None)
+    empty = loaded.with_payload(None)
     assert empty.payload is None
     assert empty.inverse_dynamics(robot.home, still, still).tolist() == before.tolist()
 
@@ -249,13 +249,13 @@ def test_distance_is_that_of_the_points_and_the_angle_between_the_axes(
     arm: Arm, plain: PlainArm, target: SE3, at: Vector
 ) -> None:
     q = plain.at(at)
-    assert arm.distance_to(target, q) == pytest.approx(plain.errors(q, target), abs=1e-9)
+    assert arm.pose_distance(target, q) == pytest.approx(plain.errors(q, target), abs=1e-9)
 
 
 @given(angle=st.floats(-10.0, 10.0), axis=st.integers(0, 2))
 def test_the_angle_of_a_turn_is_the_smaller_way_round(arm: Arm, angle: float, axis: int) -> None:
     target = turned(arm.pose(arm.home), axis, angle)
-    distance, found = arm.distance_to(target, arm.home)
+    distance, found = arm.pose_distance(target, arm.home)
     assert distance == pytest.approx(0.0, abs=1e-12)
     assert found == pytest.approx(np.arccos(np.cos(angle)), abs=1e-7)
 
@@ -265,8 +265,10 @@ def test_an_exact_half_turn_is_half_a_turn(arm: Arm, plain: PlainArm, axis: int)
     """The quaternion between tool and target has w = 0, to the last bit."""
     for q in (arm.home, plain.at(np.full(8, 0.4))):
         target = arm.pose(q) @ SE3.from_rotation(SO3(np.eye(4)[1 + axis]))
-        assert arm.distance_to(target, q) == pytest.approx((0.0, np.pi), abs=1e-9)
-        assert np.abs(arm.way_to(target, q)[3:]) == pytest.approx(np.pi * np.eye(3)[axis], abs=1e-9)
+        assert arm.pose_distance(target, q) == pytest.approx((0.0, np.pi), abs=1e-9)
+        assert np.abs(arm.pose_error(target, q)[3:]) == pytest.approx(
+            np.pi * np.eye(3)[axis], abs=1e-9
+        )
 
 
 @given(target=poses, at=fractions)
@@ -276,7 +278,7 @@ def test_the_way_to_a_pose_leads_there_in_the_frame_of_the_tool(
     q = plain.at(at)
     kept = target.wxyz_xyz.copy()
     position, R = plain.tool(q)
-    way = arm.way_to(target, q)
+    way = arm.pose_error(target, q)
     assert position + R @ way[:3] == pytest.approx(target.translation(), abs=1e-12)
     there = R @ Rotation.from_rotvec(way[3:]).as_matrix()
     assert np.abs(there - target.rotation().as_matrix()).max() < 1e-9
@@ -341,7 +343,7 @@ READS: dict[str, Callable[[Arm, Vector], Vector]] = {
     "jacobian": lambda arm, q: arm.jacobian(q),
     "mass_matrix": lambda arm, q: arm.mass_matrix(q),
     "inverse_dynamics": lambda arm, q: arm.inverse_dynamics(q, 0.3 * q, -0.7 * q),
-    "way_to": lambda arm, q: arm.way_to(SE3.identity(), q),
+    "pose_error": lambda arm, q: arm.pose_error(SE3.identity(), q),
 }
 EVERY = pytest.mark.parametrize("read", READS.values(), ids=READS.keys())
 

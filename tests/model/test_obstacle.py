@@ -71,7 +71,7 @@ def test_obstacles_change_nothing_but_collisions() -> None:
 def test_carrying_keeps_the_obstacles() -> None:
     arm = Arm(PANDA, obstacles=cell())
     held = Payload(mass=1.0, inertia=(1e-3, 1e-3, 1e-3), T_tcp_com=SE3.identity())
-    for other in (arm.carrying(held), arm.carrying(held).carrying(None)):
+    for other in (arm.with_payload(held), arm.with_payload(held).with_payload(None)):
         assert other.obstacles == arm.obstacles
         assert other.model.geom("post").id >= 0
 

@@ -45,9 +45,9 @@ def followed(arm: Arm, q: Vector, target: SE3, steps: int = 200) -> Vector | Non
         there = SE3.from_rotation_and_translation(rotation, position)
         for _ in range(6):
             J = arm.jacobian(q)
-            e = arm.way_to(there, q)
+            e = arm.pose_error(there, q)
             q = q + J.T @ np.linalg.solve(J @ J.T + 1e-10 * np.eye(6), e)
-        if np.abs(arm.way_to(there, q)).max() > 1e-5:
+        if np.abs(arm.pose_error(there, q)).max() > 1e-5:
             return None
         if (q < arm.q_min).any() or (q > arm.q_max).any():
             return None
@@ -95,7 +95,7 @@ def test_the_configuration_is_one_from_which_the_line_can_be_followed(
             planner.plan(ARM, onward, blind.trajectory.end.q, DT)
         leg = planner.plan(ARM, replace(alone, onward=(onward,)), ARM.home, DT)
         q = leg.trajectory.end.q
-        assert max(ARM.distance_to(start, q)) < 1.1e-6
+        assert max(ARM.pose_distance(start, q)) < 1.1e-6
         assert followed(ARM, q, goal) is not None
         planner.plan(ARM, onward, q, DT)
 
@@ -116,7 +116,7 @@ def test_a_whole_chain_is_planned_where_one_leg_at_a_time_gets_stuck(
         for before, after in pairwise(legs):
             assert after.trajectory.q[0] == pytest.approx(before.trajectory.end.q, abs=1e-12)
         for leg, target in zip(legs[:3], (start, goal, start), strict=True):
-            assert max(ARM.distance_to(target, leg.trajectory.end.q)) < 1.1e-6
+            assert max(ARM.pose_distance(target, leg.trajectory.end.q)) < 1.1e-6
         for leg in legs:
             assert (leg.trajectory.q >= ARM.q_min).all()
             assert (leg.trajectory.q <= ARM.q_max).all()
@@ -189,7 +189,7 @@ def test_a_chain_may_begin_with_a_line_and_may_be_empty() -> None:
     down = line("down", shifted(here, np.array([0.0, 0.0, 0.1])))
     legs = planner.plan_chain(ARM, [down, line("up", here)], ARM.home, DT)
     assert legs[0].trajectory.q[0].tolist() == ARM.home.tolist()
-    assert max(ARM.distance_to(here, legs[1].trajectory.end.q)) < 1.1e-6
+    assert max(ARM.pose_distance(here, legs[1].trajectory.end.q)) < 1.1e-6
 
 
 def test_only_straight_motions_can_be_foreseen() -> None:

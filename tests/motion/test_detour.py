@@ -94,7 +94,7 @@ def test_a_detour_keeps_its_distance_and_the_limits() -> None:
 
 def test_the_planner_goes_around_and_arrives() -> None:
     leg = planned(detour())
-    assert ARM.distance_to(leg.T_world_goal, leg.trajectory.end.q)[0] < 1e-3
+    assert ARM.pose_distance(leg.T_world_goal, leg.trajectory.end.q)[0] < 1e-3
     assert min(gap(q) for q in leg.trajectory.q[::5]) >= CLEARANCE
     with pytest.raises(PlanError, match="come within") as caught:
         planned(None)

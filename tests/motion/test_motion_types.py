@@ -66,7 +66,7 @@ def test_it_is_planned_and_keeps_what_the_audit_promises(name: str, motion: Moti
     ends: list[Vector] = [v[0], v[-1], a[0], a[-1]]
     assert not np.any(ends)
     assert q[0] == pytest.approx(arm.home, abs=1e-9)
-    assert max(arm.distance_to(leg.T_world_goal, q[-1])) < 1e-4
+    assert max(arm.pose_distance(leg.T_world_goal, q[-1])) < 1e-4
     for rates, bound in ((v, robot.profile.v_max), (a, robot.profile.a_max)):
         assert (np.abs(rates) <= bound * (1 + 1e-6)).all()
     assert 0.0 < leg.lower_bound <= leg.trajectory.duration + 1e-9

@@ -11,7 +11,7 @@ from mink import SE3
 from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.model.arm import MARGIN, Arm
+from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.branch_choice import BranchChoice
@@ -25,7 +25,7 @@ from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 
 DT = 1e-3
-ARM = Arm(PANDA, margin=MARGIN)
+ARM = Arm(PANDA, margin=JOINT_MARGIN)
 NEAR_BASE = (0.281, 0.005)
 """Where links 1 and 5 meet on the way down in the configuration that is preferred at its start."""
 
@@ -85,7 +85,7 @@ def test_the_planner_of_every_task_takes_another_branch() -> None:
     legs = run(planner())
     for leg in legs:
         assert touching(leg.trajectory) == set()
-        assert max(ARM.distance_to(leg.T_world_goal, leg.trajectory.end.q)) < 1.1e-6
+        assert max(ARM.pose_distance(leg.T_world_goal, leg.trajectory.end.q)) < 1.1e-6
 
 
 def test_a_branch_close_to_a_limit_is_taken_only_where_none_has_more_room() -> None:
@@ -141,7 +141,7 @@ def test_a_way_through_the_scene_is_refused_and_another_one_taken() -> None:
     leg = planner().plan(ARM, there, q, DT)
     assert struck(leg.trajectory) == set()
     assert touching(leg.trajectory) == set()
-    assert max(ARM.distance_to(above, leg.trajectory.end.q)) < 1.1e-6
+    assert max(ARM.pose_distance(above, leg.trajectory.end.q)) < 1.1e-6
 
 
 def test_what_is_too_close_may_get_away_and_none_may_come() -> None:
@@ -161,7 +161,7 @@ def test_what_is_too_close_may_get_away_and_none_may_come() -> None:
     assert caught.value.rejection.reason is RefusalReason.COLLISION
     # Lines may be meant to touch.
     line = planner().plan(ARM, replace(deep, motion=Motion.LIN), ARM.home, DT)
-    assert max(ARM.distance_to(line.T_world_goal, line.trajectory.end.q)) < 1.1e-6
+    assert max(ARM.pose_distance(line.T_world_goal, line.trajectory.end.q)) < 1.1e-6
 
 
 def struck(motion: Trajectory) -> set[str]:

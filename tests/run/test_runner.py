@@ -9,7 +9,7 @@ from mink import SE3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError, RecordingError
-from robo47_qp.model.arm import MARGIN, Arm, JointReference, JointState
+from robo47_qp.model.arm import JOINT_MARGIN, Arm, JointReference, JointState
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place
@@ -383,7 +383,7 @@ def test_different_seeds_give_different_runs() -> None:
 def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
     scenario, simulation = ClassicalStack().scenario(PANDA, Reach()), Simulation(PANDA, no_objects)
     executor, arm = Runner(scenario, simulation).executor, Arm(PANDA)
-    room = MARGIN * (arm.q_max - arm.q_min)
+    room = JOINT_MARGIN * (arm.q_max - arm.q_min)
     inner = executor.planning_arm(arm.home)
     np.testing.assert_allclose(inner.q_min, arm.q_min + room)
     np.testing.assert_allclose(inner.q_max, arm.q_max - room)
@@ -394,7 +394,7 @@ def test_plans_leave_room_for_tracking_at_the_joint_limits() -> None:
 def test_an_arm_that_starts_next_to_a_limit_can_leave_it_and_come_back() -> None:
     arm = Arm(PANDA)
     home = np.array(PANDA.home)
-    home[6] = arm.q_max[6] - 0.3 * MARGIN * (arm.q_max[6] - arm.q_min[6])
+    home[6] = arm.q_max[6] - 0.3 * JOINT_MARGIN * (arm.q_max[6] - arm.q_min[6])
     robot = replace(PANDA, home=home)
     scenario = ClassicalStack().scenario(robot, Reach())
     simulation = Simulation(robot, Reach().build_scene)

@@ -11,7 +11,7 @@ from mink import SE3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.clearance import Clearance, clearance_of
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.avoidance import Rows
+from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.dls import DlsIk
@@ -262,12 +262,12 @@ def test_parting_gives_way_before_there_is_no_step() -> None:
     descent._low[:], descent._high[:] = -0.1, 0.1
     A = np.zeros((2, arm.n))
     A[:, 0] = 1.0, -1.0
-    rows = Rows(A, np.array([-0.05, -0.05]), np.array([-0.1, -0.1]), np.array([0, 1]))
+    rows = DistanceRows(A, np.array([-0.05, -0.05]), np.array([-0.1, -0.1]), np.array([0, 1]))
     dq = descent._step(np.eye(arm.n), np.full(arm.n, -1.0), rows)
     assert dq is not None
     assert dq == pytest.approx([0.0, *[0.1] * (arm.n - 1)], abs=1e-9)
     # Where they can part, they have to.
-    alone = Rows(A[:1], np.array([-0.05]), np.array([-0.1]), np.array([0]))
+    alone = DistanceRows(A[:1], np.array([-0.05]), np.array([-0.1]), np.array([0]))
     dq = descent._step(np.eye(arm.n), np.full(arm.n, -1.0), alone)
     assert dq is not None
     assert dq[0] == pytest.approx(-0.05, abs=1e-9)
@@ -304,7 +304,7 @@ def test_a_narrow_gap_is_found_by_restarts() -> None:
 def test_a_clearance_that_is_none_is_refused(
     kind: type[LmIk | QpIk | DlsIk], clearance: float
 ) -> None:
-    with pytest.raises(InvalidValueError, match="clearance must be finite and not negative"):
+    with pytest.raises(InvalidValueError, match="clearance must be 0 or more and finite"):
         kind(clearance=clearance)
 
 

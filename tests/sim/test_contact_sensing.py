@@ -236,7 +236,7 @@ def test_bodies_need_no_names(
 ) -> None:
     """Base, link, a body fixed to the link, tool, a body fixed to the tool."""
     robot = small_robot(tmp_path, NAMELESS, ("a", "b"))
-    world = Simulation(replace(robot, own_motors=False, gripper=None), balls)
+    world = Simulation(replace(robot, has_motors=False, gripper=None), balls)
     above = np.array([*place, 0.018 + RADIUS])
     world.place_object("ball 0", SE3.from_translation(above))
     mujoco.mj_forward(world.model, world.data)
@@ -248,7 +248,7 @@ def test_bodies_need_no_names(
 
 def test_an_arm_of_one_joint_has_a_tool_and_no_links(tmp_path: Path) -> None:
     robot = small_robot(tmp_path, NAMELESS, ("a",))
-    world = Simulation(replace(robot, own_motors=False, gripper=None), balls)
+    world = Simulation(replace(robot, has_motors=False, gripper=None), balls)
     world.place_object("ball 0", SE3.from_translation(np.array([0.3, 0.0, 0.018 + RADIUS])))
     mujoco.mj_forward(world.model, world.data)
     assert world.last_tool_force()[2] < 0.0

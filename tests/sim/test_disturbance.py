@@ -67,7 +67,7 @@ def test_noise_needs_a_generator(robot: Robot) -> None:
 
 def test_an_unknown_payload_pulls_as_one_that_the_arm_knows(robot: Robot, arm: Arm) -> None:
     sim = DisturbedSimulation(robot, no_objects, Disturbance(payload=LOAD))
-    loaded = arm.carrying(LOAD)
+    loaded = arm.with_payload(LOAD)
     if robot.gripper is None:
         assert sim.motor_torque() == pytest.approx(held(loaded), abs=1e-6)
     assert sim.motor_torque() - Simulation(robot, no_objects).motor_torque() == pytest.approx(
@@ -82,7 +82,7 @@ def test_heavier_links_take_torque_in_proportion(robot: Robot, arm: Arm) -> None
         ).motor_torque()
         for factor in (0.8, 1.0, 1.2)
     }
-    brick = held(arm.carrying(LOAD)) - held(arm)
+    brick = held(arm.with_payload(LOAD)) - held(arm)
     for factor in (0.8, 1.2):
         own = torque[1.0] - brick
         assert torque[factor] == pytest.approx(factor * own + brick, abs=1e-6)

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.collision.distance import GeomDistance
-from robo47_qp.collision.motion_bounds import Closing, levers
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.stream.joint_bounds import fastest
+from robo47_qp.collision.motion_bounds import ClosingJacobian, approach_speed_bounds
+from robo47_qp.ik.stream.joint_bounds import max_stoppable_speed
 
 _AHEAD = 0.1
 """Beyond what is needed, distances are told apart up to this much further [m]."""
@@ -33,7 +32,7 @@ _TRUSTED = 2.0 * _UNSURE
 """Joint travel, summed over the joints, after which a row has to be renewed [rad]."""
 
 
-class SpeedRows(NamedTuple):
+class VelocityRows(NamedTuple):
     """A v' <= upper keeps pairs apart, for the joint velocity v' at the next tick."""
 
     A: Matrix
@@ -46,7 +45,7 @@ class SpeedRows(NamedTuple):
     """Which of the checked pairs each row is (k,)."""
 
 
-class Separation:
+class ClearanceBounds:
     """Memory of how far apart the pairs of one arm are, and the speeds that this allows.
 
     A pair with the room d left, that closes at a rate A v and can brake at
@@ -71,8 +70,8 @@ class Separation:
         dt: float,
         *,
         d_min: float,
-        share: float,
-        budget: int,
+        braking_share: float,
+        max_pairs: int,
     ) -> None:
         """Look at the pairs of a clearance.
 
@@ -83,26 +82,19 @@ class Separation:
             a_max: Largest joint accelerations (n,) [rad/s²].
             dt: Length of a tick [s].
             d_min: Distance to be kept [m].
-            share: β, part of the deceleration of all joints together that is counted on.
-            budget: Most pairs to be measured in a tick, and most rows.
-
-        Raises:
-            InvalidValueError: A number is out of its range.
+            braking_share: β, part of the deceleration of all joints together that is counted on.
+            max_pairs: Most pairs to be measured in a tick, and most rows.
         """
-        if not 0.0 < share <= 1.0:
-            raise InvalidValueError("share", share, "above 0 and at most 1")
-        if budget < 1:
-            raise InvalidValueError("budget", budget, "at least 1")
         self._clearance = clearance
         m = clearance.arm.model
         self._model, self._data = m, data
         self._measure = GeomDistance(m, data)
         self._ends = clearance.pairs.kept
-        self._L = levers(m, self._ends)
-        self._closing = Closing(m, data, self._ends)
-        self._a, self._dt, self._d_min = share * a_max, dt, d_min
+        self._L = approach_speed_bounds(m, self._ends)
+        self._closing = ClosingJacobian(m, data, self._ends)
+        self._a, self._dt, self._d_min = braking_share * a_max, dt, d_min
         self._step, self._twice_a = self._a * dt, 2.0 * self._a
-        self._budget = budget
+        self._max_pairs = max_pairs
         self._A = np.zeros_like(self._L)
         self._signed = np.zeros((2, clearance.arm.n))
         self._per_joint = np.zeros((3, clearance.arm.n))
@@ -120,7 +112,7 @@ class Separation:
         self._bound = np.zeros(len(self._ends))
         self._q = np.zeros(clearance.arm.n)
         none = np.zeros(0)
-        self._nothing = SpeedRows(self._A[:0], none, none, np.zeros(0, dtype=np.intp))
+        self._nothing = VelocityRows(self._A[:0], none, none, np.zeros(0, dtype=np.intp))
 
     def reset(self, q: Vector) -> None:
         """Measure every pair at q."""
@@ -128,7 +120,7 @@ class Separation:
         self._bound[:] = -np.inf
         self._update(np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
 
-    def rows(self, q: Vector, v: Vector) -> SpeedRows:
+    def rows(self, q: Vector, v: Vector) -> VelocityRows:
         """Rows for the next tick.
 
         Args:
@@ -138,14 +130,14 @@ class Separation:
         ways = self._ways(q, v)
         ways += self._d_min
         urgent = (self._bound < ways).nonzero()[0]
-        if len(urgent) > self._budget:
+        if len(urgent) > self._max_pairs:
             used = (self._bound[urgent] - self._d_min) / (ways[urgent] - self._d_min)
             urgent = urgent[np.argsort(used, kind="stable")]
         self.measured = np.inf
         if not len(urgent):
             return self._nothing
         within = ways.take(urgent)
-        self._update(urgent[: self._budget], within[: self._budget] + _AHEAD)
+        self._update(urgent[: self._max_pairs], within[: self._max_pairs] + _AHEAD)
         active = urgent.compress(self._bound.take(urgent) < within)
         return self._rows_of(active, v)
 
@@ -183,19 +175,21 @@ class Separation:
         np.copyto(self._unsure, self._L.T, where=self._unseen)
         self._looked[:], self._travel = False, 0.0
 
-    def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> SpeedRows:
+    def _rows_of(self, pair: NDArray[np.intp], v: Vector) -> VelocityRows:
         A, room = self._A.take(pair, axis=0), self._bound.take(pair) - self._d_min
         closing, brake = A.dot(v), self._stop.take(pair)
         if np.count_nonzero(room < 0.0):
             lacking = room < 0.0
-            upper = fastest(np.abs(room), np.where(lacking, 0.0, closing), brake, self._dt)
+            upper = max_stoppable_speed(
+                np.abs(room), np.where(lacking, 0.0, closing), brake, self._dt
+            )
             upper[lacking] = -np.minimum(_PARTING * upper[lacking], -_REGAIN * room[lacking])
         else:
-            upper = fastest(room, closing, brake, self._dt)
-        if len(pair) > self._budget:
-            kept = np.argsort(upper - closing, kind="stable")[: self._budget]
-            return SpeedRows(A[kept], upper[kept], room[kept], pair[kept])
-        return SpeedRows(A, upper, room, pair)
+            upper = max_stoppable_speed(room, closing, brake, self._dt)
+        if len(pair) > self._max_pairs:
+            kept = np.argsort(upper - closing, kind="stable")[: self._max_pairs]
+            return VelocityRows(A[kept], upper[kept], room[kept], pair[kept])
+        return VelocityRows(A, upper, room, pair)
 
     def _update(self, picked: NDArray[np.intp], cut_off: Vector) -> None:
         between, ends = self._measure.between, self._ends
@@ -224,7 +218,7 @@ class Separation:
             # Nearest points that touch show no direction: such a pair keeps its last row.
             seen &= np.abs(distance) > _TOUCH
             picked, distance, segment = picked[seen], distance[seen], segment[seen]
-        A = self._closing.rates(picked, distance, segment)
+        A = self._closing.rows(picked, distance, segment)
         self._A[picked] = A
         stop = np.abs(A).dot(self._a)
         self._stop[picked] = np.maximum(stop, _LEAST)

@@ -32,7 +32,7 @@ def stopping_distance(v: ArrayLike, a_max: ArrayLike, dt: float) -> Vector:
     return distance
 
 
-def fastest(distance: ArrayLike, v: ArrayLike, a_max: ArrayLike, dt: float) -> Vector:
+def max_stoppable_speed(distance: ArrayLike, v: ArrayLike, a_max: ArrayLike, dt: float) -> Vector:
     """Largest velocity at the next tick after which there is still room to stop [rad/s].
 
     It solves dt (v + v') / 2 + stopping_distance(v') = distance for v' >= 0. In units of
@@ -81,7 +81,7 @@ class VelocityBox:
     """True where position or velocity could not be kept inside and are brought back."""
 
 
-class JointBrakes:
+class JointBounds:
     """The box of next velocities of one arm.
 
     A state is *viable* where each joint is inside its range, no faster than v_max, and its
@@ -107,13 +107,9 @@ class JointBrakes:
                 range for positions.
 
         Raises:
-            InvalidValueError: A range is empty, or dt or the margin is out of range.
+            InvalidValueError: A range is empty, or the profile is for another number of joints.
         """
         n = np.size(q_min)
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise InvalidValueError("dt", dt, "positive and finite [s]")
-        if not 0.0 <= margin < 0.5:
-            raise InvalidValueError("margin", margin, "at least 0 and below 0.5")
         low, high = frozen_vector("q_min", q_min, n), frozen_vector("q_max", q_max, n)
         if (low >= high).any():
             raise InvalidValueError("q_min", low.tolist(), f"below q_max {high.tolist()}")
@@ -149,11 +145,13 @@ class JointBrakes:
         out = room < -_ROUNDING
         outside = bool(out.any())
         if outside:
-            kept = fastest(np.abs(room), np.where(out, -ahead, ahead), self.a_max, self.dt)
+            kept = max_stoppable_speed(
+                np.abs(room), np.where(out, -ahead, ahead), self.a_max, self.dt
+            )
             # To go back at this speed is the least that is asked for.
             kept[out] *= -1.0
         else:
-            kept = fastest(room, ahead, self.a_max, self.dt)
+            kept = max_stoppable_speed(room, ahead, self.a_max, self.dt)
         np.minimum(kept, self.v_max, out=kept)
         np.maximum(kept, self._v_min, out=kept)
         low, high = v - self._step, v + self._step

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
-from robo47_qp.arrays import Checked, NotNegative, Positive, Ratio, Vector
+from robo47_qp.arrays import Checked, Count, NotNegative, Positive, Range, Ratio, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
 
@@ -19,26 +20,26 @@ class StreamSettings(Checked):
     reserve: Ratio = 0.6
     """Part of v_max and a_max that the way to a target is planned with; the rest is left for
     curved motion and for what the target itself does."""
-    lever: Positive = 0.3
+    radian_length: Positive = 0.3
     """Distance that weighs as much as a radian [m]."""
-    longest_way: Positive = 0.5
+    max_distance: Positive = 0.5
     """Distance ahead that is looked at in one tick [m]."""
     joint_weight: Positive = 1e-3
     """μ: weight of joint velocities beside those of the tool [m²]."""
-    singular: Positive = 0.02
+    singular_threshold: Positive = 0.02
     """Directions of the tool with less than this part of the largest singular value are
     damped."""
-    homing: NotNegative = 1.0
+    home_gain: NotNegative = 1.0
     """Pace of the return home in the null space; 0 for none [1/s]."""
-    margin: float = 1e-6
+    margin: Annotated[float, Range(at_least=0.0, below=0.5)] = 1e-6
     """Part of every joint limit that is left unused, against rounding."""
-    clearance: float | None = None
+    clearance: NotNegative | None = None
     """Distance to keep between links and from obstacles [m]; None to look at no collisions."""
     buffer: NotNegative = 0.002
     """More than the clearance is aimed at, by this, against curved motion [m]."""
-    share: float = 0.5
+    braking_share: Ratio = 0.5
     """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
-    budget: int = 20
+    max_pairs: Count = 20
     """Most pairs of geoms whose distance is measured, and that bound the velocity, in a tick."""
     backend: str = "daqp"
     """QP solver."""

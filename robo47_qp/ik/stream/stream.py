@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.collision.clearance import clearance_of
-from robo47_qp.ik.stream.clearance_bounds import Separation
-from robo47_qp.ik.stream.joint_bounds import JointBrakes
+from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds
+from robo47_qp.ik.stream.joint_bounds import JointBounds
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
-from robo47_qp.ik.stream.speed_qp import SpeedQp
-from robo47_qp.ik.stream.target_velocity import Pursuit, pose_or_none
+from robo47_qp.ik.stream.target_velocity import TargetVelocity, pose_or_none
+from robo47_qp.ik.stream.velocity_qp import VelocityQp
 from robo47_qp.model.arm import Arm
 
 
@@ -29,14 +29,14 @@ class StreamIk(StreamSettings):
 
         min over v' of ½ ‖J (v' - v_ref)‖² + ½ μ ‖v' - v_ref‖²   subject to v' in the box
 
-    of `JointBrakes`: limits of position, velocity and acceleration, with the room to brake. Where
-    a clearance is asked for, it is also subject to rows A v' <= upper of `Separation`, the speeds
-    at which pairs of geoms may close. What gives way is, in this order:
+    of `JointBounds`: limits of position, velocity and acceleration, with the room to brake. Where
+    a clearance is asked for, it is also subject to the rows A v' <= upper of `ClearanceBounds`,
+    the speeds at which pairs of geoms may approach. What gives way is, in this order:
 
     1. the null-space motion;
     2. the tool's way to the target;
     3. the rows of clearances, where no velocity in the box meets them all: pairs with much room
-       first, those without any last (`SpeedQp`), told by `Event.CLEARANCE_RELAXED`;
+       first, those without any last (`VelocityQp`), told by `Event.CLEARANCE_RELAXED`;
     4. never a limit of q, v or a. The box is not empty, so there is always an answer.
 
     It descends along the way to the target and does not plan. An arm that meets a joint limit
@@ -44,19 +44,18 @@ class StreamIk(StreamSettings):
     target: for far targets find the configuration first, by `MultiStart`.
     """
 
-    def build(self, arm: Arm) -> "IkStream":
+    def build(self, arm: Arm) -> "StreamSolver":
         """A stream for one arm, at rest at its home.
 
         Raises:
             UnknownNameError: No QP solver is called `backend`.
-            InvalidValueError: The clearance, margin, share or budget is out of range, or the
-                profile is for another number of joints.
+            InvalidValueError: The profile is for another number of joints.
             ModelError: A clearance is asked for and the arm has no geoms to keep apart.
         """
-        return IkStream(self, arm)
+        return StreamSolver(self, arm)
 
 
-class IkStream:
+class StreamSolver:
     """The commanded state of one arm and what moves it on. Same targets, same commands."""
 
     def __init__(self, settings: StreamIk, arm: Arm) -> None:
@@ -66,10 +65,11 @@ class IkStream:
         profile = arm.robot.profile if settings.profile is None else settings.profile
         self.profile = profile
         """Limits of velocity and acceleration that are kept."""
-        self.brakes = JointBrakes(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
-        self._qp = SpeedQp(settings.backend, arm.n)
-        self._pursuit = Pursuit(settings, arm, profile)
-        self._separation = _separation(settings, arm, self._pursuit.data, self.brakes.a_max)
+        self.bounds = JointBounds(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
+        self._qp = VelocityQp(settings.backend, arm.n)
+        self._target_velocity = TargetVelocity(settings, arm, profile)
+        data, a_max = self._target_velocity.data, self.bounds.a_max
+        self._clearance_bounds = _clearance_bounds(settings, arm, data, a_max)
         self._least = -inf if settings.clearance is None else settings.clearance
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -98,11 +98,11 @@ class IkStream:
         n = self.arm.n
         self._q = checked_vector("q", q, n)
         self._v = np.zeros(n) if v is None else checked_vector("v", v, n)
-        self._pursuit.forget()
+        self._target_velocity.reset()
         self._counts.clear()
-        if self._separation is not None:
-            self._pursuit.show(self._q)
-            self._separation.reset(self._q)
+        if self._clearance_bounds is not None:
+            self._target_velocity.update(self._q)
+            self._clearance_bounds.reset(self._q)
 
     def tick(self, T_world_target: object) -> StreamTick:
         """Move the command on by one tick, towards where the target is now.
@@ -111,21 +111,21 @@ class IkStream:
             T_world_target: Wanted T_world_tcp (SE3). Anything else brakes the arm.
         """
         events: set[Event] = set()
-        wish = self._pursuit.wish(pose_or_none(T_world_target), self._q)
-        events.update(wish.events)
-        box = self.brakes.box(self._q, self._v)
+        objective = self._target_velocity.objective(pose_or_none(T_world_target), self._q)
+        events.update(objective.events)
+        box = self.bounds.box(self._q, self._v)
         if box.recovering:
             events.add(Event.RECOVERING)
         rows, clearance = None, inf
-        if self._separation is not None:
-            rows = self._separation.rows(self._q, self._v)
-            clearance = self._separation.measured
+        if self._clearance_bounds is not None:
+            rows = self._clearance_bounds.rows(self._q, self._v)
+            clearance = self._clearance_bounds.measured
             if clearance < self._least:
                 events.add(Event.TOO_CLOSE)
-        v_next, told = self._qp.nearest(wish.H, wish.v_ref, box, rows)
+        v_next, told = self._qp.nearest(objective.H, objective.v_ref, box, rows)
         if told is not None:
             events.add(told)
-        q_next = self.brakes.moved(self._q, self._v, v_next)
+        q_next = self.bounds.moved(self._q, self._v, v_next)
         a = (v_next - self._v) / self.settings.dt
         self._q, self._v = q_next, v_next
         if events:
@@ -134,25 +134,25 @@ class IkStream:
             q=q_next.copy(),
             v=v_next.copy(),
             a=a,
-            position_error=wish.position_error,
-            orientation_error=wish.orientation_error,
+            position_error=objective.position_error,
+            orientation_error=objective.orientation_error,
             clearance=clearance,
             rows=0 if rows is None else len(rows.upper),
             events=tuple(e for e in Event if e in events) if events else (),
         )
 
 
-def _separation(
+def _clearance_bounds(
     settings: StreamIk, arm: Arm, data: mujoco.MjData, a_max: Vector
-) -> Separation | None:
+) -> ClearanceBounds | None:
     if settings.clearance is None:
         return None
-    return Separation(
+    return ClearanceBounds(
         clearance_of(arm, settings.clearance),
         data,
         a_max,
         settings.dt,
         d_min=settings.clearance + settings.buffer,
-        share=settings.share,
-        budget=settings.budget,
+        braking_share=settings.braking_share,
+        max_pairs=settings.max_pairs,
     )

@@ -61,7 +61,7 @@ class TargetMotion:
         self._last: Vector | None = None
         self._turn = np.empty(3)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Start anew: the next target counts as being at rest."""
         self._last = None
 
@@ -185,7 +185,7 @@ _HOMING_SPEED = 0.1
 """Part of v_max that the return home may take."""
 
 
-class Wish(NamedTuple):
+class VelocityObjective(NamedTuple):
     """What a target asks for."""
 
     H: Matrix
@@ -200,7 +200,7 @@ class Wish(NamedTuple):
     """What was wrong with the target."""
 
 
-class Pursuit:
+class TargetVelocity:
     """v_ref and H of `StreamIk`, with the memory of where the target was."""
 
     def __init__(self, settings: StreamSettings, arm: Arm, profile: MotionProfile) -> None:
@@ -208,7 +208,7 @@ class Pursuit:
         n, self._settings = arm.n, settings
         self._tool = ToolError(arm)
         self._target = TargetMotion(settings.dt)
-        self._units = np.array([1.0, 1.0, 1.0, *[settings.lever] * 3])
+        self._units = np.array([1.0, 1.0, 1.0, *[settings.radian_length] * 3])
         self._columns = np.repeat(self._units[:, None], n, axis=1)
         self._J = np.zeros((6, n))
         self._regular = settings.joint_weight * np.eye(n)
@@ -219,49 +219,49 @@ class Pursuit:
         )
         self._home, self._v_home = arm.home.copy(), _HOMING_SPEED * profile.v_max
         self._v_home_back = -self._v_home
-        self._rest = Wish(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,))
+        self._rest = VelocityObjective(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Start anew: the next target counts as being at rest."""
-        self._target.forget()
+        self._target.reset()
 
-    def show(self, q: Vector) -> None:
+    def update(self, q: Vector) -> None:
         """Bring `data` up to date with the arm at q; `wish` does so, too."""
         self._tool.move(q)
-        self._tool.differentiate()
+        self._tool.update_jacobian()
 
     @property
     def data(self) -> mujoco.MjData:
         """MuJoCo's state with kinematics and centres of mass; not to be written to."""
         return self._tool.data
 
-    def wish(self, T_world_target: SE3 | None, q: Vector) -> Wish:
+    def objective(self, T_world_target: SE3 | None, q: Vector) -> VelocityObjective:
         """What a target asks of the arm at q; to come to rest, where there is none."""
         tool, units, settings = self._tool, self._units, self._settings
         if T_world_target is None:
-            self._target.forget()
-            self.show(q)
+            self._target.reset()
+            self.update(q)
             return self._rest
-        tool.aim(T_world_target)
+        tool.set_target(T_world_target)
         away, turn = tool.move(q)
-        tool.differentiate()
+        tool.update_jacobian()
         np.multiply(tool.J, self._columns, out=self._J)
         way = units * tool.e
-        way[:3] = shortened(way[:3], settings.longest_way)
-        inverse = DampedInverse(self._J, settings.singular)
+        way[:3] = shortened(way[:3], settings.max_distance)
+        inverse = DampedInverse(self._J, settings.singular_threshold)
         fastest = np.abs(tool.J).dot(self._v_max)
         twist, jumped = self._target.twist(T_world_target.wxyz_xyz, fastest)
         joint_way = inverse.velocities(way)
         v_ref = approach_rate(joint_way, self._v_use, self._a_use, settings.gain) * joint_way
         twist *= units
         v_ref += inverse.velocities(twist)
-        if settings.homing > 0.0:
+        if settings.home_gain > 0.0:
             home = self._home - q
-            home *= settings.homing
+            home *= settings.home_gain
             np.minimum(home, self._v_home, out=home)
             np.maximum(home, self._v_home_back, out=home)
             v_ref += inverse.null(home)
         H = self._J.T @ self._J
         H += self._regular
         events = (Event.TARGET_JUMPED,) if jumped else ()
-        return Wish(H, v_ref, sqrt(away), sqrt(turn), events)
+        return VelocityObjective(H, v_ref, sqrt(away), sqrt(turn), events)

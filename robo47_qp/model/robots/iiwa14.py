@@ -30,7 +30,7 @@ def iiwa14() -> Robot:
         mjcf=menagerie_file(_MODEL),
         joints=tuple(f"joint{i}" for i in range(1, _N + 1)),
         motors=tuple(f"joint{i}_torque" for i in range(1, _N + 1)),
-        own_motors=False,
+        has_motors=False,
         tcp="attachment_site",
         home=np.array([0.0, 0.4, 0.0, -1.5, 0.0, 1.2, 0.0]),
         rated=MotionProfile(v_max=v_max, a_max=5.0 * v_max, j_max=100.0 * v_max),

@@ -30,7 +30,7 @@ def xarm7() -> Robot:
         mjcf=menagerie_file(_MODEL),
         joints=tuple(f"joint{i}" for i in range(1, _N + 1)),
         motors=tuple(f"joint{i}_torque" for i in range(1, _N + 1)),
-        own_motors=False,
+        has_motors=False,
         tcp="attachment_site",
         home=np.array([0.0, -0.247, 0.0, 0.909, 0.0, 1.15644, 0.0]),
         rated=MotionProfile.uniform(_N, v=pi, a=10.0, j=200.0),

@@ -12,7 +12,7 @@ from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import Hasty, IkResult, IkSolver, Tolerance, joints_outside
+from robo47_qp.ik.solver import EarlyStopping, IkResult, IkSolver, Tolerance, joints_outside
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.refusals import AT_LIMIT
 
@@ -47,7 +47,7 @@ class Creep(NamedTuple):
 def one_start(ik: IkSolver) -> IkSolver:
     """A solver that does not look elsewhere, where it finds another branch, nor gives up early."""
     alone = ik.solver if isinstance(ik, MultiStart) else ik
-    return alone.patient() if isinstance(alone, Hasty) else alone
+    return alone.thorough() if isinstance(alone, EarlyStopping) else alone
 
 
 def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Creep:
@@ -107,7 +107,7 @@ def nearby(
     around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
     for start in (np.clip(q, low, high), *around):
         found = least_squares(
-            lambda x: arm.way_to(T_world_target, x),
+            lambda x: arm.pose_error(T_world_target, x),
             start,
             jac=lambda x: -arm.jacobian(x),
             bounds=(low, high),
@@ -117,7 +117,7 @@ def nearby(
             gtol=_EXACT,
             max_nfev=_EVALUATIONS,
         )
-        position, angle = arm.distance_to(T_world_target, found.x)
+        position, angle = arm.pose_distance(T_world_target, found.x)
         if position <= tolerance.position and angle <= tolerance.orientation:
             reached: Vector = found.x
             return reached

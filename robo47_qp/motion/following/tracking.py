@@ -146,7 +146,7 @@ class Tracking:
 def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:
     """Largest pose error between the knots, in m or rad, and where it is."""
     s = (np.arange(2 * knots) + 0.5) / (2 * knots)
-    off = [max(arm.distance_to(path.at(x), q)) for x, q in zip(s, spline(s), strict=True)]
+    off = [max(arm.pose_distance(path.at(x), q)) for x, q in zip(s, spline(s), strict=True)]
     worst = int(np.argmax(off))
     return off[worst], float(s[worst])
 
@@ -154,7 +154,7 @@ def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> t
 def _polished(arm: Arm, target: SE3, q: Vector) -> Vector:
     """Newton steps of least motion: q + J⁺ e."""
     for _ in range(_POLISHES):
-        q = q + np.linalg.lstsq(arm.jacobian(q), arm.way_to(target, q), rcond=1e-4)[0]
+        q = q + np.linalg.lstsq(arm.jacobian(q), arm.pose_error(target, q), rcond=1e-4)[0]
     return q
 
 

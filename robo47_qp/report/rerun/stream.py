@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError, RenderingError
-from robo47_qp.files import room
+from robo47_qp.files import free_space
 
 TIMELINE = "time"
 """The timeline of a run: simulated time, a duration."""
@@ -123,7 +123,7 @@ class RerunStream:
         Raises:
             RecordingError: There is hardly any room left.
         """
-        left = room(self.path)
+        left = free_space(self.path)
         if left < _RESERVE:
             self.finish(until)
             raise RecordingError(

@@ -7,7 +7,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.controller import Controller
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.stream.stream import StreamIk
-from robo47_qp.model.arm import MARGIN, Arm, JointReference, JointState
+from robo47_qp.model.arm import JOINT_MARGIN, Arm, JointReference, JointState
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.timing.state_to_state import Leap, to_state
 from robo47_qp.motion.trajectory import Trajectory
@@ -109,7 +109,7 @@ class ToolTargets:
 
     def _built(self) -> SmoothStream:
         if self._stream is None:
-            settings = StreamIk(dt=TIMESTEP, profile=self._loop.profile, margin=MARGIN)
+            settings = StreamIk(dt=TIMESTEP, profile=self._loop.profile, margin=JOINT_MARGIN)
             self._stream = SmoothStream(settings.build(self._loop.arm), _SMOOTHED)
         return self._stream
 

@@ -9,7 +9,7 @@ from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.arm import MARGIN, Arm
+from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.model.robot import Robot
 
@@ -120,7 +120,7 @@ def checked_action(action: object, arm: Arm) -> Action:
     match action:
         case JointTarget():
             q = _within("q of the action", action.q, arm.q_min, arm.q_max)
-            room = MARGIN * (arm.q_max - arm.q_min)
+            room = JOINT_MARGIN * (arm.q_max - arm.q_min)
             return replace(action, q=np.clip(q, arm.q_min + room, arm.q_max - room))
         case ToolTarget():
             return replace(action, pose=_checked_pose(action.pose))

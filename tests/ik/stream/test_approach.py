@@ -104,7 +104,7 @@ def test_a_jump_has_no_velocity_and_is_told() -> None:
     turned[:4] = [np.cos(0.01), np.sin(0.01), 0.0, 0.0]
     assert motion.twist(near, fastest)[0][0] == pytest.approx(0.9)
     for pose in (far, turned):
-        motion.forget()
+        motion.reset()
         motion.twist(still, fastest)
         twist, jumped = motion.twist(pose, fastest)
         assert jumped
@@ -118,7 +118,7 @@ def test_what_is_forgotten_is_no_jump() -> None:
     motion = TargetMotion(DT)
     a, b = SE3.identity().wxyz_xyz, SE3.from_translation(np.ones(3)).wxyz_xyz
     motion.twist(a, np.ones(6))
-    motion.forget()
+    motion.reset()
     twist, jumped = motion.twist(b, np.ones(6))
     assert not jumped
     assert (twist == 0.0).all()

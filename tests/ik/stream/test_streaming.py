@@ -11,7 +11,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.ik.stream.settings import Event, StreamTick
-from robo47_qp.ik.stream.stream import IkStream, StreamIk
+from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robot import MotionProfile, Robot
@@ -20,7 +20,7 @@ from tests.plain_arm import PlainArm
 DT = 1e-3
 
 
-def commands(stream: IkStream, targets: Sequence[object]) -> list[StreamTick]:
+def commands(stream: StreamSolver, targets: Sequence[object]) -> list[StreamTick]:
     return [stream.tick(target) for target in targets]
 
 
@@ -220,7 +220,7 @@ def test_the_arm_returns_home_in_the_null_space_only(arm: Arm, plain: PlainArm) 
     """Where the arm has a joint to spare, posture changes while the tool stays."""
     rng = np.random.default_rng(4)
     q0 = np.clip(arm.home + rng.uniform(-0.4, 0.4, arm.n), arm.q_min, arm.q_max)
-    stream, lazy = StreamIk().build(arm), StreamIk(homing=0.0).build(arm)
+    stream, lazy = StreamIk().build(arm), StreamIk(home_gain=0.0).build(arm)
     target = arm.pose(q0)
     stream.reset(q0)
     lazy.reset(q0)
@@ -323,12 +323,20 @@ def test_returned_arrays_are_the_callers_own(arm: Arm) -> None:
     ("name", "value", "message"),
     [
         ("dt", 0.0, "dt must be above 0 and finite"),
+        ("dt", -1e-3, "dt must be above 0 and finite"),
+        ("dt", np.nan, "dt must be above 0 and finite"),
+        ("dt", np.inf, "dt must be above 0 and finite"),
+        ("margin", 0.5, r"margin must be at least 0 and below 0\.5"),
+        ("clearance", -0.01, "clearance must be 0 or more and finite"),
+        ("braking_share", 0.0, "braking_share must be above 0 and at most 1"),
+        ("braking_share", 1.1, "braking_share must be above 0 and at most 1"),
+        ("max_pairs", 0, "max_pairs must be a whole number, 1 or more"),
         ("gain", np.nan, "gain must be above 0 and finite"),
         ("gain", 500.0, r"gain must be at most 300 at a tick of 0.001 s, or it oscillates"),
         ("reserve", 1.5, "reserve must be above 0 and at most 1"),
         ("buffer", -1.0, "buffer must be 0 or more and finite"),
-        ("homing", -1.0, "homing must be 0 or more and finite"),
-        ("lever", -1.0, "lever must be above 0 and finite"),
+        ("home_gain", -1.0, "home_gain must be 0 or more and finite"),
+        ("radian_length", -1.0, "radian_length must be above 0 and finite"),
     ],
 )
 def test_settings_without_sense_are_refused(name: str, value: float, message: str) -> None:

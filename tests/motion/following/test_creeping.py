@@ -138,7 +138,7 @@ def test_before_it_is_stuck_it_looks_from_around(monkeypatch: pytest.MonkeyPatch
 def test_of_a_solver_with_many_starts_the_patient_one_start_is_taken() -> None:
     alone = one_start(MultiStart(solver=LmIk(max_iterations=5, stall=Stall())))
     assert isinstance(alone, LmIk)
-    assert alone == LmIk(max_iterations=5, stall=Stall()).patient()
+    assert alone == LmIk(max_iterations=5, stall=Stall()).thorough()
     other = Stubborn(lambda q: q, True)
     assert one_start(other) is other
 

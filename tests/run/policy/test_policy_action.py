@@ -8,7 +8,7 @@ import pytest
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.arm import MARGIN, Arm
+from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.policy.policy import (
@@ -78,7 +78,7 @@ def test_a_target_at_a_limit_is_brought_to_its_margin(side: str) -> None:
     answer = checked(JointTarget(q=limit))
     assert isinstance(answer, JointTarget)
     share = np.abs(answer.q - limit) / (PANDA_ARM.q_max - PANDA_ARM.q_min)
-    np.testing.assert_allclose(share, MARGIN, rtol=1e-9)
+    np.testing.assert_allclose(share, JOINT_MARGIN, rtol=1e-9)
     assert ((answer.q > PANDA_ARM.q_min) & (answer.q < PANDA_ARM.q_max)).all()
 
 

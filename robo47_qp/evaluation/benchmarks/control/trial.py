@@ -102,7 +102,7 @@ class Bench:
         use, speed = np.empty(steps), np.empty(steps)
         for k in range(steps):
             if k == told:
-                active.set_arm(self.arm.carrying(condition.told))
+                active.set_arm(self.arm.with_payload(condition.told))
             true = sim.true_state()
             q[k], tool[k] = true.q, sim.tool_pose().translation()
             speed[k] = np.abs(true.v).max()

@@ -21,7 +21,7 @@ from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_m
 from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
 from robo47_qp.evaluation.benchmarks.ik.summary import Question, summary
 from robo47_qp.evaluation.benchmarks.ik.terminal import LiveTable, paired_table, reasons_table
-from robo47_qp.files import claim, write_text
+from robo47_qp.files import check_writable, write_text
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
 
@@ -116,7 +116,7 @@ def compare(
     """
     files = options.files
     for path in files.values():
-        claim(path)
+        check_writable(path)
     for name, reason in left_out.items():
         console.print(f"left out: {name}; {escape(reason)}", highlight=False, soft_wrap=True)
     done: list[Sequence[Answers]] = []

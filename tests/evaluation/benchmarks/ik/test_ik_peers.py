@@ -82,7 +82,7 @@ def test_a_peer_solves_and_says_what_fk_says(peer: tuple[ModuleType, Any], arm: 
     target = arm.pose(np.clip(near, arm.q_min, arm.q_max))
     result = solver.solve(arm, target, arm.home)
     assert result.converged
-    assert arm.distance_to(target, result.q) == pytest.approx(
+    assert arm.pose_distance(target, result.q) == pytest.approx(
         (result.position_error, result.orientation_error)
     )
     far = SE3.from_rotation_and_translation(SO3.identity(), np.array([50.0, 0.0, 0.0]))

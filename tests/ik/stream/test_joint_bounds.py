@@ -6,7 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.stream.joint_bounds import JointBrakes, braked, fastest, stopping_distance
+from robo47_qp.ik.stream.joint_bounds import (
+    JointBounds,
+    braked,
+    max_stoppable_speed,
+    stopping_distance,
+)
 from robo47_qp.model.robot import MotionProfile
 
 DT = 1e-3
@@ -15,9 +20,9 @@ a_maxima = st.floats(0.05, 50.0)
 speeds = st.floats(0.0, 4.0)
 
 
-def brakes(low: float, high: float, v: float, a: float, margin: float = 0.0) -> JointBrakes:
+def joint_bounds(low: float, high: float, v: float, a: float, margin: float = 0.0) -> JointBounds:
     profile = MotionProfile.uniform(1, v=v, a=a, j=1.0)
-    return JointBrakes(np.array([low]), np.array([high]), profile, DT, margin)
+    return JointBounds(np.array([low]), np.array([high]), profile, DT, margin)
 
 
 def travel_to_rest(v: float, a: float) -> float:
@@ -50,25 +55,25 @@ def test_stopping_distance_is_that_of_braking_tick_by_tick(v: float, a: float) -
 @given(speeds, a_maxima, unit)
 def test_the_fastest_velocity_uses_up_the_room(v: float, a: float, extra: float) -> None:
     room = float(stopping_distance(v, a, DT)) + extra
-    v_next = float(fastest(room, v, a, DT))
+    v_next = float(max_stoppable_speed(room, v, a, DT))
     used = DT * (v + v_next) / 2 + float(stopping_distance(v_next, a, DT))
     assert used == pytest.approx(room, rel=1e-9, abs=1e-12)
     assert v_next >= max(v - a * DT, 0.0) - 1e-9
 
 
 def test_no_room_allows_no_speed() -> None:
-    assert fastest(-1.0, 0.5, 2.0, DT) == 0.0
-    assert fastest(0.0, 0.0, 2.0, DT) == 0.0
+    assert max_stoppable_speed(-1.0, 0.5, 2.0, DT) == 0.0
+    assert max_stoppable_speed(0.0, 0.0, 2.0, DT) == 0.0
 
 
 @given(unit, unit, unit, a_maxima, st.floats(0.05, 3.0), st.floats(1e-3, 6.0))
 def test_from_a_viable_state_every_choice_in_the_box_is_viable(
     where: float, how_fast: float, choice: float, a: float, v_max: float, width: float
 ) -> None:
-    one = brakes(-width / 2, width / 2, v_max, a)
+    one = joint_bounds(-width / 2, width / 2, v_max, a)
     q = one.q_min + where * (one.q_max - one.q_min)
-    up = fastest(one.q_max - q, np.zeros(1), a, DT)
-    down = fastest(one.q_min * -1 + q, np.zeros(1), a, DT)
+    up = max_stoppable_speed(one.q_max - q, np.zeros(1), a, DT)
+    down = max_stoppable_speed(one.q_min * -1 + q, np.zeros(1), a, DT)
     v = np.clip((2 * how_fast - 1) * v_max, -down, up) * (1 - 1e-9)
     assert one.is_viable(q, v)
     for _ in range(30):
@@ -91,13 +96,13 @@ def test_from_a_viable_state_every_choice_in_the_box_is_viable(
 
 def test_the_box_leaves_out_nothing_that_could_be_braked() -> None:
     """Its upper end against a search by halving over simulated braking."""
-    one = brakes(-1.0, 1.0, 10.0, 5.0)
+    one = joint_bounds(-1.0, 1.0, 10.0, 5.0)
     rng = np.random.default_rng(3)
     tight = 0
     for _ in range(100):
         room = rng.uniform(1e-6, 0.05)
         q = np.array([1.0 - room])
-        v = fastest(np.array([room]), np.zeros(1), 5.0, DT) * rng.uniform(0.97, 1.0)
+        v = max_stoppable_speed(np.array([room]), np.zeros(1), 5.0, DT) * rng.uniform(0.97, 1.0)
         if not one.is_viable(q, v):
             continue
         low, high = max(0.0, float(v[0]) - 5.0 * DT), float(v[0]) + 5.0 * DT
@@ -111,7 +116,7 @@ def test_the_box_leaves_out_nothing_that_could_be_braked() -> None:
 
 
 def test_driven_at_a_limit_a_joint_stops_on_it_without_touching_the_brakes_limit() -> None:
-    one = brakes(-0.5, 0.5, 2.0, 7.0)
+    one = joint_bounds(-0.5, 0.5, 2.0, 7.0)
     q, v = np.zeros(1), np.zeros(1)
     fastest_seen = 0.0
     for _ in range(2000):
@@ -125,10 +130,10 @@ def test_driven_at_a_limit_a_joint_stops_on_it_without_touching_the_brakes_limit
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-6.0, 6.0), st.floats(0.5, 20.0), unit)
-def test_any_state_is_brought_back_and_never_faster_than_the_brakes(
+def test_any_state_is_brought_back_and_never_faster_than_the_joint_bounds(
     q0: float, v0: float, a: float, choice: float
 ) -> None:
-    one = brakes(-1.0, 1.0, 2.0, a)
+    one = joint_bounds(-1.0, 1.0, 2.0, a)
     q, v = np.array([q0]), np.array([v0])
     was_viable = one.is_viable(q, v)
     assert one.box(q, v).recovering or was_viable or abs(v0) < 2.1
@@ -144,35 +149,27 @@ def test_any_state_is_brought_back_and_never_faster_than_the_brakes(
 
 
 def test_a_margin_is_left_of_every_limit() -> None:
-    one = brakes(-1.0, 1.0, 2.0, 5.0, margin=0.01)
+    one = joint_bounds(-1.0, 1.0, 2.0, 5.0, margin=0.01)
     kept = np.concatenate([one.q_min, one.q_max, one.v_max, one.a_max])
     np.testing.assert_allclose(kept, [-0.98, 0.98, 1.98, 4.95])
 
 
-@pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf])
-def test_a_tick_that_is_no_time_is_refused(dt: float) -> None:
-    with pytest.raises(InvalidValueError, match="dt must be positive and finite"):
-        JointBrakes(-np.ones(1), np.ones(1), MotionProfile.uniform(1, v=1, a=1, j=1), dt, 0.0)
-
-
-def test_an_empty_range_and_a_margin_without_sense_are_refused() -> None:
+def test_an_empty_range_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="q_min must be below q_max"):
-        brakes(1.0, 1.0, 1.0, 1.0)
-    with pytest.raises(InvalidValueError, match=r"at least 0 and below 0\.5"):
-        brakes(0.0, 1.0, 1.0, 1.0, margin=0.5)
+        joint_bounds(1.0, 1.0, 1.0, 1.0)
 
 
 def test_the_box_of_several_joints_is_that_of_each(rng: np.random.Generator) -> None:
-    """Against `fastest` over arrays, near limits and far from them, fast and slow."""
+    """Against `max_stoppable_speed` over arrays, near limits and far from them, fast and slow."""
     q_max, v_max, a_max = np.array([1.0, 0.4, 2.0]), np.array([2.0, 1.0, 0.5]), np.array([15, 7, 1])
     profile = MotionProfile(v_max=v_max, a_max=a_max, j_max=np.ones(3))
-    three = JointBrakes(-q_max, q_max, profile, DT, 0.0)
+    three = JointBounds(-q_max, q_max, profile, DT, 0.0)
     near = 0
     for _ in range(500):
         q = q_max * np.sign(rng.normal(size=3)) * (1.0 - rng.uniform(size=3) ** 3)
-        most, least = (fastest(q_max - s * q, np.zeros(3), a_max, DT) for s in (1, -1))
+        most, least = (max_stoppable_speed(q_max - s * q, np.zeros(3), a_max, DT) for s in (1, -1))
         v = np.clip(rng.uniform(-1.0, 1.0, 3) * v_max, -least, most) * (1 - 1e-9)
-        up, down = (fastest(q_max - s * q, s * v, a_max, DT) for s in (1, -1))
+        up, down = (max_stoppable_speed(q_max - s * q, s * v, a_max, DT) for s in (1, -1))
         box = three.box(q, v)
         high = np.minimum(np.minimum(v + a_max * DT, v_max), up)
         np.testing.assert_allclose(box.high, high, atol=1e-9)

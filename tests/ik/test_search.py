@@ -12,12 +12,12 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
-    Hasty,
+    EarlyStopping,
     IkResult,
     IkSolver,
-    Miss,
     Reason,
     Tolerance,
+    Unconverged,
     attempts_of,
     judged,
 )
@@ -46,8 +46,8 @@ class Judging:
     def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
         return self.inside.solve(arm, T_world_target, q_seed)
 
-    def patient(self) -> IkSolver:
-        return Judging(inside=self.inside.patient())
+    def thorough(self) -> IkSolver:
+        return Judging(inside=self.inside.thorough())
 
 
 def targets(count: int) -> list[SE3]:
@@ -87,7 +87,7 @@ def test_a_miss_keeps_its_configuration() -> None:
     attempt = attempts_of(LmIk(max_iterations=1), ARM, targets(3)[1])
     first = attempt(ARM.home)
     kept = first.q.tolist()
-    assert isinstance(first, Miss)
+    assert isinstance(first, Unconverged)
     attempt(ARM.q_min)
     assert first.q.tolist() == kept
 
@@ -95,7 +95,7 @@ def test_a_miss_keeps_its_configuration() -> None:
 @pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
 def test_restarts_come_to_the_same_without_judging_failures(inner: LmIk | QpIk) -> None:
     plain = Judging(inside=inner)
-    assert isinstance(plain, Hasty)
+    assert isinstance(plain, EarlyStopping)
     assert not hasattr(plain, "attempts")
     reasons = set()
     for target in targets(28):

@@ -14,7 +14,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.ik import seeds as module
-from robo47_qp.ik.seeds import Library, feature_of, library_of
+from robo47_qp.ik.seeds import SeedLibrary, feature_of, library_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
@@ -32,7 +32,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache" / "robo47_qp"
 
 
-def bits(library: Library) -> tuple[bytes, bytes, bytes]:
+def bits(library: SeedLibrary) -> tuple[bytes, bytes, bytes]:
     return library.q.tobytes(), library.feature.tobytes(), library.half_square.tobytes()
 
 
@@ -151,8 +151,8 @@ def test_another_process_has_the_same_bits_read_or_made(cache: Path, robot: Robo
     question = (
         "import pickle, sys\n"
         "from hashlib import sha256\n"
-        "from robo47_qp.arm import Arm\n"
-        "from robo47_qp.ik import library as module\n"
+        "from robo47_qp.model.arm import Arm\n"
+        "from robo47_qp.ik import seeds as module\n"
         "robot = pickle.loads(sys.stdin.buffer.read())\n"
         f"for count in ({COUNT}, {COUNT}):\n"
         "    library = module.library_of(Arm(robot), count)\n"

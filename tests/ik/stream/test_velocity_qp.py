@@ -6,10 +6,10 @@ from scipy.optimize import minimize
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import UnknownNameError
-from robo47_qp.ik.stream.clearance_bounds import SpeedRows
+from robo47_qp.ik.stream.clearance_bounds import VelocityRows
 from robo47_qp.ik.stream.joint_bounds import VelocityBox
 from robo47_qp.ik.stream.settings import Event
-from robo47_qp.ik.stream.speed_qp import SpeedQp
+from robo47_qp.ik.stream.velocity_qp import VelocityQp
 
 N = 4
 
@@ -18,12 +18,12 @@ def box(low: float = -1.0, high: float = 1.0) -> VelocityBox:
     return VelocityBox(low=np.full(N, low), high=np.full(N, high), recovering=False)
 
 
-def rows(A: Matrix, upper: Vector, room: float | Vector = 0.05) -> SpeedRows:
-    return SpeedRows(A, upper, np.broadcast_to(room, upper.shape), np.arange(len(upper)))
+def rows(A: Matrix, upper: Vector, room: float | Vector = 0.05) -> VelocityRows:
+    return VelocityRows(A, upper, np.broadcast_to(room, upper.shape), np.arange(len(upper)))
 
 
 def test_it_is_the_closest_velocity_that_may_be_had(rng: np.random.Generator) -> None:
-    qp, active = SpeedQp("daqp", N), 0
+    qp, active = VelocityQp("daqp", N), 0
     for _ in range(25):
         M = rng.normal(size=(6, N))
         H, v_ref = M.T @ M + 1e-2 * np.eye(N), rng.normal(size=N)
@@ -46,7 +46,7 @@ def test_it_is_the_closest_velocity_that_may_be_had(rng: np.random.Generator) ->
 
 def test_what_may_be_had_is_had_to_the_bit() -> None:
     v_ref = np.array([0.1, -0.2, 0.3, 0.0])
-    qp = SpeedQp("daqp", N)
+    qp = VelocityQp("daqp", N)
     free = rows(np.ones((1, N)), np.array([0.5]))
     assert (qp.nearest(np.eye(N), v_ref, box(), free)[0] == v_ref).all()
     assert (qp.nearest(np.eye(N), v_ref, box(), None)[0] == v_ref).all()
@@ -55,7 +55,7 @@ def test_what_may_be_had_is_had_to_the_bit() -> None:
 def test_without_rows_the_box_alone_decides() -> None:
     none = rows(np.zeros((0, N)), np.zeros(0))
     for given in (None, none):
-        v, told = SpeedQp("daqp", N).nearest(np.eye(N), np.array([3.0, 0, -3, 0]), box(), given)
+        v, told = VelocityQp("daqp", N).nearest(np.eye(N), np.array([3.0, 0, -3, 0]), box(), given)
         assert v.tolist() == [1.0, 0.0, -1.0, 0.0]
         assert told is None
 
@@ -63,7 +63,7 @@ def test_without_rows_the_box_alone_decides() -> None:
 def test_rows_give_way_to_the_box_and_it_is_told() -> None:
     """The pair has to part at 2 m/s, the joints can do 1 m/s: they do all they can."""
     A = np.array([[1.0, 0.0, 0.0, 0.0]])
-    v, told = SpeedQp("daqp", N).nearest(
+    v, told = VelocityQp("daqp", N).nearest(
         np.eye(N), np.array([1.0, 0.5, 0, 0]), box(), rows(A, np.array([-2.0]))
     )
     assert told is Event.CLEARANCE_RELAXED
@@ -74,7 +74,7 @@ def test_rows_give_way_to_the_box_and_it_is_told() -> None:
 def test_of_two_pairs_the_one_with_more_room_gives_way_first() -> None:
     """Between two walls, each of which asks to be left at 0.3 m/s."""
     A = np.array([[1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
-    upper, qp = np.array([-0.3, -0.3]), SpeedQp("daqp", N)
+    upper, qp = np.array([-0.3, -0.3]), VelocityQp("daqp", N)
     near_first, told = qp.nearest(
         np.eye(N), np.zeros(N), box(), rows(A, upper, np.array([0.0, 0.05]))
     )
@@ -85,7 +85,7 @@ def test_of_two_pairs_the_one_with_more_room_gives_way_first() -> None:
 
 
 def test_the_box_holds_to_the_bit_whatever_is_asked(rng: np.random.Generator) -> None:
-    qp = SpeedQp("daqp", N)
+    qp = VelocityQp("daqp", N)
     for _ in range(300):
         low = rng.uniform(-1.0, 0.5, N)
         limits = VelocityBox(low=low, high=low + rng.uniform(0.0, 0.02, N), recovering=False)
@@ -99,11 +99,11 @@ def test_the_box_holds_to_the_bit_whatever_is_asked(rng: np.random.Generator) ->
 
 def test_where_the_solver_fails_the_arm_brakes_and_it_is_told() -> None:
     limits = VelocityBox(low=np.full(N, 0.2), high=np.full(N, 0.4), recovering=False)
-    v, told = SpeedQp("daqp", N).nearest(np.eye(N), np.full(N, np.nan), limits, None)
+    v, told = VelocityQp("daqp", N).nearest(np.eye(N), np.full(N, np.nan), limits, None)
     assert told is Event.NO_ANSWER
     assert v.tolist() == [0.2] * N
 
 
 def test_an_unknown_solver_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="No QP solver is called 'nosuch'"):
-        SpeedQp("nosuch", N)
+        VelocityQp("nosuch", N)

@@ -9,7 +9,7 @@ from mink import SE3, SO3
 from scipy.linalg import expm
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.ik.pose_log import Twist
+from robo47_qp.ik.pose_log import PoseLog
 from tests.examples import rotations
 
 SWITCH = 0.1
@@ -56,7 +56,7 @@ def pose_of(e: Vector) -> SE3:
 
 @pytest.mark.parametrize("e", CASES, ids=lambda e: np.array2string(e, precision=9))
 def test_the_twist_leads_there_and_its_slope_is_the_inverse_jacobian(e: Vector) -> None:
-    twist, slope = Twist().towards(e)
+    twist, slope = PoseLog().expand(e)
     there = np.eye(4)
     there[:3, :3], there[:3, 3] = expm(cross(e[3:])), e[:3]
     size = 1.0 + np.linalg.norm(e[:3])
@@ -72,7 +72,7 @@ def test_the_twist_leads_there_and_its_slope_is_the_inverse_jacobian(e: Vector) 
 )
 def test_any_displacement_and_turn(p: Vector, axis: Vector, angle: float) -> None:
     e = np.concatenate([p, angle * axis / np.linalg.norm(axis)])
-    twist, slope = Twist().towards(e)
+    twist, slope = PoseLog().expand(e)
     there = np.eye(4)
     there[:3, :3], there[:3, 3] = expm(cross(e[3:])), p
     assert np.abs(exponential(twist) - there).max() < 1e-12
@@ -83,7 +83,7 @@ def test_any_displacement_and_turn(p: Vector, axis: Vector, angle: float) -> Non
 def test_the_slope_is_how_the_twist_falls(angle: float) -> None:
     """By differences: a tool that moves by a small twist of its own has less to go."""
     e = np.concatenate([[0.3, -0.5, 0.2], angle * np.array([0.6, 0.0, -0.8])])
-    twist, slope = (part.copy() for part in Twist().towards(e))
+    twist, slope = (part.copy() for part in PoseLog().expand(e))
     h = 1e-6
     for direction, expected in zip(np.eye(6), slope.T, strict=True):
         # In world axes at the tool: the way left after a small step δ is exp(-δ) T.
@@ -91,7 +91,7 @@ def test_the_slope_is_how_the_twist_falls(angle: float) -> None:
         for step in (h, -h):
             left = exponential(-step * direction) @ exponential(twist)
             rotation = SO3.from_matrix(left[:3, :3]).log()
-            ends.append(Twist().towards(np.concatenate([left[:3, 3], rotation]))[0].copy())
+            ends.append(PoseLog().expand(np.concatenate([left[:3, 3], rotation]))[0].copy())
         assert (ends[1] - ends[0]) / (2 * h) == pytest.approx(expected, abs=1e-7)
 
 
@@ -102,7 +102,7 @@ def test_it_is_the_logarithm_and_slope_of_mink(rotation: SO3, p: Vector) -> None
     # Close to none, mink's slope is another: see below. At half a turn, its logarithm is.
     assume(1e-3 < angle < np.pi - 1e-3)
     pose = SE3.from_rotation_and_translation(rotation, p)
-    twist, slope = Twist().towards(np.concatenate([p, turn]))
+    twist, slope = PoseLog().expand(np.concatenate([p, turn]))
     assert twist == pytest.approx(pose.log(), abs=1e-9)
     # The slope of the way left is that of the inverse pose's logarithm, of which jlog is one.
     assert np.abs(slope - pose.inverse().jlog()).max() < 1e-7
@@ -112,7 +112,7 @@ def test_it_is_the_logarithm_and_slope_of_mink(rotation: SO3, p: Vector) -> None
 def test_below_1e_5_rad_mink_leaves_half_the_displacement_out_of_its_slope(angle: float) -> None:
     """A fact about mink 1.3: its jlog jumps to the identity there, and ours does not."""
     e = np.concatenate([[0.3, -0.5, 0.2], angle * np.array([0.6, 0.0, -0.8])])
-    twist, slope = Twist().towards(e)
+    twist, slope = PoseLog().expand(e)
     pose = pose_of(e)
     assert twist == pytest.approx(pose.log(), abs=1e-12)
     assert np.abs(slope - np.linalg.inv(left_jacobian(twist))).max() < 1e-14
@@ -120,23 +120,23 @@ def test_below_1e_5_rad_mink_leaves_half_the_displacement_out_of_its_slope(angle
     assert np.abs(pose.inverse().jlog() - slope).max() == pytest.approx(0.25, abs=1e-5)
     # Just above, both agree.
     e[3:] *= 2e-5 / angle
-    assert np.abs(Twist().towards(e)[1] - pose_of(e).inverse().jlog()).max() < 1e-6
+    assert np.abs(PoseLog().expand(e)[1] - pose_of(e).inverse().jlog()).max() < 1e-6
 
 
 def test_memory_is_used_again_and_nothing_of_the_last_call_is_left() -> None:
-    twist = Twist()
+    twist = PoseLog()
     e = np.array([0.3, -0.5, 0.2, 0.7, 0.1, -0.4])
     asked = e.copy()
-    first = [part.tobytes() for part in twist.towards(e)]
-    twist.towards(np.array([5.0, 4.0, -3.0, 1.0, 2.0, 0.5]))
-    twist.towards(np.zeros(6))
-    assert [part.tobytes() for part in twist.towards(e)] == first
+    first = [part.tobytes() for part in twist.expand(e)]
+    twist.expand(np.array([5.0, 4.0, -3.0, 1.0, 2.0, 0.5]))
+    twist.expand(np.zeros(6))
+    assert [part.tobytes() for part in twist.expand(e)] == first
     assert e.tolist() == asked.tolist()
 
 
 def test_without_a_turn_the_twist_is_the_displacement() -> None:
     e = np.array([0.3, -0.5, 0.2, 0.0, 0.0, 0.0])
-    twist, slope = Twist().towards(e)
+    twist, slope = PoseLog().expand(e)
     assert twist.tolist() == e.tolist()
     expected = np.eye(6)
     expected[:3, 3:] = -0.5 * cross(e[:3])

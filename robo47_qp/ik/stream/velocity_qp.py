@@ -6,7 +6,7 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.box_qp import box_qp
-from robo47_qp.ik.stream.clearance_bounds import SpeedRows
+from robo47_qp.ik.stream.clearance_bounds import VelocityRows
 from robo47_qp.ik.stream.joint_bounds import VelocityBox
 from robo47_qp.ik.stream.settings import Event
 
@@ -18,7 +18,7 @@ _HARD = 1e4
 """Weight of giving way beside the tool's velocity."""
 
 
-class SpeedQp:
+class VelocityQp:
     """min over v of ½ (v - v_ref)ᵀ H (v - v_ref) in a box, subject to rows A v <= upper.
 
     The box is hard and never empty. Where no velocity in it meets all rows, they are relaxed to
@@ -40,7 +40,7 @@ class SpeedQp:
         self._low, self._high = np.zeros(n + 1), np.full(n + 1, 1e2)
 
     def nearest(
-        self, H: Matrix, v_ref: Vector, box: VelocityBox, rows: SpeedRows | None
+        self, H: Matrix, v_ref: Vector, box: VelocityBox, rows: VelocityRows | None
     ) -> tuple[Vector, Event | None]:
         """The velocity for the next tick, and what had to give way for it."""
         held = np.minimum(np.maximum(v_ref, box.low), box.high)
@@ -62,7 +62,7 @@ class SpeedQp:
         # QP solvers meet bounds but for rounding; commands meet them exactly.
         return np.minimum(np.maximum(v, box.low), box.high), told
 
-    def _relaxed(self, H: Matrix, f: Vector, box: VelocityBox, rows: SpeedRows) -> Vector | None:
+    def _relaxed(self, H: Matrix, f: Vector, box: VelocityBox, rows: VelocityRows) -> Vector | None:
         n = self._n
         self._H[:n, :n], self._f[:n] = H, f
         self._low[:n], self._high[:n] = box.low, box.high

@@ -10,7 +10,7 @@ import pytest
 
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.mjcf import read_spec, robot_spec, without_looks
+from robo47_qp.model.mjcf import read_spec, remove_visuals, robot_spec
 from robo47_qp.model.robot import Robot, ToolFrame
 from robo47_qp.model.robots.panda import PANDA
 from tests.robots import MODELS, robot_named, robot_or_skip
@@ -70,7 +70,7 @@ def test_a_tool_on_a_body_that_is_not_there_is_told() -> None:
 def test_without_looks_meshes_go_and_masses_and_contacts_stay(name: str) -> None:
     robot = robot_or_skip(name)
     whole, bare = robot_spec(robot), robot_spec(robot)
-    without_looks(bare)
+    remove_visuals(bare)
     full, lean = whole.compile(), bare.compile()
     np.testing.assert_array_equal(full.body_mass, lean.body_mass)
     np.testing.assert_array_equal(full.body_inertia, lean.body_inertia)

@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,9 +11,8 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Vector
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.stream.clearance_bounds import Separation, SpeedRows
-from robo47_qp.ik.stream.joint_bounds import fastest
+from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
+from robo47_qp.ik.stream.joint_bounds import max_stoppable_speed
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robot import Robot
@@ -38,24 +36,24 @@ def among(robot: Robot) -> Arm:
     )
 
 
-class Shown(Separation):
+class Shown(ClearanceBounds):
     """A separation that brings its state up to date itself."""
 
     def reset(self, q: Vector) -> None:
-        self.show(q)
+        self.update(q)
         super().reset(q)
 
-    def rows(self, q: Vector, v: Vector) -> SpeedRows:
-        self.show(q)
+    def rows(self, q: Vector, v: Vector) -> VelocityRows:
+        self.update(q)
         return super().rows(q, v)
 
-    def show(self, q: Vector) -> None:
+    def update(self, q: Vector) -> None:
         self._data.qpos[:] = q
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
 
 
-def separation(arm: Arm, budget: int = 500) -> tuple[Separation, Clearance]:
+def clearance_bounds(arm: Arm, max_pairs: int = 500) -> tuple[ClearanceBounds, Clearance]:
     clearance = Clearance(arm, KEEP)
     made = Shown(
         clearance,
@@ -63,15 +61,15 @@ def separation(arm: Arm, budget: int = 500) -> tuple[Separation, Clearance]:
         arm.robot.rated.a_max,
         DT,
         d_min=KEEP,
-        share=0.5,
-        budget=budget,
+        braking_share=0.5,
+        max_pairs=max_pairs,
     )
     return made, clearance
 
 
 def test_every_near_pair_has_its_row_on_any_path(among: Arm, rng: np.random.Generator) -> None:
     """All distances by brute force, along paths that change direction."""
-    made, clearance = separation(among)
+    made, clearance = clearance_bounds(among)
     q, v = among.home.copy(), np.zeros(among.n)
     made.reset(q)
     near = 0
@@ -84,7 +82,7 @@ def test_every_near_pair_has_its_row_on_any_path(among: Arm, rng: np.random.Gene
         if k % 10:
             continue
         told = dict(zip(rows.pair.tolist(), rows.room.tolist(), strict=True))
-        found = clearance.nearby(q, KEEP + 0.03)
+        found = clearance.pairs_within(q, KEEP + 0.03)
         for pair, distance in zip(found.pair.tolist(), found.distance.tolist(), strict=True):
             assert told[pair] == pytest.approx(distance - KEEP, abs=1e-9)
             near += 1
@@ -96,7 +94,7 @@ def test_every_near_pair_has_its_row_on_any_path(among: Arm, rng: np.random.Gene
 def test_rows_are_rates_of_distances_and_leave_room_to_brake(
     among: Arm, rng: np.random.Generator
 ) -> None:
-    made, clearance = separation(among)
+    made, clearance = clearance_bounds(among)
     a = 0.5 * among.robot.rated.a_max
     checked = 0
     for _ in range(12):
@@ -115,7 +113,7 @@ def test_rows_are_rates_of_distances_and_leave_room_to_brake(
                 checked += 1
             if room >= 0.0:
                 brake = max(float(np.abs(A) @ a), 1e-9)
-                assert upper == pytest.approx(float(fastest(room, A @ v, brake, DT)))
+                assert upper == pytest.approx(float(max_stoppable_speed(room, A @ v, brake, DT)))
             else:
                 assert upper < 0.0
     assert checked > 30
@@ -130,8 +128,8 @@ def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm) -> None:
         among.robot.rated.a_max,
         DT,
         d_min=least + 1e-3,
-        share=0.5,
-        budget=50,
+        braking_share=0.5,
+        max_pairs=50,
     )
     made.reset(among.home)
     rows = made.rows(among.home, np.zeros(among.n))
@@ -142,7 +140,7 @@ def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm) -> None:
 def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     among: Arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, clearance = separation(among, budget=3)
+    made, clearance = clearance_bounds(among, max_pairs=3)
     made.reset(among.home)
     looked: list[int] = []
     update = made._update
@@ -160,23 +158,6 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     assert max(looked) == 3
     made.rows(q, np.zeros(among.n))
     assert made.measured <= clearance.nearest(q)[0] + 0.01
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"share": 0.0}, "share must be above 0 and at most 1"),
-        ({"share": 1.1}, "share must be above 0 and at most 1"),
-        ({"budget": 0}, "budget must be at least 1"),
-    ],
-)
-def test_settings_without_sense_are_refused(
-    among: Arm, change: dict[str, float], message: str
-) -> None:
-    settings: dict[str, Any] = {"d_min": KEEP, "share": 0.5, "budget": 10} | change
-    a_max, data = among.robot.rated.a_max, mujoco.MjData(among.model)
-    with pytest.raises(InvalidValueError, match=message):
-        Separation(Clearance(among, KEEP), data, a_max, DT, **settings)
 
 
 _SWING = """
@@ -210,7 +191,7 @@ def test_a_tip_that_swings_towards_a_wall_is_seen_to_come(
     normal = SO3.from_y_radians(np.pi / 2)
     T = SE3.from_rotation_and_translation(normal, np.array([wall, 0.0, 0.0]))
     obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=T)
-    made, _ = separation(Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle]))
+    made, _ = clearance_bounds(Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle]))
     near = 0
     made.reset(np.array(turns[:1]))
     for start, end in pairwise(turns):

@@ -1,10 +1,10 @@
-"""Closing rates against finite differences of distances, on joints of both kinds."""
+"""Closing Jacobian against finite differences of distances, on joints of both kinds."""
 
 import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Vector
-from robo47_qp.collision.motion_bounds import Closing
+from robo47_qp.collision.motion_bounds import ClosingJacobian
 
 MODEL = """
 <mujoco><compiler angle="radian"/><worldbody>
@@ -27,7 +27,7 @@ def test_rates_are_those_of_distances_whichever_geom_moves(rng: np.random.Genera
     d = mujoco.MjData(m)
     ball, upper, tip = (m.geom(name).id for name in ("ball", "upper", "tip"))
     pairs = ((ball, upper), (ball, tip), (tip, ball), (upper, tip))
-    closing = Closing(m, d, pairs)
+    closing = ClosingJacobian(m, d, pairs)
     segment = np.zeros((len(pairs), 6))
 
     def distances(q: Vector) -> Vector:
@@ -43,7 +43,7 @@ def test_rates_are_those_of_distances_whichever_geom_moves(rng: np.random.Genera
         distance = distances(q)
         mujoco.mj_comPos(m, d)
         chosen = np.array([3, 1, 0, 2])
-        A = closing.rates(chosen, distance[chosen], segment[chosen])
+        A = closing.rows(chosen, distance[chosen], segment[chosen])
         np.testing.assert_allclose(A, -np.array(slopes).T[chosen], atol=2e-5)
         overlapping += int((distance < 0.0).sum())
     assert overlapping > 0

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.collision.motion_bounds import levers
+from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.model.arm import Arm
 
 SLIDER = """
@@ -25,7 +25,7 @@ SLIDER = """
 
 def test_distances_of_an_arm_change_no_faster(arm: Arm, rng: np.random.Generator) -> None:
     clearance = Clearance(arm, 0.01)
-    L = levers(arm.model, clearance.pairs.kept)
+    L = approach_speed_bounds(arm.model, clearance.pairs.kept)
     assert L.shape == (len(clearance.pairs.kept), arm.n)
     tightest = 0.0
     for _ in range(400):
@@ -41,7 +41,7 @@ def test_distances_of_an_arm_change_no_faster(arm: Arm, rng: np.random.Generator
 
 def test_a_joint_that_moves_both_or_none_has_no_lever(arm: Arm) -> None:
     m, clearance = arm.model, Clearance(arm, 0.01)
-    L = levers(m, clearance.pairs.kept)
+    L = approach_speed_bounds(m, clearance.pairs.kept)
     rng = np.random.default_rng(1)
     for pair in rng.choice(len(L), size=20, replace=False):
         q = rng.uniform(arm.q_min, arm.q_max)
@@ -59,7 +59,7 @@ def test_slides_and_joints_beside_the_frame_of_their_body() -> None:
     m = mujoco.MjModel.from_xml_string(SLIDER)
     d = mujoco.MjData(m)
     wall, cart, link = (m.geom(name).id for name in ("wall", "cart", "link"))
-    L = levers(m, ((wall, cart), (wall, link), (cart, link)))
+    L = approach_speed_bounds(m, ((wall, cart), (wall, link), (cart, link)))
     assert L[0].tolist() == [1.0, 0.0]
     assert L[1, 0] == 1.0
     assert L[2, 0] == 0.0
@@ -105,4 +105,4 @@ def test_a_link_that_swings_about_a_joint_beside_its_frame_reaches_further() -> 
         ways.append(mujoco.mj_geomDistance(m, d, wall, tip, 10.0, None))
     rate = (ways[1] - ways[0]) / 2e-4
     assert rate == pytest.approx(0.9, abs=1e-3)
-    assert levers(m, ((wall, tip),))[0, 0] >= rate
+    assert approach_speed_bounds(m, ((wall, tip),))[0, 0] >= rate
