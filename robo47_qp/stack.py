@@ -11,10 +11,10 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot

@@ -16,10 +16,10 @@ from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
 from robo47_qp.files import check_writable, write_json
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape

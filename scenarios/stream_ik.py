@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robo47_qp.cli import FAILED, OK, main
-from robo47_qp.collision.clearance import clearance_of
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
 from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
@@ -89,7 +89,7 @@ def run(options: StreamOptions, console: Console) -> int:
     figures: dict[str, Any] = {
         "ticks": options.ticks,
         "seed": options.seed,
-        "pairs": len(clearance_of(arm, options.clearance).pairs.kept),
+        "pairs": len(arm.derived(Clearance, options.clearance).pairs.kept),
     }
     rng = np.random.default_rng(options.seed)
     figures |= hostile_run(stream, options, rng)
@@ -208,7 +208,7 @@ def far_targets(
     stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Static clear targets from home: how many are reached in 8 s, how soon, how far passed."""
-    arm, clearance = stream.arm, clearance_of(stream.arm, options.clearance)
+    arm, clearance = stream.arm, stream.arm.derived(Clearance, options.clearance)
     times, rises, tried = [], [], 0
     while tried < options.far:
         q = rng.uniform(arm.q_min, arm.q_max)

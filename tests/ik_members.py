@@ -8,9 +8,9 @@ from collections.abc import Callable
 from robo47_qp import ik
 from robo47_qp.ik.box_qp import backends
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
 
 Variants = dict[str, IkSolver]
@@ -35,13 +35,14 @@ KNOWN: dict[type, Callable[[], Variants]] = {
 
 
 def discovered() -> list[type]:
-    """Classes with a `solve` method in robo47_qp/ik, protocols aside."""
+    """Classes with a `solve` method in robo47_qp/ik, protocols and abstract ones aside."""
     found = []
     for module in pkgutil.iter_modules(ik.__path__, f"{ik.__name__}."):
         for member in vars(importlib.import_module(module.name)).values():
             if not inspect.isclass(member) or member.__module__ != module.name:
                 continue
-            if member.__name__.startswith("_") or getattr(member, "_is_protocol", False):
+            private = member.__name__.startswith("_") or inspect.isabstract(member)
+            if private or getattr(member, "_is_protocol", False):
                 continue
             if hasattr(member, "solve"):
                 found.append(member)

@@ -1,6 +1,5 @@
 """How far an arm is from itself and from its obstacles."""
 
-from functools import lru_cache
 from math import inf
 from typing import NamedTuple
 
@@ -118,12 +117,6 @@ class Clearance:
         return self._broad.bounds(self.data)
 
 
-@lru_cache(maxsize=16)
-def clearance_of(arm: Arm, asked: float) -> Clearance:
-    """The clearance of an arm, built at the first call."""
-    return Clearance(arm, asked)
-
-
 class ClosestPair(NamedTuple):
     """The closest pair of a configuration."""
 
@@ -144,7 +137,7 @@ def closest_pair(arm: Arm, q: Vector, asked: float, leeway: float) -> ClosestPai
         asked: Clearance that is asked for [m].
         leeway: How far any point of the tool may be from where the target puts it [m].
     """
-    clearance = clearance_of(arm, asked)
+    clearance = arm.derived(Clearance, asked)
     distance, pair = clearance.nearest(q)
     if distance < asked:
         of_tool, tool_pair = clearance.nearest_of_tool(q)

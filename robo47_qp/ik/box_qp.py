@@ -1,6 +1,5 @@
 """A small dense QP inside a box: the one place where QP solvers are called."""
 
-from functools import lru_cache
 from typing import Any, Protocol
 
 import daqp
@@ -178,17 +177,23 @@ def backends() -> tuple[str, ...]:
     return (*direct, *(name for name in qpsolvers.available_solvers if name not in direct))
 
 
-@lru_cache(maxsize=16)
-def box_qp(backend: str, n: int) -> BoxQp:
-    """The QP solver of that name for n unknowns.
+def check_backend(backend: str) -> None:
+    """Check the name of a QP solver.
 
     Raises:
         UnknownNameError: `backend` is not one of `backends()`.
     """
-    if backend == "daqp":
-        return _Daqp(n)
-    if backend == "osqp":
-        return _Osqp(n)
     if backend not in backends():
         raise UnknownNameError("QP solver", backend, backends())
-    return _Qpsolvers(backend)
+
+
+def box_qp(backend: str, n: int) -> BoxQp:
+    """Return a QP solver of that name for n unknowns, with memory of its own.
+
+    Raises:
+        UnknownNameError: `backend` is not one of `backends()`.
+    """
+    check_backend(backend)
+    if backend == "daqp":
+        return _Daqp(n)
+    return _Osqp(n) if backend == "osqp" else _Qpsolvers(backend)

@@ -7,8 +7,8 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
     IkResult,
     ReachEvidence,

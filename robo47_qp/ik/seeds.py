@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -69,10 +68,9 @@ def library_of(arm: Arm, count: int) -> SeedLibrary:
     bit what was written, is made anew, and one that cannot be written is made anew in the
     next process: neither changes an answer.
     """
-    return _library(arm, count)
+    return arm.derived(_library, count)
 
 
-@lru_cache(maxsize=8)
 def _library(arm: Arm, count: int) -> SeedLibrary:
     path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.bin"
     kept = _read(path, arm, count)

@@ -1,9 +1,9 @@
 """Arm: what the controller believes of the robot, as a model of exactly n joints."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar, TypeVarTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +16,8 @@ from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 
+_Args = TypeVarTuple("_Args")
+_T = TypeVar("_T")
 JOINT_MARGIN = 1e-3
 """Part of a joint's range that planned positions keep from either limit: room for the errors of
 tracking, at the Panda 3 to 6 mrad [-]."""
@@ -74,6 +76,7 @@ class Arm:
                 has no position limits.
         """
         self.robot = robot
+        self._derived: dict[Hashable, Any] = {}
         self.payload = payload
         self.obstacles = tuple(obstacles)
         self.model = compile_arm(robot, payload, self.obstacles)
@@ -103,6 +106,23 @@ class Arm:
     def with_payload(self, payload: Payload | None) -> "Arm":
         """The same arm among the same obstacles, with another belief about what it holds."""
         return Arm(self.robot, payload, self.obstacles)
+
+    def derived(self, build: Callable[["Arm", *_Args], _T], *args: *_Args) -> _T:
+        """Return `build(arm, *args)`, built at the first call and kept as long as the arm.
+
+        The one place for what takes long to derive from an arm, and for memory that methods of
+        frozen settings write to, as the states of MuJoCo of a search. Whoever asks for the same
+        shares it: like the arm itself, it is not safe to share between threads.
+
+        Args:
+            build: A function or class that does not depend on anything else.
+            args: What else it needs, hashable.
+        """
+        key = (build, args)
+        if key not in self._derived:
+            self._derived[key] = build(self, *args)
+        made: _T = self._derived[key]
+        return made
 
     def pose(self, q: Vector) -> SE3:
         """T_world_tcp at q."""

@@ -8,7 +8,7 @@ import pytest
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.broad_phase import BroadPhase
-from robo47_qp.collision.clearance import Clearance, clearance_of
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.collision.distance import GeomDistance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
@@ -209,8 +209,3 @@ def test_what_the_tool_cannot_help(crowded: Clearance) -> None:
         if a == "link0" and b in hand
     ]
     assert distance == pytest.approx(min(among + base), abs=1e-9)
-
-
-def test_a_clearance_is_built_once(crowded: Clearance) -> None:
-    assert clearance_of(crowded.arm, 0.01) is clearance_of(crowded.arm, 0.01)
-    assert clearance_of(crowded.arm, 0.01) is not clearance_of(crowded.arm, 0.02)

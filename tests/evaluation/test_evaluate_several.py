@@ -32,10 +32,10 @@ from robo47_qp.evaluation.report.report import EvaluationReport, compare_policie
 from robo47_qp.evaluation.report.words import paired_markdown
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.foreign_code import ClassLoadError

@@ -258,10 +258,19 @@ def test_answers_of_iterative_solvers_are_inside_to_the_bit(
         assert (x <= problem.high).all()
 
 
-def test_a_solver_is_made_once() -> None:
-    for name in backends():
-        assert box_qp(name, 4) is box_qp(name, 4)
-        assert box_qp(name, 4) is not box_qp(name, 5)
+@pytest.mark.parametrize("name", backends())
+def test_each_solver_has_memory_of_its_own(name: str) -> None:
+    rng = np.random.default_rng(13)
+    one, other = box_qp(name, 4), box_qp(name, 4)
+    first, second = drawn(rng, 4, rows=3), drawn(rng, 4)
+    x = one.solve(*first)
+    assert x is not None
+    before = x.tobytes()
+    other.solve(*second)
+    assert x.tobytes() == before
+    again = one.solve(*first)
+    assert again is not None
+    assert again.tobytes() == before
 
 
 def test_the_two_that_are_called_directly_come_first() -> None:

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.diagnosis import diagnosed
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
     IkResult,
     ReachEvidence,

@@ -8,9 +8,9 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from tests.examples import fractions, inner_fractions, poses, rates, shifted, turned

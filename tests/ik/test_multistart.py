@@ -8,11 +8,16 @@ from mink import SE3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart, Preference
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
-from robo47_qp.ik.solver import IkResult, Reason, Tolerance, judged
+from robo47_qp.ik.solver import (
+    IkResult,
+    Reason,
+    Tolerance,
+    judged,
+)
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
 from tests.plain_arm import PlainArm

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import UnknownNameError
-from robo47_qp.ik.box_qp import backends, box_qp
-from robo47_qp.ik.qp import QpIk, _TwistAndPosture
+from robo47_qp.ik.box_qp import backends
+from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import Reason, Tolerance
-from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 from tests.examples import fractions, inner_fractions, poses, rates, shifted, turned
 from tests.plain_arm import PlainArm
@@ -125,13 +124,11 @@ def test_a_step_is_that_of_mink(
     # mink's own logarithm is another one beyond: see test_pose_log.py.
     assume(1e-3 < plain.errors(q, target)[1] < np.pi - 1e-3)
     solver = QpIk(lm_damping=costs[0], posture_cost=costs[1])
-    error = ToolError(arm)
-    error.set_target(target)
-    distance2, angle2 = error.move(q)
-    error.update_jacobian()
-    objective = _TwistAndPosture(arm.n, solver.lm_damping, solver.posture_cost)
-    H, f = objective.expand(error, distance2 + angle2, q, q_seed)
-    step = box_qp("daqp", arm.n).solve(H, f, plain.q_min - q, plain.q_max - q)
+    search = solver._search(arm)
+    search.q[:] = q
+    search._error.set_target(target)
+    search._linearise(sum(search._error.move(q)), q_seed)
+    step = search._step(None)
     expected = step_of_mink(arm, target, q_seed, q, solver)
     assert step == pytest.approx(expected, abs=1e-8)
     first = QpIk(max_iterations=1, lm_damping=costs[0], posture_cost=costs[1])

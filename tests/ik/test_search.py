@@ -7,10 +7,10 @@ import pytest
 from mink import SE3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import (
     EarlyStopping,
     IkResult,

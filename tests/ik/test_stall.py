@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.settings import Stall
+from robo47_qp.ik.gauss_newton import Stall
 
 
 @pytest.mark.parametrize("steps", [1, 3, 5])

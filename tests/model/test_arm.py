@@ -1,3 +1,5 @@
+import gc
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -446,3 +448,23 @@ def _both(robot: Robot, payload: Payload | None) -> tuple[Arm, PlainArm]:
     if key not in _MADE:
         _MADE[key] = Arm(robot, payload), PlainArm(robot, payload)
     return _MADE[key]
+
+
+def test_what_is_derived_from_an_arm_is_built_once_and_goes_with_it(robot: Robot) -> None:
+    built = []
+
+    class Scratch:
+        def __init__(self, arm: Arm, size: int) -> None:
+            built.append(size)
+            self.arm = arm
+
+    arm, other = Arm(robot), Arm(robot)
+    assert arm.derived(Scratch, 3) is arm.derived(Scratch, 3)
+    assert arm.derived(Scratch, 4) is not arm.derived(Scratch, 3)
+    assert other.derived(Scratch, 3) is not arm.derived(Scratch, 3)
+    assert other.derived(Scratch, 3).arm is other
+    assert built == [3, 4, 3]
+    kept = weakref.ref(arm.derived(Scratch, 3))
+    del arm
+    gc.collect()
+    assert kept() is None

@@ -7,9 +7,9 @@ from mink import SE3, SO3
 from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.settings import Stall
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.blending import least_with_stops, quickest

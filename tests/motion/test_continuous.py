@@ -10,9 +10,9 @@ from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip

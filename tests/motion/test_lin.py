@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from mink import SE3
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.clearance import Clearance, clearance_of
+from robo47_qp.arrays import Vector
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import box_qp
-from robo47_qp.ik.descent import Descent
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Linearised, Search, Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, IkSolver, Reason
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
@@ -82,7 +81,7 @@ def plain() -> PlainArm:
 
 def poses(arm: Arm, count: int, *, clear: bool) -> Iterator[SE3]:
     """Of configurations that keep the clearance, or do not."""
-    rng, clearance = np.random.default_rng(6), clearance_of(arm, ASKED)
+    rng, clearance = np.random.default_rng(6), arm.derived(Clearance, ASKED)
     while count:
         q = rng.uniform(arm.q_min, arm.q_max)
         if clearance.clear(q, ASKED) == clear:
@@ -258,17 +257,18 @@ def test_the_same_question_has_the_same_answer_to_the_bit(crowded: Arm, single: 
 def test_parting_gives_way_before_there_is_no_step() -> None:
     """Two walls that both ask to part by more than there is: the step keeps what there is."""
     arm = Arm(PANDA)
-    descent = Descent(arm, _Still(), box_qp("daqp", arm.n))
-    descent._low[:], descent._high[:] = -0.1, 0.1
+    search = Search(arm, _Still(), box_qp("daqp", arm.n))
+    search._low[:], search._high[:] = -0.1, 0.1
+    search._H[:], search._f[:] = np.eye(arm.n), -1.0
     A = np.zeros((2, arm.n))
     A[:, 0] = 1.0, -1.0
     rows = DistanceRows(A, np.array([-0.05, -0.05]), np.array([-0.1, -0.1]), np.array([0, 1]))
-    dq = descent._step(np.eye(arm.n), np.full(arm.n, -1.0), rows)
+    dq = search._step(rows)
     assert dq is not None
     assert dq == pytest.approx([0.0, *[0.1] * (arm.n - 1)], abs=1e-9)
     # Where they can part, they have to.
     alone = DistanceRows(A[:1], np.array([-0.05]), np.array([-0.1]), np.array([0]))
-    dq = descent._step(np.eye(arm.n), np.full(arm.n, -1.0), alone)
+    dq = search._step(alone)
     assert dq is not None
     assert dq[0] == pytest.approx(-0.05, abs=1e-9)
 
@@ -276,9 +276,7 @@ def test_parting_gives_way_before_there_is_no_step() -> None:
 class _Still:
     """Never asked."""
 
-    def expand(
-        self, error: ToolError, squared_error: float, q: Vector, q_seed: Vector
-    ) -> tuple[Matrix, Vector]:
+    def linearised(self, error: ToolError, squared_error: float) -> Linearised:
         raise NotImplementedError
 
 

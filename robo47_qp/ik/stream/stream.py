@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector, checked_vector
-from robo47_qp.collision.clearance import clearance_of
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds
 from robo47_qp.ik.stream.joint_bounds import JointBounds
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
@@ -148,7 +148,7 @@ def _clearance_bounds(
     if settings.clearance is None:
         return None
     return ClearanceBounds(
-        clearance_of(arm, settings.clearance),
+        arm.derived(Clearance, settings.clearance),
         data,
         a_max,
         settings.dt,

@@ -1,6 +1,5 @@
 """How fast to go to a target that moves, jumps or cannot be reached."""
 
-from functools import lru_cache
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
@@ -142,7 +141,9 @@ class DampedInverse:
         squares = J @ J.T
         entries = J.ravel()
         reserve = max(threshold**2, _LOST) * float(entries.dot(entries))
-        _, lost = lapack.dpotrf(squares - reserve * _identity(len(J)))
+        lessened = squares.copy()
+        lessened.reshape(-1)[:: len(J) + 1] -= reserve
+        _, lost = lapack.dpotrf(lessened)
         if lost:
             self._damped, self._exact = _by_eigenvalues(squares, J, threshold)
         else:
@@ -174,11 +175,6 @@ def _by_eigenvalues(squares: Matrix, J: Matrix, threshold: float) -> tuple[Matri
     exact = np.where(kept, 1.0 / np.maximum(eigenvalues, _TINY), 0.0)
     along = U.T @ J
     return (U / damping) @ along, (U * exact) @ along
-
-
-@lru_cache(maxsize=8)
-def _identity(rows: int) -> Matrix:
-    return np.eye(rows)
 
 
 _HOMING_SPEED = 0.1

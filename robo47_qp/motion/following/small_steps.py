@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import EarlyStopping, IkResult, IkSolver, Tolerance, joints_outside
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.refusals import AT_LIMIT

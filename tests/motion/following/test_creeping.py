@@ -9,9 +9,9 @@ from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RefusalReason
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkResult, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA

@@ -16,10 +16,10 @@ from robo47_qp.evaluation.benchmarks.ik.peers.toolbox import ToolboxIk
 from robo47_qp.evaluation.benchmarks.ik.targets import near_limits, near_singular, tabletop, uniform
 from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.settings import Stall
 from robo47_qp.ik.solver import IkSolver, Tolerance
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robot import Robot
