@@ -1,72 +1,25 @@
 """Options of an evaluation."""
 
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from robo47_qp.cli import LOGS, StackOptions
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
-from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options_type
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.task import Task
 
-_MILLI = 1e-3
-
 
 @dataclass(frozen=True, kw_only=True)
-class PerturbOptions:
-    """Single perturbations, in place of those of --perturb."""
-
-    pose_noise: float | None = None
-    """Standard deviation of seen coordinates of an object, per camera frame [m]."""
-    heading_noise: float | None = None
-    """Standard deviation of the seen turn of an object, per camera frame [rad]."""
-    pose_bias: float | None = None
-    """Standard deviation of an error of seen coordinates that lasts for the episode [m]."""
-    mass: float | None = None
-    """Mass of the objects, at most this part more or less: 0.3 is 30 %."""
-    friction: float | None = None
-    """Friction, at most this part more or less."""
-    latency: float | None = None
-    """From a command to the motors [ms]."""
-    noise_q: float | None = None
-    """Standard deviation of measured joint positions [rad]."""
-    noise_v: float | None = None
-    """Standard deviation of measured joint velocities [rad/s]."""
-    pushes: int | None = None
-    """Pushes on the tool in an episode, at most 3."""
-    push_force: float | None = None
-    """Size of a push at most [N]."""
-
-    def over(self, preset: Perturbation) -> Perturbation:
-        """A preset with what was chosen in its place.
-
-        Raises:
-            InvalidValueError: A number is out of range.
-        """
-        names = [f.name for f in fields(PerturbOptions)]
-        chosen = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        inside = {"mass": "object_mass"}
-        try:
-            return replace(
-                preset,
-                **{
-                    inside.get(name, name): value * (_MILLI if name == "latency" else 1)
-                    for name, value in chosen.items()
-                },
-            )
-        except InvalidValueError as error:
-            asked = next(name for name in names if inside.get(name, name) == error.name)
-            option = f"--{asked.replace('_', '-')}"
-            raise InvalidValueError(option, chosen[asked], error.expected) from error
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(StackOptions, PerturbOptions):
+class EvaluateOptions(StackOptions):
     """What can be chosen for an evaluation."""
 
     task: str = "pick_place"
@@ -93,6 +46,10 @@ class EvaluateOptions(StackOptions, PerturbOptions):
     perturb: Literal["none", "moderate", "severe"] = "none"
     """How far the world is from what the controller believes: moderate is 5 mm of camera noise,
     30 % of mass and friction, 2 ms of latency."""
+    perturbations: Annotated[
+        Mapping[str, float], tyro.conf.arg(name="", constructor=options_type())
+    ] = field(default_factory=dict)
+    """Single perturbations by the names of their options, in place of those of --perturb."""
     failures: int = 5
     """Failed episodes at most that are recorded to look at; 0 records none."""
     resume: bool = False
@@ -194,7 +151,7 @@ class EvaluateOptions(StackOptions, PerturbOptions):
         Raises:
             InvalidValueError: A number is out of range.
         """
-        return self.over(PRESETS[self.perturb])
+        return PRESETS[self.perturb].with_options(self.perturbations)
 
     def evaluation(self, task: Task, robot: Robot) -> PolicyEvaluation:
         """Return what is to be run, of a single policy.

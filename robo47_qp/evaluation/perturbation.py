@@ -1,75 +1,92 @@
 """Perturbation: how far the world of an episode may be from what the controller believes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, TypedDict, get_type_hints
 
 import numpy as np
+import tyro
 
+from robo47_qp.arrays import Checked, NotNegative, Positive, Range
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.sim.disturbance import Disturbance, Push
 
 PUSHES = 3
 """Pushes that are drawn for every episode, whether or not it uses them."""
+_Share = Annotated[float, Range(at_least=0.0, below=1.0)]
+
+
+@dataclass(frozen=True)
+class About:
+    """Meaning of a perturbation, and its option on the command line."""
+
+    text: str
+    unit: str
+    """Of the option."""
+    option: str | None = None
+    """By default the name of the field."""
+    scale: float = 1
+    """Value of the field for an option of 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Perturbation:
-    """Ranges that the disturbance of an episode is drawn from; by default nothing is wrong."""
+class Perturbation(Checked):
+    """Ranges that the disturbance of an episode is drawn from; by default nothing is perturbed.
 
-    pose_noise: float = 0.0
-    """Standard deviation of each coordinate of an object, in every frame of the camera [m]."""
-    heading_noise: float = 0.0
-    """Standard deviation of an object's turn about the vertical, in every frame [rad]."""
-    pose_bias: float = 0.0
-    """Standard deviation of an error of each coordinate that lasts for the episode [m]."""
-    camera_rate: float = 30.0
-    """Frames per second [1/s]."""
-    object_mass: float = 0.0
-    """Mass of the free objects: at most this part more or less, below 1 [-]."""
-    friction: float = 0.0
-    """Friction of all contacts: at most this part more or less, below 1 [-]."""
-    latency: float = 0.0
-    """Time from a command to the motors, in whole control periods [s]."""
-    noise_q: float = 0.0
-    """Standard deviation of the measured joint positions [rad]."""
-    noise_v: float = 0.0
-    """Standard deviation of the measured joint velocities [rad/s]."""
-    pushes: int = 0
-    """Pushes on the tool in an episode."""
-    push_force: float = 0.0
-    """Size of a push at most; its direction is any [N]."""
-    push_time: float = 10.0
-    """When a push begins at the latest [s]."""
+    Each field states its range and what it means here and nowhere else; units are SI.
+    """
 
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: One is out of range.
-        """
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidValueError(name, value, "finite and not negative")
-        for name in ("object_mass", "friction"):
-            if getattr(self, name) >= 1.0:
-                raise InvalidValueError(name, getattr(self, name), "below 1")
-        if self.camera_rate == 0.0:
-            raise InvalidValueError("camera_rate", 0.0, "above 0")
-        if self.pushes > PUSHES:
-            raise InvalidValueError("pushes", self.pushes, f"{PUSHES} at most")
+    pose_noise: Annotated[
+        NotNegative, About("Standard deviation of seen coordinates of an object, per frame", "m")
+    ] = 0.0
+    heading_noise: Annotated[
+        NotNegative, About("Standard deviation of the seen heading of an object, per frame", "rad")
+    ] = 0.0
+    pose_bias: Annotated[
+        NotNegative,
+        About("Standard deviation of seen coordinates of an object, constant in an episode", "m"),
+    ] = 0.0
+    camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
+    object_mass: Annotated[
+        _Share, About("Mass of the free objects, more or less by at most this share", "-", "mass")
+    ] = 0.0
+    friction: Annotated[
+        _Share, About("Friction of all contacts, more or less by at most this share", "-")
+    ] = 0.0
+    latency: Annotated[
+        NotNegative,
+        About("Time from a command to the motors, in whole control periods", "ms", scale=1e-3),
+    ] = 0.0
+    noise_q: Annotated[
+        NotNegative, About("Standard deviation of measured joint positions", "rad")
+    ] = 0.0
+    noise_v: Annotated[
+        NotNegative, About("Standard deviation of measured joint velocities", "rad/s")
+    ] = 0.0
+    pushes: Annotated[
+        int,
+        Range(at_least=0, at_most=PUSHES, whole=True),
+        About("Pushes on the tool in an episode", "count"),
+    ] = 0
+    push_force: Annotated[NotNegative, About("Force of a push at most, in any direction", "N")] = (
+        0.0
+    )
+    push_time: Annotated[NotNegative, About("Latest start of a push", "s")] = 10.0
 
     def draw(self, rng: np.random.Generator) -> Disturbance:
-        """The disturbance of one episode.
+        """Return the disturbance of one episode.
 
         The same numbers are drawn whatever the ranges are: episodes with the same seed differ
-        in nothing but what was asked for.
+        in nothing but what was asked for. What a disturbance has under the same name is passed on.
         """
         mass, friction = rng.uniform(-1.0, 1.0, 2)
         directions, sizes = rng.standard_normal((PUSHES, 3)), rng.uniform(0.0, 1.0, PUSHES)
         starts = rng.uniform(0.0, 1.0, PUSHES)
         directions /= np.linalg.norm(directions, axis=1)[:, None]
+        passed_on = {f.name for f in fields(self)} & {f.name for f in fields(Disturbance)}
         return Disturbance(
+            **{name: getattr(self, name) for name in passed_on - {"pushes"}},
             object_mass_factor=float(1.0 + self.object_mass * mass),
             friction_factor=float(1.0 + self.friction * friction),
             pushes=tuple(
@@ -77,13 +94,46 @@ class Perturbation:
                 for i, start in enumerate(self.push_time * starts[: self.pushes])
             ),
             delay=round(self.latency / TIMESTEP),
-            noise_q=self.noise_q,
-            noise_v=self.noise_v,
-            pose_noise=self.pose_noise,
-            heading_noise=self.heading_noise,
-            pose_bias=self.pose_bias,
-            camera_rate=self.camera_rate,
         )
+
+    def with_options(self, chosen: Mapping[str, float]) -> "Perturbation":
+        """Return the perturbation with some values replaced, by the names of their options.
+
+        Raises:
+            InvalidValueError: A number is out of range.
+            UnknownNameError: There is no such option.
+        """
+        known = options()
+        for option in chosen:
+            if option not in known:
+                raise UnknownNameError("perturbation", option, known)
+        values: dict[str, Any] = {
+            known[name][0]: value * known[name][2].scale for name, value in chosen.items()
+        }
+        try:
+            return replace(self, **values)
+        except InvalidValueError as error:
+            option = next(name for name in chosen if known[name][0] == error.name)
+            label = f"--{option.replace('_', '-')}"
+            raise InvalidValueError(label, chosen[option], error.expected) from error
+
+
+def options() -> dict[str, tuple[str, type, About]]:
+    """Return field, type and meaning of every perturbation by the name of its option."""
+    found = {}
+    for name, hint in get_type_hints(Perturbation, include_extras=True).items():
+        about = next(one for one in hint.__metadata__ if isinstance(one, About))
+        found[about.option or name] = (name, hint.__origin__, about)
+    return found
+
+
+def options_type() -> Any:
+    """Return the type that the command line reads: a dictionary of the options that are given."""
+    hints = {
+        name: Annotated[kind, tyro.conf.arg(help=f"{about.text} [{about.unit}].")]
+        for name, (_, kind, about) in options().items()
+    }
+    return TypedDict("PerturbationOptions", hints, total=False)  # type: ignore[operator]
 
 
 PRESETS: Mapping[str, Perturbation] = {
@@ -102,5 +152,5 @@ PRESETS: Mapping[str, Perturbation] = {
         push_force=10.0,
     ),
 }
-"""Named levels. Moderate is what a calibrated cell with a depth camera has to live with; severe
-ends short of what alone ends every run: at a latency of 5 ms, stiff joints cannot be held."""
+"""Named levels. Moderate is a calibrated cell with a depth camera; severe is below what alone makes
+every run fail: with a latency of 5 ms, stiff joints are unstable."""

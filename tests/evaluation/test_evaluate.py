@@ -59,7 +59,8 @@ class Odd(Reach):
 
 
 def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
-    settings = {"episodes": 3, "workers": 2, "log": tmp_path / "eval.rrd", "friction": 0.3}
+    settings = {"episodes": 3, "workers": 2, "log": tmp_path / "eval.rrd"}
+    settings["perturbations"] = {"friction": chosen.pop("friction", 0.3)}
     return EvaluateOptions(**{**settings, **chosen})
 
 

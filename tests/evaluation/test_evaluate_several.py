@@ -126,7 +126,9 @@ def without_times(figures: dict[str, Any]) -> dict[str, Any]:
 
 def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None:
     policies = ("classical", "classical:dls-single")
-    chosen = options(tmp_path, episodes=2, policy=policies, ik="lm", friction=0.3, failures=0)
+    chosen = options(
+        tmp_path, episodes=2, policy=policies, ik="lm", failures=0, perturbations={"friction": 0.3}
+    )
     assert evaluate(Reach(), PANDA, chosen, QUIET) == 0
     a, b = read(tmp_path, "eval.classical.json"), read(tmp_path, "eval.classical-dls-single.json")
     assert a["settings"]["policy"] == {

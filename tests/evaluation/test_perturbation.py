@@ -1,13 +1,23 @@
 """Perturbations: ranges, and what is drawn from them."""
 
 import dataclasses
+from dataclasses import dataclass, field
+from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from rich.console import Console
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.cli import main
+from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.sim.disturbance import DisturbedSimulation
+from robo47_qp.tasks.table import add_table
+from tests.runs import Reach
 
 WIDE = Perturbation(object_mass=0.3, friction=0.5, pushes=3, push_force=10.0, push_time=4.0)
 
@@ -63,8 +73,9 @@ def test_the_levels_are_as_told() -> None:
 
 
 def test_single_options_stand_in_place_of_those_of_the_level() -> None:
-    options = EvaluateOptions(perturb="moderate", latency=1.0, mass=0.1, pose_noise=0.0, pushes=1)
-    assert options.perturbation == dataclasses.replace(
+    single = {"latency": 1.0, "mass": 0.1, "pose_noise": 0.0, "pushes": 1}
+    chosen = EvaluateOptions(perturb="moderate", perturbations=single)
+    assert chosen.perturbation == dataclasses.replace(
         PRESETS["moderate"], latency=1e-3, object_mass=0.1, pose_noise=0.0, pushes=1
     )
     assert EvaluateOptions(perturb="severe").perturbation == PRESETS["severe"]
@@ -73,12 +84,12 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"pose_noise": -1.0}, "pose_noise must be finite and not negative"),
-        ({"latency": np.nan}, "latency must be finite and not negative"),
-        ({"object_mass": 1.0}, "object_mass must be below 1"),
-        ({"friction": 1.5}, "friction must be below 1"),
-        ({"camera_rate": 0.0}, "camera_rate must be above 0"),
-        ({"pushes": 4}, "pushes must be 3 at most"),
+        ({"pose_noise": -1.0}, "pose_noise must be 0 or more and finite; found -1"),
+        ({"latency": np.nan}, "latency must be 0 or more and finite; found nan"),
+        ({"object_mass": 1.0}, "object_mass must be at least 0 and below 1; found 1"),
+        ({"friction": 1.5}, "friction must be at least 0 and below 1; found 1.5"),
+        ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite; found 0"),
+        ({"pushes": 4}, "pushes must be a whole number, at least 0 and at most 3; found 4"),
     ],
 )
 def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> None:
@@ -89,18 +100,121 @@ def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> No
 @pytest.mark.parametrize(
     ("chosen", "message"),
     [
-        ({"mass": 1.5}, r"^--mass must be below 1; found 1.5\.$"),
-        ({"latency": -2.0}, r"^--latency must be finite and not negative; found -2.0\.$"),
-        ({"pose_noise": np.nan}, r"^--pose-noise must be finite and not negative; found nan\.$"),
-        ({"pushes": 4}, r"^--pushes must be 3 at most; found 4\.$"),
+        ({"mass": 1.5}, r"^--mass must be at least 0 and below 1; found 1.5\.$"),
+        ({"latency": -2.0}, r"^--latency must be 0 or more and finite; found -2.0\.$"),
+        ({"pose_noise": np.nan}, r"^--pose-noise must be 0 or more and finite; found nan\.$"),
+        ({"pushes": 4}, r"^--pushes must be a whole number, at least 0 and at most 3; found 4\.$"),
     ],
 )
 def test_an_option_is_refused_by_its_own_name(chosen: dict[str, float], message: str) -> None:
-    options = EvaluateOptions(**chosen)  # type: ignore[arg-type]
     with pytest.raises(InvalidValueError, match=message):
-        _ = options.perturbation
+        _ = EvaluateOptions(perturbations=chosen).perturbation
+
+
+def test_an_option_that_is_not_there_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="No perturbation is called 'object_mass'; known: "):
+        Perturbation().with_options({"object_mass": 0.1})
 
 
 def test_a_rate_is_refused_by_its_own_name() -> None:
     with pytest.raises(InvalidValueError, match=r"^--rate must be above 0 and at most 1000; found"):
         EvaluateOptions(policy=("mine.py:Mine",), rate=0.0)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a perturbation is tried with, and what it changes."""
+
+    option: float
+    """Value of its option."""
+    changes: set[str]
+    beside: dict[str, float] = field(default_factory=dict)
+    """Fields without which it does nothing."""
+
+
+PUSHED = {"pushes": 1, "push_force": 30.0, "push_time": 0.0}
+EFFECTS = {
+    "pose_noise": Effect(0.01, {"seen position"}),
+    "heading_noise": Effect(0.1, {"seen heading"}),
+    "pose_bias": Effect(0.01, {"seen position"}),
+    "camera_rate": Effect(60.0, {"seen position"}, {"pose_noise": 0.01}),
+    "object_mass": Effect(0.5, {"mass"}),
+    "friction": Effect(0.5, {"friction"}),
+    "latency": Effect(3.0, {"motion"}),
+    "noise_q": Effect(1e-3, {"measured q"}),
+    "noise_v": Effect(1e-2, {"measured v"}),
+    "pushes": Effect(1, {"motion"}, PUSHED),
+    "push_force": Effect(30.0, {"motion"}, PUSHED),
+    "push_time": Effect(0.05, {"motion"}, PUSHED),
+}
+"""Every perturbation has an entry: whoever adds one says here what it changes."""
+NO_ZERO = {"camera_rate", "push_time"}
+"""Those that say how, and not how much."""
+
+
+def brick(spec: mujoco.MjSpec) -> None:
+    add_table(spec)
+    body = spec.worldbody.add_body(name="brick", pos=[0.5, 0.2, 0.02])
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02] * 3, mass=0.2)
+
+
+@cache
+def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
+    """What can be seen of a world under changing torques."""
+    rng = np.random.default_rng([3, 1])
+    world = DisturbedSimulation(PANDA, brick, perturbation.draw(rng), rng)
+    held, seen = world.motor_torque(), []
+    for k in range(450):
+        world.step(held + np.sin(0.1 * k))
+        if k < 300:  # until the brick has settled
+            continue
+        pose, true, said = world.seen_pose("brick"), world.true_state(), world.state()
+        yaw = pose.rotation().compute_yaw_radians()
+        # An object at rest: what is seen of it does not depend on the arm.
+        seen.append(np.concatenate([pose.translation(), [yaw], true.q, said.q - true.q]))
+        seen[-1] = np.append(seen[-1], said.v - true.v)
+    rows, m = np.round(seen, 6), world.model
+    return {
+        "seen position": rows[:, :3],
+        "seen heading": rows[:, 3:4],
+        "motion": rows[:, 4:11],
+        "measured q": rows[:, 11:18],
+        "measured v": rows[:, 18:],
+        "mass": m.body("brick").mass.copy(),
+        "friction": m.geom_friction.copy(),
+    }
+
+
+@pytest.mark.parametrize("option", options())
+def test_every_perturbation_is_an_option_that_changes_what_it_says_and_is_reported(
+    option: str,
+) -> None:
+    name, _, about = options()[option]
+    effect = EFFECTS[name]
+    seen: list[EvaluateOptions] = []
+
+    def run(chosen: EvaluateOptions, _: Console) -> int:
+        seen.append(chosen)
+        return 0
+
+    flags = [f"--{option.replace('_', '-')}", f"{effect.option:g}"]
+    assert main(EvaluateOptions, run, "", args=flags) == 0
+    value = effect.option * about.scale
+    assert seen[0].perturbation == Perturbation(**{name: value})  # type: ignore[arg-type]
+    settings = seen[0].evaluation(Reach(), PANDA).evaluation.settings
+    assert settings["perturbation"][name] == pytest.approx(value)
+    assert about.text
+    assert about.unit
+
+    def world(**chosen: float) -> dict[str, NDArray[np.float64]]:
+        return observed(Perturbation(**{**effect.beside, **chosen}))  # type: ignore[arg-type]
+
+    default = getattr(Perturbation(), name)
+    changed, before = world(**{name: value}), world(**{name: default})
+    assert {k for k in before if not np.array_equal(changed[k], before[k])} == effect.changes
+    if name not in NO_ZERO:
+        assert default == 0
+        zero = world(**{name: 0})
+        still = observed(Perturbation())
+        assert {k for k in still if not np.array_equal(zero[k], still[k])} == set()
