@@ -3,14 +3,14 @@
 import json
 import sys
 from argparse import ArgumentParser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, make_dataclass
 from inspect import getdoc
 from pathlib import Path
 from signal import SIGTERM, default_int_handler, signal
 from threading import current_thread, main_thread
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
 import numpy as np
 import tyro
@@ -44,6 +44,19 @@ LOGS = Path("logs")
 DEFAULT_TASK = "pick_place"
 Options = TypeVar("Options")
 ObserverT = TypeVar("ObserverT", bound=Observer)
+
+
+def option_group(members: Mapping[str, tuple[type, str]]) -> Any:
+    """Annotate a field that has, by name, those of several options that are given.
+
+    Args:
+        members: Type and help of each option.
+    """
+    hints = {
+        name: Annotated[kind, tyro.conf.arg(help=text)] for name, (kind, text) in members.items()
+    }
+    group: Any = TypedDict("Group", hints, total=False)  # type: ignore[misc]
+    return tyro.conf.arg(name="", constructor=group)
 
 
 def _one_of(names: Sequence[str]) -> Any:

@@ -5,17 +5,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import tyro
-
-from robo47_qp.cli import LOGS, StackOptions
+from robo47_qp.cli import LOGS, StackOptions, option_group
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
-from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options_type
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.task import Task
+
+_PERTURBATIONS = {
+    name: (kind, f"{about.text} [{about.unit}].") for name, (_, kind, about) in options().items()
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +48,9 @@ class EvaluateOptions(StackOptions):
     perturb: Literal["none", "moderate", "severe"] = "none"
     """How far the world is from what the controller believes: moderate is 5 mm of camera noise,
     30 % of mass and friction, 2 ms of latency."""
-    perturbations: Annotated[
-        Mapping[str, float], tyro.conf.arg(name="", constructor=options_type())
-    ] = field(default_factory=dict)
+    perturbations: Annotated[Mapping[str, float], option_group(_PERTURBATIONS)] = field(
+        default_factory=dict
+    )
     """Single perturbations by the names of their options, in place of those of --perturb."""
     failures: int = 5
     """Failed episodes at most that are recorded to look at; 0 records none."""

@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, TypedDict, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
-import tyro
 
 from robo47_qp.arrays import Checked, NotNegative, Positive, Range
 from robo47_qp.constants import TIMESTEP
@@ -125,15 +124,6 @@ def options() -> dict[str, tuple[str, type, About]]:
         about = next(one for one in hint.__metadata__ if isinstance(one, About))
         found[about.option or name] = (name, hint.__origin__, about)
     return found
-
-
-def options_type() -> Any:
-    """Return the type that the command line reads: a dictionary of the options that are given."""
-    hints = {
-        name: Annotated[kind, tyro.conf.arg(help=f"{about.text} [{about.unit}].")]
-        for name, (_, kind, about) in options().items()
-    }
-    return TypedDict("PerturbationOptions", hints, total=False)  # type: ignore[operator]
 
 
 PRESETS: Mapping[str, Perturbation] = {
