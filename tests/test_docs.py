@@ -1,0 +1,248 @@
+"""The documentation holds: its code runs, its commands parse, what it links to and names exists."""
+
+import ast
+import json
+import re
+import runpy
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NoReturn
+
+import pytest
+import tyro
+
+from robo47_qp import __main__, stack
+from robo47_qp.report.rerun import viewer
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+LINKED = [*PAGES, ROOT / "CHANGELOG.md", ROOT / "logs" / "README.md"]
+"""The changelog names what is gone, too: of it, only links are checked."""
+PLACEHOLDERS = {
+    "NAME": "pick_place",
+    "N": "1",
+    "SEED": "1",
+    "file.py:Class": "tasks/reach/reach.py:Reach",
+    "lift.py:Lift": "tasks/reach/reach.py:Reach",
+}
+"""What stands for a value in a command."""
+WRITTEN = re.compile(r"(logs|RETRO\.md)\b")
+"""What is there only after a run."""
+ELSEWHERE = {"OptIK", "SolvePnP", "McNemar", "JSON", "SE3", "Gymnasium", "OMPL", "DAQP", "OSQP"}
+"""Words in capitals that are no names of this repository."""
+
+
+def page_id(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
+    """Line and text of the fenced blocks in a language; those marked `notest` are left out."""
+    text = page.read_text(encoding="utf-8")
+    for found in re.finditer(r"^```(\S+)[ ]*(\S*)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        if found[1] == language and found[2] != "notest":
+            yield text[: found.start()].count("\n") + 1, found[3]
+
+
+def prose(page: Path) -> str:
+    """The text without its fenced blocks."""
+    text = page.read_text(encoding="utf-8")
+    return re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def code_spans(page: Path) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", prose(page))
+
+
+# Code ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if list(blocks(p, "python"))], ids=page_id)
+def test_the_python_of_a_page_runs_from_top_to_bottom(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # What a page adds is gone after it.
+    for table in ("IK_SOLVERS", "CONTROLLERS"):
+        monkeypatch.setattr(stack, table, dict(getattr(stack, table)))
+    module = ModuleType("page")
+    monkeypatch.setitem(sys.modules, "page", module)  # where dataclasses look their module up
+    vars(module)["__file__"] = str(tmp_path / "page.py")
+    for line, text in blocks(page, "python"):
+        code = compile("\n" * line + text, str(page), "exec")
+        exec(code, vars(module))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_code_that_is_not_run_can_be_parsed(page: Path) -> None:
+    for text in re.findall(r"^```python notest\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
+        ast.parse(text)
+
+
+# Commands --------------------------------------------------------------------------------------
+
+
+def commands() -> list[str]:
+    """Every command of the package that a page names, once."""
+    found: dict[str, None] = {}
+    for page in PAGES:
+        lines = [*code_spans(page)]
+        for _, text in blocks(page, "console"):
+            joined = text.replace("\\\n", " ")
+            lines += [line.removeprefix("$ ") for line in joined.splitlines()]
+        for line in lines:
+            command = re.sub(r" +# .*", "", line)
+            if re.match(r"(robo47|python -m robo47_qp|python scenarios/\S+)( |$)", command):
+                found.setdefault(command)
+    return list(found)
+
+
+class ParsedError(BaseException):
+    """The command line was understood; nothing is run."""
+
+
+@pytest.fixture
+def only_parse(monkeypatch: pytest.MonkeyPatch) -> None:
+    parse: Callable[..., Any] = tyro.cli
+
+    def parsed(*args: Any, **options: Any) -> NoReturn:
+        parse(*args, **options)
+        raise ParsedError
+
+    def opened(path: Path) -> NoReturn:
+        raise ParsedError
+
+    monkeypatch.setattr(tyro, "cli", parsed)
+    monkeypatch.setattr(viewer, "open_recording", opened)
+
+
+@pytest.mark.parametrize("command", commands())
+@pytest.mark.usefixtures("only_parse")
+def test_a_command_and_its_options_exist(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
+    if words[:3] == ["python", "-m", "robo47_qp"]:
+        words = ["robo47", *words[3:]]
+    monkeypatch.chdir(ROOT)
+    if words[0] == "robo47" and len(words) < 3:
+        words = [*words, "--help"]
+    if "--help" in words:
+        try:
+            code: object = __main__.main(words[1:])
+        except SystemExit as left:
+            code = left.code
+        assert code == 0
+        return
+    with pytest.raises(ParsedError):
+        if words[0] == "robo47":
+            __main__.main(words[1:])
+        else:
+            monkeypatch.setattr(sys, "argv", words[1:])
+            runpy.run_path(words[1], run_name="__main__")
+
+
+def test_there_are_commands_to_check() -> None:
+    assert len(commands()) > 30
+
+
+def test_targets_of_make_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    named = {name for page in LINKED for name in re.findall(r"make ([a-z-]+)`", prose(page))}
+    named |= {
+        name
+        for page in PAGES
+        for _, text in blocks(page, "console")
+        for name in re.findall(r"\$ make ([a-z-]+)", text)
+    }
+    assert named >= {"reproduce", "test"}
+    assert named <= targets
+
+
+# Links and names -------------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", LINKED, ids=page_id)
+def test_relative_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        there = (page.parent / name).resolve() if name else page
+        assert there.exists(), f"{page.name} links to {target}"
+        if anchor:
+            assert anchor in anchors(there), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    path = re.compile(r"(?<![\w/.])((?:robo47_qp|tasks|scenarios|tests|docs)/[\w/.-]*)")
+    text = page.read_text(encoding="utf-8")
+    for name in path.findall(re.sub(r"[\w/.-]*<\w+>[\w/.-]*", "", text)):
+        assert (ROOT / name.rstrip(".")).exists(), f"{page.name} names {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_modules_that_a_page_names_exist(page: Path) -> None:
+    for name in re.findall(r"`(robo47_qp(?:\.\w+)+)`", prose(page)):
+        parts = name.split(".")
+        module = name if find_spec(".".join(parts[:-1])) and find_spec(name) else None
+        assert module or find_spec(".".join(parts[:-1])), f"{page.name} names {name}"
+
+
+def known_words() -> set[str]:
+    sources = [
+        *(ROOT / "robo47_qp").rglob("*.py"),
+        *(ROOT / "tasks").rglob("*.py"),
+        *(ROOT / "scenarios").rglob("*.py"),
+    ]
+    return {word for path in sources for word in re.findall(r"\w+", path.read_text("utf-8"))}
+
+
+def test_names_in_capitals_are_names_of_the_code() -> None:
+    known = known_words() | ELSEWHERE
+    for page in PAGES:
+        defined = " ".join(text for _, text in blocks(page, "python"))
+        for span in code_spans(page):
+            for word in re.findall(r"(?<![\w/.<-])[A-Z][a-z]+[A-Z0-9]\w*", span):
+                assert word in known or word in defined, f"{page.name} names {word}"
+
+
+def test_every_room_is_in_the_layout() -> None:
+    rooms = {
+        path.name
+        for path in (ROOT / "robo47_qp").iterdir()
+        if path.is_dir() and (path / "__init__.py").exists()
+    }
+    told = re.findall(r"^\| `(\w+)/` \|", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
+    assert sorted(told) == sorted(rooms)
+
+
+def test_every_page_is_linked_from_the_readme() -> None:
+    text = " ".join(page.read_text("utf-8") for page in PAGES)
+    for page in PAGES[1:]:
+        assert f"{page.name}" in text.replace(page_id(page), page.name)
+    readme = (ROOT / "README.md").read_text("utf-8")
+    assert all(f"docs/{name}.md" in readme for name in ("ik", "motion", "control", "tasks"))
+    assert all(f"docs/{name}.md" in readme for name in ("evaluation", "recordings", "results"))
+
+
+def test_the_readme_is_read_to_its_end() -> None:
+    assert len((ROOT / "README.md").read_bytes()) <= 8192
+
+
+@pytest.mark.parametrize("study", ["settling", "cartpole_lqr"])
+def test_the_settling_times_shown_are_those_kept(study: str) -> None:
+    kept = json.loads((ROOT / "docs" / "reproduced.json").read_text("utf-8"))["figures"]
+    shown = f"{kept[f'{study}/mean_settling_time_s']:.3g} s | `python scenarios/{study}.py` |"
+    assert shown in (ROOT / "docs" / "results.md").read_text("utf-8")
