@@ -2,12 +2,15 @@
 
 import ast
 import json
+import os
+import pkgutil
 import re
 import runpy
 import shlex
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
@@ -15,11 +18,12 @@ from typing import Any, NoReturn
 import pytest
 import tyro
 
-from robo47_qp import __main__, stack
+from robo47_qp import __main__
 from robo47_qp.report.rerun import viewer
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+EXTENDING = ROOT / "docs" / "extending.md"
 LINKED = [*PAGES, ROOT / "CHANGELOG.md", ROOT / "logs" / "README.md"]
 """The changelog names what is gone, too: of it, only links are checked."""
 PLACEHOLDERS = {
@@ -40,12 +44,21 @@ def page_id(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
-    """Line and text of the fenced blocks in a language; those marked `notest` are left out."""
+def blocks(page: Path, *languages: str) -> Iterator[tuple[int, str, str]]:
+    """Line, mark and text of the fenced blocks in some languages; the mark is "" for most."""
     text = page.read_text(encoding="utf-8")
     for found in re.finditer(r"^```(\S+)[ ]*(\S*)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-        if found[1] == language and found[2] != "notest":
-            yield text[: found.start()].count("\n") + 1, found[3]
+        if found[1] in languages:
+            yield text[: found.start()].count("\n") + 1, found[2], found[3]
+
+
+def plain(page: Path) -> str:
+    """The Python of a page that is to be run as it is, with its line numbers."""
+    text = ""
+    for line, mark, block in blocks(page, "python"):
+        if not mark:
+            text += "\n" * (line - text.count("\n")) + block
+    return text
 
 
 def prose(page: Path) -> str:
@@ -61,26 +74,75 @@ def code_spans(page: Path) -> list[str]:
 # Code ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if list(blocks(p, "python"))], ids=page_id)
+@pytest.mark.parametrize("page", [p for p in PAGES if p != EXTENDING and plain(p)], ids=page_id)
 def test_the_python_of_a_page_runs_from_top_to_bottom(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    # What a page adds is gone after it.
-    for table in ("IK_SOLVERS", "CONTROLLERS"):
-        monkeypatch.setattr(stack, table, dict(getattr(stack, table)))
     module = ModuleType("page")
     monkeypatch.setitem(sys.modules, "page", module)  # where dataclasses look their module up
-    vars(module)["__file__"] = str(tmp_path / "page.py")
-    for line, text in blocks(page, "python"):
-        code = compile("\n" * line + text, str(page), "exec")
-        exec(code, vars(module))
+    exec(compile(plain(page), str(page), "exec"), vars(module))
+
+
+def test_what_the_page_on_extending_adds_works(tmp_path: Path) -> None:
+    """Its files and lines are added to a copy of the package; then the rest of the page runs."""
+    package = tmp_path / "robo47_qp"
+    shutil.copytree(ROOT / "robo47_qp", package, ignore=shutil.ignore_patterns("__pycache__"))
+    for _, mark, text in blocks(EXTENDING, "python", "xml"):
+        kind, _, where = mark.partition("=")
+        file, _, name = where.partition(":")
+        path = tmp_path / file
+        match kind:
+            case "file":
+                assert not path.exists()
+                path.write_text(text, encoding="utf-8")
+            case "import":
+                source = path.read_text(encoding="utf-8")
+                path.write_text(inserted(source, None, text), encoding="utf-8")
+            case "line":
+                source = path.read_text(encoding="utf-8")
+                path.write_text(inserted(source, name, text), encoding="utf-8")
+            case _:
+                assert mark in ("", "notest")
+    ran = subprocess.run(
+        [sys.executable, "-c", "import sys; exec(compile(sys.stdin.read(), 'extending', 'exec'))"],
+        input=plain(EXTENDING),
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+def inserted(source: str, name: str | None, text: str) -> str:
+    """A module with lines put into a dictionary, a class or a function's dictionary; or on top."""
+    lines = source.splitlines(keepends=True)
+    body = ast.parse(source).body
+    if name is None:
+        after = body[0].end_lineno or 0
+    else:
+        (node,) = [node for node in body if ast.unparse(target(node)) == name]
+        if isinstance(node, ast.ClassDef):
+            after = node.body[0].end_lineno or 0
+        else:
+            after = next(one for one in ast.walk(node) if isinstance(one, ast.Dict)).lineno
+    return "".join([*lines[:after], text, *lines[after:]])
+
+
+def target(node: ast.stmt) -> ast.AST:
+    """What a statement of a module defines, as a name."""
+    if isinstance(node, ast.ClassDef | ast.FunctionDef):
+        return ast.Name(node.name)
+    return node.target if isinstance(node, ast.AnnAssign) else node
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_code_that_is_not_run_can_be_parsed(page: Path) -> None:
-    for text in re.findall(r"^```python notest\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
-        ast.parse(text)
+    for _, mark, text in blocks(page, "python"):
+        if mark == "notest":
+            ast.parse(text)
 
 
 # Commands --------------------------------------------------------------------------------------
@@ -91,7 +153,7 @@ def commands() -> list[str]:
     found: dict[str, None] = {}
     for page in PAGES:
         lines = [*code_spans(page)]
-        for _, text in blocks(page, "console"):
+        for _, _, text in blocks(page, "console"):
             joined = text.replace("\\\n", " ")
             lines += [line.removeprefix("$ ") for line in joined.splitlines()]
         for line in lines:
@@ -138,12 +200,13 @@ def test_a_command_and_its_options_exist(
             code = left.code
         assert code == 0
         return
+    monkeypatch.setattr(sys, "argv", words[1:])
     with pytest.raises(ParsedError):
-        if words[0] == "robo47":
-            __main__.main(words[1:])
-        else:
-            monkeypatch.setattr(sys, "argv", words[1:])
-            runpy.run_path(words[1], run_name="__main__")
+        __main__.main(words[1:]) if words[0] == "robo47" else run_script(words[1])
+
+
+def run_script(path: str) -> None:
+    runpy.run_path(path, run_name="__main__")
 
 
 def test_there_are_commands_to_check() -> None:
@@ -157,7 +220,7 @@ def test_targets_of_make_exist() -> None:
     named |= {
         name
         for page in PAGES
-        for _, text in blocks(page, "console")
+        for _, _, text in blocks(page, "console")
         for name in re.findall(r"\$ make ([a-z-]+)", text)
     }
     assert named >= {"reproduce", "test"}
@@ -188,16 +251,15 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
 def test_files_that_a_page_names_exist(page: Path) -> None:
     path = re.compile(r"(?<![\w/.])((?:robo47_qp|tasks|scenarios|tests|docs)/[\w/.-]*)")
     text = page.read_text(encoding="utf-8")
-    for name in path.findall(re.sub(r"[\w/.-]*<\w+>[\w/.-]*", "", text)):
+    added = re.findall(r"^```\w+ file=(\S+)", text, re.MULTILINE)
+    for name in set(path.findall(re.sub(r"[\w/.-]*<\w+>[\w/.-]*", "", text))) - {*added}:
         assert (ROOT / name.rstrip(".")).exists(), f"{page.name} names {name}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_modules_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`(robo47_qp(?:\.\w+)+)`", prose(page)):
-        parts = name.split(".")
-        module = name if find_spec(".".join(parts[:-1])) and find_spec(name) else None
-        assert module or find_spec(".".join(parts[:-1])), f"{page.name} names {name}"
+        pkgutil.resolve_name(name)
 
 
 def known_words() -> set[str]:
@@ -212,7 +274,7 @@ def known_words() -> set[str]:
 def test_names_in_capitals_are_names_of_the_code() -> None:
     known = known_words() | ELSEWHERE
     for page in PAGES:
-        defined = " ".join(text for _, text in blocks(page, "python"))
+        defined = " ".join(text for _, _, text in blocks(page, "python", "xml"))
         for span in code_spans(page):
             for word in re.findall(r"(?<![\w/.<-])[A-Z][a-z]+[A-Z0-9]\w*", span):
                 assert word in known or word in defined, f"{page.name} names {word}"
