@@ -1,4 +1,4 @@
-"""What can go wrong, one class per kind of failure.
+"""Exceptions of the package, one class per kind of failure.
 
 Every message says what was asked, what was found and what would work.
 """
@@ -40,7 +40,7 @@ class ModelError(Robo47Error):
 
 
 class MenagerieError(ModelError):
-    """A model of MuJoCo Menagerie that cannot be had.
+    """A model of MuJoCo Menagerie that cannot be loaded.
 
     Attributes:
         model: Directory and file that were asked for.

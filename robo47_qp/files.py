@@ -1,4 +1,4 @@
-"""JSON files: figures that one program leaves for another."""
+"""Files that are written and read: text, JSON, and the checks before."""
 
 import json
 import shutil
@@ -13,7 +13,7 @@ if sys.platform != "win32":
 
 
 def check_writable(path: Path) -> None:
-    """Make sure that a file can be written, before anything moves.
+    """Check that a file can be written, before anything moves.
 
     Raises:
         RecordingError: It cannot.
@@ -45,7 +45,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def free_space(path: Path) -> float:
-    """Bytes by which a file can still grow, as far as that can be told."""
+    """Return the bytes by which a file can still grow; infinite where that is not known."""
     try:
         left = float(shutil.disk_usage(path.parent).free)
         if sys.platform != "win32":

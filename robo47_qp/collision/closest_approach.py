@@ -69,7 +69,7 @@ class ClosestApproach:
     def along(self, q: Matrix) -> Nearest:
         """The least distance over all rows; what is hidden between looks is below `RESOLUTION`.
 
-        A pair of geoms comes closer by no more than its levers times the ways of the joints.
+        A pair of geoms comes closer by no more than its bounds times the joint displacements.
         So a pair that is known to be d apart is not looked at again before it may be
         closer than the least distance found so far, less what may be hidden.
 

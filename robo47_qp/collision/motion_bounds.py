@@ -1,4 +1,4 @@
-"""How far a joint can move a pair of geoms towards each other, at most."""
+"""Bounds on how fast joints change the distances of geoms, and the exact rates."""
 
 import mujoco
 import numpy as np
@@ -10,10 +10,10 @@ from robo47_qp.arrays import Matrix, Vector
 def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
     """Bounds L (pairs, n) with |d(q') - d(q)| <= L |q' - q| for the distance d of each pair.
 
-    A joint that moves one geom of a pair alone changes their distance no faster than its lever,
-    the distance from the joint to the far side of a geom. Seen from the nearest points, which
-    lie on one line along the normal, either geom may be taken, so the shorter lever counts.
-    Distances along the links bound it in every configuration. Sliding joints have the lever 1.
+    A joint that moves only one geom of a pair changes their distance no faster than its lever
+    arm, the distance from the joint to the far side of a geom. Seen from the nearest points,
+    which lie on one line along the normal, either geom may be taken, so the shorter one counts.
+    Distances along the links bound it in every configuration. Sliding joints have the bound 1.
     """
     moves = moved_by(m)
     links, far = _links(m), _far_sides(m)
@@ -64,7 +64,7 @@ def _links(m: mujoco.MjModel) -> Matrix:
 
 
 class ClosingJacobian:
-    """Rates of the pairs of one model, from the joint axes of its state."""
+    """How fast each joint closes the pairs of one model, from the joint axes of its state."""
 
     def __init__(
         self, m: mujoco.MjModel, data: mujoco.MjData, pairs: tuple[tuple[int, int], ...]

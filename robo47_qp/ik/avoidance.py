@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Range, Vector
 from robo47_qp.collision.clearance import Clearance
+from robo47_qp.collision.motion_bounds import moved_by
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.arm import Arm
 
 _TOUCH = 1e-7
 """Points closer than this give no direction [m]."""
@@ -77,7 +77,7 @@ class Avoidance:
         self._clearance, self._d_min, self._detection = clearance, d_min, detection
         self._recovery, self._max_rows = recovery, max_rows
         m = clearance.arm.model
-        moves = _moves(clearance.arm)
+        moves = moved_by(m)
         ends = m.geom_bodyid[np.array(clearance.pairs.kept)]
         self._sign = moves[ends[:, 1]] - moves[ends[:, 0]]
         self._slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
@@ -119,17 +119,6 @@ class Avoidance:
         change = [of(pair, q + step) - of(pair, q - step) for step in steps]
         closing: Vector = np.array(change) / (-2 * _H)
         return closing
-
-
-def _moves(arm: Arm) -> Matrix:
-    """1 where a joint moves a body, else 0 (bodies, n)."""
-    m = arm.model
-    moves = np.zeros((m.nbody, arm.n))
-    for body in range(1, m.nbody):
-        moves[body] = moves[m.body_parentid[body]]
-        first = m.body_jntadr[body]
-        moves[body, first : first + m.body_jntnum[body]] = 1.0
-    return moves
 
 
 def _cross(a: Matrix, b: Matrix) -> Matrix:

@@ -1,4 +1,4 @@
-"""Why a pose was not reached by any start: what stands in the way, found by taking it away."""
+"""Why no start reached a pose, found by dropping one constraint at a time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,12 +34,12 @@ def diagnosed(
     starts: Sequence[Vector],
     tolerance: Tolerance,
 ) -> IkResult:
-    """The best result of a search that failed, with the reason found by dropping demands.
+    """Return the best result of a failed search, with the reason found by dropping constraints.
 
     Without the joint limits the pose is reached: they are the reason, and the joints that
     would have to leave them are named. Without the orientation the position is not reached:
     it is out of reach by the distance left. Else the search did not converge, or nothing
-    reaches the position with this orientation: what remains is told.
+    reaches the position with this orientation: the remaining error is reported.
 
     Args:
         arm: The arm.
@@ -75,7 +75,7 @@ def diagnosed(
             bound=ReachEvidence.SEARCH,
             explanation=(
                 f"the tool comes no closer than {left:.4f} m to the position, "
-                "its orientation left aside"
+                "without regard to its orientation"
             ),
         )
     return replace(
@@ -87,7 +87,7 @@ def diagnosed(
 def _without_limits(
     arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
 ) -> Vector | None:
-    """A configuration that reaches the pose, as little outside the limits as was found."""
+    """Return the configuration found that reaches the pose and violates the limits least."""
     free = LmIk(within_limits=False, max_iterations=_STEPS, stall=Stall(), tolerance=tolerance)
     best, least = None, np.inf
     for q_start in starts:
@@ -101,7 +101,7 @@ def _without_limits(
 
 
 def _unwound(arm: Arm, q: Vector) -> Vector:
-    """The same pose with each hinge a whole number of turns closer to its range."""
+    """Return the same pose with each hinge turned by whole turns to be closest to its range."""
     middle = 0.5 * (arm.q_min + arm.q_max)
     turns = np.round((q - middle) / (2.0 * np.pi)) * arm.hinges
     unwound: Vector = q - 2.0 * np.pi * turns
@@ -111,7 +111,7 @@ def _unwound(arm: Arm, q: Vector) -> Vector:
 def _left_without_orientation(
     arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
 ) -> float:
-    """The distance that remains at best within the joint limits [m]."""
+    """Return the least position error found within the joint limits [m]."""
     # The error need not vanish: only where it hardly falls at all is the least one found.
     stall = Stall(fall=1e-3)
     loose = LmIk(

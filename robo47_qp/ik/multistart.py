@@ -1,4 +1,4 @@
-"""Restarts around any IK solver."""
+"""Restarts of any IK solver from other configurations."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from robo47_qp.model.arm import Arm
 
 @dataclass(frozen=True, kw_only=True)
 class Preference(Checked):
-    """Weights of what makes an answer good; each quality runs from 0 to 1."""
+    """Weights of the qualities of an answer; each quality runs from 0 to 1."""
 
     seed: NotNegative = 1.0
     """Being close to the seed: one minus the root mean square of the joints' ways, each as a
@@ -44,7 +44,7 @@ class Preference(Checked):
         return f"preference for {field}"
 
     def ranked(self, arm: Arm, answers: Sequence[IkResult], q_seed: Vector) -> tuple[IkResult, ...]:
-        """The answers, best first; equal ones in the order given."""
+        """Return the answers, best first; equal ones in the order given."""
         if len(answers) < 2:
             return tuple(answers)
         span = arm.q_max - arm.q_min
@@ -153,7 +153,7 @@ class MultiStart(Checked):
         )
 
     def _search(self, arm: Arm, T_world_target: SE3, q_seed: Vector, tally: "_Tally") -> None:
-        """Take starts until there are answers enough, or nothing left to hope for."""
+        """Search from one start after another until there are enough answers, or none can come."""
         attempt = attempts_of(self.solver, arm, T_world_target)
         for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
             tally.starts += 1
@@ -185,7 +185,7 @@ class MultiStart(Checked):
 
 
 class _Tally:
-    """What the starts have come to so far."""
+    """Results of the starts so far."""
 
     def __init__(self, answers: int, apart: float) -> None:
         self._answers, self._apart = answers, apart

@@ -1,4 +1,4 @@
-"""Seeds for IK: configurations of one arm with the tool poses they give."""
+"""Seeds for IK: configurations of one arm with their tool poses."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -52,7 +52,7 @@ class SeedLibrary:
 
 
 def feature_of(pose: SE3) -> NDArray[np.float32]:
-    """What poses are compared by (12,): position and weighted rotation matrix."""
+    """Return what poses are compared by (12,): position and weighted rotation matrix."""
     feature, numbers = np.empty(12), pose.wxyz_xyz
     feature[:3] = numbers[4:]
     mujoco.mju_quat2Mat(feature[3:], numbers[:4])

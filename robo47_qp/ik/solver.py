@@ -1,4 +1,4 @@
-"""What every IK solver is: the protocol, its result, and the one judge of both."""
+"""The protocol of IK solvers, their result, and how it is judged by forward kinematics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_t
 from robo47_qp.model.arm import Arm
 
 _FAR = 1e9
-"""Beyond this distance squares lose their meaning, and a target is none [m]."""
+"""Targets further away than this are refused: squares lose their precision [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,21 +41,21 @@ class Reason(Enum):
 
 
 _TOOL = 1.0
-"""No point of a tool is further from the tool frame [m]."""
+"""Largest distance of a point of the tool from the tool frame [m]."""
 
 
 class ReachEvidence(Enum):
-    """What says that a target is out of reach."""
+    """How it is known that a target is out of reach."""
 
     STRETCHED = "the length of the stretched arm"
     """No configuration reaches that far, whatever the joint limits."""
     SEARCH = "the closest position found"
-    """The tool came no closer in any search, its orientation left aside."""
+    """The tool came no closer in any search, without regard to its orientation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IkResult:
-    """Where a solver ended, as judged by forward kinematics."""
+    """The configuration a solver ended at, judged by forward kinematics."""
 
     q: Vector
     """Configuration (n,) [rad]; the best one found where the target was not reached."""
@@ -78,17 +78,17 @@ class IkResult:
     beyond_reach: float = 0.0
     """How far the target is out of reach [m]; 0 for any other reason."""
     bound: ReachEvidence | None = None
-    """What says so; None for any other reason."""
+    """How that is known; None for any other reason."""
     joints: tuple[str, ...] = ()
     """Joints that are outside their limits, or would have to be; empty for any other reason."""
     clearance: float | None = None
     """Smallest distance of the arm from itself and its obstacles, negative where they overlap
-    [m]; None where it was not asked for, or the target not reached."""
+    [m]; None where it was not requested, or the target was not reached."""
     pair: tuple[str, str] | None = None
-    """What is that close: bodies of the robot, names of obstacles; None with `clearance`."""
+    """The two that are that close, bodies of the robot or obstacles; None with `clearance`."""
     inevitable: bool = False
-    """True where no other configuration can help: the tool itself is too close to something
-    that stands still, at the very pose that is asked for."""
+    """True where no other configuration can help: at the target pose the tool itself is too
+    close to something that stands still."""
 
     @property
     def converged(self) -> bool:
@@ -101,7 +101,7 @@ class IkResult:
         return self.position_error + self.orientation_error
 
     def with_effort(self, *, iterations: int, restarts: int, seconds: float) -> "IkResult":
-        """The same end, with the effort of a whole search."""
+        """Return the same result with the effort of a whole search."""
         result = object.__new__(IkResult)
         # As `dataclasses.replace`, but for setting each field anew: a tenth of the time.
         result.__dict__.update(
@@ -134,10 +134,10 @@ class IkSolver(Protocol):
 
 @runtime_checkable
 class EarlyStopping(Protocol):
-    """A solver that gives up early, and can be asked not to."""
+    """A solver that stops early, with a variant that searches longer."""
 
     def thorough(self) -> IkSolver:
-        """The same search, given up late."""
+        """Return the variant that searches longer."""
         ...
 
 
@@ -150,7 +150,7 @@ def judged(
     started: float | None = None,
     asked: float | None = None,
 ) -> IkResult:
-    """Result for a solver that stopped at q, whatever the solver itself thinks of it.
+    """Return the result of a solver that stopped at q, whatever the solver itself reports.
 
     Args:
         arm: The arm.
@@ -204,7 +204,7 @@ def judged(
 
 
 def rejected(arm: Arm, q_seed: Vector) -> IkResult:
-    """Result for a target that is no pose: NaN, infinite, or without a unit quaternion."""
+    """Return the result for a target that is not a pose: NaN, infinite, no unit quaternion."""
     return IkResult(
         q=q_seed.copy(),
         reason=Reason.INVALID_TARGET,
@@ -228,7 +228,7 @@ def is_pose(T_world_target: object) -> bool:
 
 
 def residual(position_error: float, orientation_error: float, iterations: int) -> str:
-    """What remains of a pose error, in words."""
+    """Return the remaining pose error in words."""
     return (
         f"{1e3 * position_error:.3g} mm and {degrees(orientation_error):.3g}° remain "
         f"after {iterations} iterations"
@@ -236,13 +236,13 @@ def residual(position_error: float, orientation_error: float, iterations: int) -
 
 
 def joints_outside(arm: Arm, q: Vector) -> tuple[str, ...]:
-    """Names of the joints that are outside their limits at q."""
+    """Return the names of the joints outside their limits at q."""
     outside = (q < arm.q_min) | (q > arm.q_max)
     return tuple(arm.robot.joints[i] for i in np.flatnonzero(outside))
 
 
 def outside_limits(arm: Arm, q: Vector) -> str:
-    """Each joint outside its limits at q, in words."""
+    """Return each joint outside its limits at q, in words."""
     beyond = np.maximum(arm.q_min - q, q - arm.q_max)
     return ", ".join(
         f"{arm.robot.joints[i]} is {beyond[i]:.3f} {arm.robot.units[i]} outside "
@@ -252,7 +252,7 @@ def outside_limits(arm: Arm, q: Vector) -> str:
 
 
 class Unconverged(NamedTuple):
-    """Where a search ended that came nowhere near a target within reach; not judged."""
+    """The end of a search that did not converge to a target within reach; not judged."""
 
     q: Vector
     """Configuration (n,) [rad]."""
@@ -270,7 +270,7 @@ its `solve` does from each start, but a failure need not be judged."""
 
 
 def attempts_of(solver: IkSolver, arm: Arm, T_world_target: SE3) -> Attempt:
-    """What a solver does from each start: its `attempts`, or `solve` where it has none."""
+    """Return what a solver does from each start: its `attempts`, or else its `solve`."""
     attempts: MakeAttempts | None = getattr(solver, "attempts", None)
     if attempts is None:
         return partial(solver.solve, arm, T_world_target)

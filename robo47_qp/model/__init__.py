@@ -1,1 +1,1 @@
-"""What the controller believes: the robot, its arm, what it holds and what stands around it."""
+"""The controller's model: robot, arm, payload and obstacles."""

@@ -1,4 +1,4 @@
-"""Arm: what the controller believes of the robot, as a model of exactly n joints."""
+"""Arm: the controller's model of the robot, with exactly n joints."""
 
 from collections.abc import Callable, Hashable, Sequence
 from itertools import pairwise
@@ -104,7 +104,7 @@ class Arm:
         self._base, self._reach = self._shoulder_and_reach()
 
     def with_payload(self, payload: Payload | None) -> "Arm":
-        """The same arm among the same obstacles, with another belief about what it holds."""
+        """Return the same arm among the same obstacles with another payload."""
         return Arm(self.robot, payload, self.obstacles)
 
     def derived(self, build: Callable[["Arm", *_Args], _T], *args: *_Args) -> _T:
@@ -125,7 +125,7 @@ class Arm:
         return made
 
     def pose(self, q: Vector) -> SE3:
-        """T_world_tcp at q."""
+        """Return T_world_tcp at q."""
         self._at(q)
         pose = np.empty(7)
         mujoco.mju_mat2Quat(pose[:4], self._flat_rotation)

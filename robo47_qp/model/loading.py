@@ -22,7 +22,7 @@ from robo47_qp.model.robot import MotionProfile, Robot, ToolFrame
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ratings:
-    """What is known of a robot beside its file; None where `robot_defaults` shall tell."""
+    """Known ratings of a robot; None takes the default of `ratings`."""
 
     rated: MotionProfile | None = None
     """See `Robot.rated`."""
@@ -133,7 +133,7 @@ def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robo
     return replace(
         draft,
         rated=rated,
-        profile=known.profile or defaults.gentle(rated),
+        profile=known.profile or defaults.default_profile(rated),
         tau_max=tau_max,
         tau_rate_max=defaults.torque_rates(tau_max) if rates is None else rates,
         stiffness=defaults.stiffness(arm, tau_max, TIMESTEP) if stiffness is None else stiffness,

@@ -174,7 +174,7 @@ def test_what_is_out_of_reach_is_so_by_the_least_distance(
         assert result.beyond_reach == pytest.approx(least, abs=3e-3)
         assert result.explanation == (
             f"the tool comes no closer than {result.beyond_reach:.4f} m to the position, "
-            "its orientation left aside"
+            "without regard to its orientation"
         )
         assert result.joints == ()
 

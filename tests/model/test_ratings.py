@@ -49,7 +49,7 @@ def test_a_gentle_profile_keeps_the_speed_and_never_exceeds_what_is_rated() -> N
     rated = MotionProfile(
         v_max=np.array([1.0, 2.0]), a_max=np.array([0.5, 100.0]), j_max=np.array([0.1, 1e4])
     )
-    gentle = defaults.gentle(rated)
+    gentle = defaults.default_profile(rated)
     assert gentle.v_max.tolist() == [1.0, 2.0]
     assert gentle.a_max.tolist() == [0.5, 4.0]
     assert gentle.j_max.tolist() == [0.1, 16.0]

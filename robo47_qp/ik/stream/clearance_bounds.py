@@ -48,18 +48,19 @@ class VelocityRows(NamedTuple):
 class ClearanceBounds:
     """Memory of how far apart the pairs of one arm are, and the speeds that this allows.
 
-    A pair with the room d left, that closes at a rate A v and can brake at
-    β Σ_j |A_j| a_max,j, may close at the speed after which it still can stop (`fastest`).
+    A pair with the room d left, that closes at a rate A v and can brake at β Σ_j |A_j| a_max,j,
+    may close at the speed after which it can still stop (`max_stoppable_speed`).
 
-    Measuring all pairs at every tick would take milliseconds. By `levers` L, a pair comes
-    no closer than L |q' - q| between two configurations, and no joint's braking way
-    v² / (2 β a_max) brings it closer than L times that. A pair beyond that needs no row and no
-    look. For a pair once seen close by, its row A says more: it is taken to be right to within a
-    fifth of L, until the joints have travelled 0.4 rad together. A point that they carry leaves
-    its tangent by no more than L |δ| |δ|₁ / 2, so a distance along a fixed normal does not fall
-    faster than that; what this leaves out is that normals jump at edges of boxes. Pairs with
-    little room are looked at in every tick, the most urgent first, up to a number that bounds
-    the time of a tick; those left over keep their last row and what is known of their distance.
+    Measuring all pairs at every tick would take milliseconds. With the bounds L of
+    `approach_speed_bounds`, a pair comes no closer than L |q' - q| between two configurations,
+    and no joint's braking distance v² / (2 β a_max) brings it closer than L times that. A pair
+    further apart needs no row and no measurement. For a pair once measured close by, its row A
+    says more: it is taken to be right to within a fifth of L, until the joints have moved 0.4 rad
+    together. A point that they carry leaves its tangent by no more than L |δ| |δ|₁ / 2, so a
+    distance along a fixed normal does not fall faster than that; what this leaves out is that
+    normals jump at edges of boxes. Pairs with little room are measured at every tick, the most
+    urgent first, up to a number that bounds the time of a tick; the others keep their last row
+    and the bound on their distance.
     """
 
     def __init__(
@@ -152,7 +153,7 @@ class ClearanceBounds:
         np.divide(speed, self._twice_a, out=way)
         way += dt
         way *= speed
-        # Where a pair's row is known, the levers are what it may be wrong by.
+        # Where a pair's row is known, these bounds are on its error.
         np.dot(per_joint, self._unsure, out=self._sums)
         np.dot(signed, self._A.T, out=self._known)
         np.maximum(self._known, self._zero, out=self._known)

@@ -1,4 +1,4 @@
-"""Settings of differential inverse kinematics at a fixed rate."""
+"""Settings of differential inverse kinematics at a fixed rate, and what a tick returns."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -59,7 +59,7 @@ class StreamSettings(Checked):
 
 
 class Event(Enum):
-    """What a tick had to put up with."""
+    """Conditions that a tick reports."""
 
     TARGET_REFUSED = "the target is no finite pose: the arm brakes"
     TARGET_JUMPED = "the target moved farther than the tool can: its velocity is not followed"
@@ -88,4 +88,4 @@ class StreamTick:
     rows: int
     """Pairs of geoms that bounded the velocity."""
     events: tuple[Event, ...]
-    """What this tick had to put up with, in the order of `Event`."""
+    """Conditions of this tick, in the order of `Event`."""

@@ -1,4 +1,4 @@
-"""Differential inverse kinematics at a fixed rate: a command for every tick, whatever is asked."""
+"""Differential inverse kinematics at a fixed rate: a command for every tick and any target."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class StreamIk(StreamSettings):
 
 
 class StreamSolver:
-    """The commanded state of one arm and what moves it on. Same targets, same commands."""
+    """The commanded state of one arm, advanced tick by tick. Same targets, same commands."""
 
     def __init__(self, settings: StreamIk, arm: Arm) -> None:
         """See `StreamIk.build`."""
@@ -76,7 +76,7 @@ class StreamSolver:
 
     @property
     def counts(self) -> dict[Event, int]:
-        """How many ticks had to put up with what, since the last reset."""
+        """Number of ticks with each condition since the last reset."""
         return {event: self._counts[event] for event in Event}
 
     @property

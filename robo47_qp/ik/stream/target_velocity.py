@@ -1,4 +1,4 @@
-"""How fast to go to a target that moves, jumps or cannot be reached."""
+"""The joint velocity towards a target that moves, jumps or cannot be reached."""
 
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
@@ -182,7 +182,7 @@ _HOMING_SPEED = 0.1
 
 
 class VelocityObjective(NamedTuple):
-    """What a target asks for."""
+    """The joint velocity that a target asks for, and the weight of deviations from it."""
 
     H: Matrix
     """Weight of a deviation from v_ref (n, n)."""
@@ -193,7 +193,7 @@ class VelocityObjective(NamedTuple):
     orientation_error: float
     """Angle between them now [rad]."""
     events: tuple[Event, ...]
-    """What was wrong with the target."""
+    """Conditions of the target."""
 
 
 class TargetVelocity:
@@ -232,7 +232,7 @@ class TargetVelocity:
         return self._tool.data
 
     def objective(self, T_world_target: SE3 | None, q: Vector) -> VelocityObjective:
-        """What a target asks of the arm at q; to come to rest, where there is none."""
+        """Return the objective for a target with the arm at q; without a target, rest."""
         tool, units, settings = self._tool, self._units, self._settings
         if T_world_target is None:
             self._target.reset()
