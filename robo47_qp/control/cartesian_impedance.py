@@ -4,22 +4,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.control.controller import add_dry_friction, check_not_negative, freeze_not_negative
+from robo47_qp.arrays import Checked, Matrix, NotNegative, Range, Size, Vector
+from robo47_qp.control.controller import add_dry_friction
 from robo47_qp.control.tool_space import ToolSpace, tool_space
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
+Gains: TypeAlias = Annotated[Vector, Size(6), Range(at_least=0.0)]
+"""One number per axis of the tool."""
 Wrench: TypeAlias = Callable[[ToolSpace, list[float], list[float]], list[float]]
 """The six forces on the tool from its errors; see `CartesianImpedance.wrench`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CartesianImpedance:
+class CartesianImpedance(Checked):
     """A spring and a damper between the tool and its reference, on top of the arm's dynamics.
 
     tau = M(q) a_ref + c(q, v_ref) + g(q) - tau_passive(v_ref)
@@ -43,31 +44,19 @@ class CartesianImpedance:
     and damper stay bounded there, since Jᵀ needs no inverse.
     """
 
-    stiffness: Vector = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
+    stiffness: Gains = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
     """K (6,), linear part first, along the axes of `frame` [N/m, N·m/rad]."""
-    damping_ratio: float = 1.0
+    damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped for the inertia along each axis [-]."""
     frame: Literal["world", "tool"] = "world"
     """Whose axes the stiffness has: the world's, or those of the tool at its reference."""
-    error_max: Vector = field(default_factory=lambda: np.array([0.1] * 3 + [0.5] * 3))
+    error_max: Gains = field(default_factory=lambda: np.array([0.1] * 3 + [0.5] * 3))
     """Largest error that a spring answers, per axis (6,); beyond, its force stays
     [m, twice the sine of half the angle]."""
-    posture_frequency: float = 8.0
+    posture_frequency: NotNegative = 8.0
     """ω: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
-    posture_damping: float = 16.0
+    posture_damping: NotNegative = 16.0
     """d: rate at which a motion in the null space decays [1/s]."""
-
-    def __post_init__(self) -> None:
-        """Check and freeze the gains.
-
-        Raises:
-            InvalidValueError: A gain is negative, not finite or of the wrong shape; the frame
-                is unknown.
-        """
-        freeze_not_negative(self, "stiffness", "error_max", size=6)
-        check_not_negative(self, "damping_ratio", "posture_frequency", "posture_damping")
-        if self.frame not in ("world", "tool"):
-            raise InvalidValueError("frame", repr(self.frame), "'world' or 'tool'")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""

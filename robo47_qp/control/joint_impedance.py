@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
-from robo47_qp.control.controller import add_dry_friction, check_not_negative
+from robo47_qp.arrays import Checked, NotNegative, Vector
+from robo47_qp.control.controller import add_dry_friction
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
 
@@ -25,7 +25,7 @@ class FeedForward(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointImpedance:
+class JointImpedance(Checked):
     """A spring and a damper in each joint, on top of the arm's own dynamics.
 
     tau = K (q_ref - q) + D (v_ref - v) + M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
@@ -36,20 +36,12 @@ class JointImpedance:
     and Control, 2009, sec. 8.5; Albu-Schäffer, Ott and Hirzinger, IJRR 26(1), 2007).
     """
 
-    stiffness_scale: float = 1.0
+    stiffness_scale: NotNegative = 1.0
     """Factor on the stiffness that the robot's description names [-]."""
-    damping_ratio: float = 1.0
+    damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped at home [-]."""
     feed_forward: FeedForward = FeedForward.FULL
     """Which of the arm's dynamics are added to spring and damper."""
-
-    def __post_init__(self) -> None:
-        """Check the gains.
-
-        Raises:
-            InvalidValueError: A gain is negative or not finite.
-        """
-        check_not_negative(self, "stiffness_scale", "damping_ratio")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""

@@ -1,16 +1,16 @@
 """Joint stops: a soft push away from the limits of the joints."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Checked, NotNegative, Range, Vector
 from robo47_qp.model.arm import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointStops:
+class JointStops(Checked):
     """A one-sided spring in front of each joint limit.
 
     tau = r tau_max (x / margin)², x = how far q is past the margin's inner edge towards a limit
@@ -21,21 +21,10 @@ class JointStops:
     costs nothing.
     """
 
-    margin: float = 0.03
+    margin: Annotated[float, Range(above=0.0, below=0.5)] = 0.03
     """Where the push begins, before each limit, as a fraction of the joint's range [-]."""
-    strength: float = 1.0
+    strength: NotNegative = 1.0
     """r: torque at the limit as a fraction of tau_max; 0 switches the stops off [-]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: The margin is not within (0, 0.5), or the strength negative.
-        """
-        if not 0.0 < self.margin < 0.5:
-            raise InvalidValueError("margin", self.margin, "above 0 and below 0.5")
-        if not (np.isfinite(self.strength) and self.strength >= 0.0):
-            raise InvalidValueError("strength", self.strength, "finite and not negative")
 
     def inside(self, arm: Arm) -> tuple[Vector, Vector]:
         """The range (n,), (n,) in which no joint is pushed [rad]."""

@@ -2,17 +2,18 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
-from robo47_qp.control.controller import add_dry_friction, check_not_negative
+from robo47_qp.arrays import Checked, NotNegative, Range, Vector
+from robo47_qp.control.controller import add_dry_friction
 from robo47_qp.control.tool_space import tool_space
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
 
 @dataclass(frozen=True, kw_only=True)
-class OperationalSpace:
+class OperationalSpace(Checked):
     """Inertia shaping: each axis of the tool behaves as a mass, a spring and a damper alone.
 
     tau = M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
@@ -27,25 +28,16 @@ class OperationalSpace:
     the posture.
     """
 
-    frequency: float = 25.0
+    frequency: NotNegative = 25.0
     """ω: natural frequency of the tool's translation and rotation [rad/s]."""
-    damping_ratio: float = 1.0
+    damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped [-]."""
-    error_max: tuple[float, float] = (0.1, 0.5)
+    error_max: Annotated[tuple[float, float], Range(at_least=0.0)] = (0.1, 0.5)
     """Largest error that is answered, per axis [m, twice the sine of half the angle]."""
-    posture_frequency: float = 8.0
+    posture_frequency: NotNegative = 8.0
     """ω_n: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
-    posture_damping: float = 16.0
+    posture_damping: NotNegative = 16.0
     """Rate at which a motion in the null space decays [1/s]."""
-
-    def __post_init__(self) -> None:
-        """Check the gains.
-
-        Raises:
-            InvalidValueError: A gain is negative or not finite.
-        """
-        check_not_negative(self, "frequency", "damping_ratio", "error_max")
-        check_not_negative(self, "posture_frequency", "posture_damping")
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""

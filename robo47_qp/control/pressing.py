@@ -3,13 +3,21 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import mul
+from typing import Annotated
 
 import numpy as np
 
-from robo47_qp.arrays import Vector, checked_vector, frozen_vector
+from robo47_qp.arrays import (
+    Checked,
+    NotNegative,
+    Positive,
+    Range,
+    Vector,
+    checked_vector,
+    frozen_vector,
+)
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
-from robo47_qp.control.controller import check_not_negative
 from robo47_qp.control.tool_space import ToolSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
@@ -21,7 +29,7 @@ _TOUCH = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pressing:
+class Pressing(Checked):
     """Hybrid control: a force along u, the tool's impedance along and about all else.
 
     f = P f_K(P e) + P D P J (v_ref - v) + u (F + t) (1 - u·ẋ / s),   P = I - u uᵀ
@@ -54,17 +62,17 @@ class Pressing:
     same, so let it stay level.
     """
 
-    force: float
+    force: Positive
     """F: what the tool presses with, above 0 [N]. For none, use a stiffness of 0."""
     axis: Vector = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     """Where to (3,), in the frame of the impedance; made a unit vector, u [-]."""
     impedance: CartesianImpedance = CartesianImpedance()
     """Of all other axes; what it says of u is not used."""
-    speed_max: float = 0.1
+    speed_max: Positive = 0.1
     """s: speed without contact [m/s]."""
-    trim_rate: float = 5.0
+    trim_rate: NotNegative = 5.0
     """γ: rate at which the trim takes an error of the force away, at most; 0 for none [1/s]."""
-    trim_max: float = 0.5
+    trim_max: Annotated[float, Range(at_least=0.0, below=1.0)] = 0.5
     """b: largest trim, as a part of the force, below 1 [-]."""
 
     def __post_init__(self) -> None:
@@ -73,13 +81,7 @@ class Pressing:
         Raises:
             InvalidValueError: A number is out of range, or the axis has no direction.
         """
-        for name in ("force", "speed_max"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise InvalidValueError(name, value, "finite and above 0")
-        check_not_negative(self, "trim_rate", "trim_max")
-        if self.trim_max >= 1.0:
-            raise InvalidValueError("trim_max", self.trim_max, "below 1")
+        super().__post_init__()
         axis = checked_vector("axis", self.axis, 3)
         length = float(np.linalg.norm(axis))
         if length < 1e-6:

@@ -1,12 +1,12 @@
 """Compliance: how the tool gives way in contact, and the change to it and back without a bump."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from robo47_qp.arrays import Vector, frozen_vector
-from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.arrays import Checked, NotNegative, Size, Vector
+from robo47_qp.control.cartesian_impedance import CartesianImpedance, Gains
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.pressing import Pressing
 from robo47_qp.errors import InvalidValueError
@@ -18,20 +18,20 @@ _AT_REST = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Compliance:
+class Compliance(Checked):
     """How the tool gives way while it is in contact, and how hard it presses."""
 
-    stiffness: Vector = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
+    stiffness: Gains = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
     """Per axis of the frame (6,), linear part first [N/m, N·m/rad]."""
     frame: Literal["world", "tool"] = "world"
     """Frame whose axes the stiffness has."""
-    axis: Vector | None = None
+    axis: Annotated[Vector, Size(3)] | None = None
     """Direction to press in, a unit vector in the world (3,); None does not press. With the frame
     "tool" it turns with the tool from the start of the step on. Motion of the reference along it
     is ignored, so the waypoints should lie in a plane normal to it."""
-    force: float = 0.0
+    force: NotNegative = 0.0
     """Force to press with along the axis, whatever the surface does [N]."""
-    speed: float = 0.1
+    speed: NotNegative = 0.1
     """Largest speed along the axis while nothing is touched [m/s]."""
 
     def __post_init__(self) -> None:
@@ -40,20 +40,10 @@ class Compliance:
         Raises:
             InvalidValueError: A number is negative, not finite or of the wrong shape.
         """
-        stiffness = frozen_vector("stiffness", self.stiffness, 6)
-        if (stiffness < 0.0).any():
-            raise InvalidValueError("stiffness", stiffness.tolist(), "six numbers, none negative")
-        object.__setattr__(self, "stiffness", stiffness)
-        if self.axis is not None:
-            axis = frozen_vector("axis", self.axis, 3)
-            if abs(np.linalg.norm(axis) - 1.0) > 1e-6:
-                raise InvalidValueError("axis", axis.tolist(), "of length 1")
-            object.__setattr__(self, "axis", axis)
-        if self.frame not in ("world", "tool"):
-            raise InvalidValueError("frame", repr(self.frame), "'world' or 'tool'")
-        for name in ("force", "speed"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise InvalidValueError(name, getattr(self, name), "finite and not negative")
+        super().__post_init__()
+        axis = self.axis
+        if axis is not None and abs(np.linalg.norm(axis) - 1.0) > 1e-6:
+            raise InvalidValueError("axis", axis.tolist(), "of length 1")
         if (self.axis is None) != (self.force == 0.0):
             raise InvalidValueError(
                 "force", f"{self.force} N with axis {self.axis}", "above 0 with an axis, or neither"

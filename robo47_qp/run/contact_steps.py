@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from robo47_qp.arrays import Checked, NotNegative, Positive, Range
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
@@ -21,14 +22,14 @@ _TICK_ROWS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guarded(Step):
+class Guarded(Checked, Step):
     """Move on a straight line until something is touched, and stop there."""
 
     waypoint: Waypoint
     """Where the line ends; the tool moves at its pace, or slower: see `speed`."""
-    force: float
+    force: Positive
     """Change of the contact force on the tool that counts as touching [N]."""
-    speed: float = 0.02
+    speed: Positive = 0.02
     """Largest speed of the tool [m/s]."""
     missing: Cause | None = Cause.TIMEOUT
     """Why the run failed if nothing was touched up to the end; None where that is fine."""
@@ -41,9 +42,7 @@ class Guarded(Step):
         """
         if not self.waypoint.motion.type.straight:
             raise InvalidValueError("guarded motion", self.waypoint.motion.name, "LIN")
-        for name in ("force", "speed"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise InvalidValueError(name, getattr(self, name), "positive and finite")
+        super().__post_init__()
 
     @property
     def name(self) -> str:
@@ -76,7 +75,7 @@ class Guarded(Step):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comply(Step):
+class Comply(Checked, Step):
     """Move the tool along waypoints on springs, pressing where that is asked for.
 
     The tool starts from where it is and may end elsewhere than at its last waypoint.
@@ -87,9 +86,9 @@ class Comply(Step):
     compliance: Compliance
     carried: Payload | None = None
     """What the tool holds from now on; None keeps the payload that was set before."""
-    speed: float = inf
+    speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
     """Largest speed along the waypoints, beside their own pace [m/s]."""
-    seconds: float = 0.0
+    seconds: NotNegative = 0.0
     """How long to stay at the last waypoint, at most [s]."""
     until: Condition | None = None
     """What ends the step at once; it fails with the condition's cause if that does not hold at
@@ -117,10 +116,7 @@ class Comply(Step):
         ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
         if ptp:
             raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
-        if not self.speed > 0.0:
-            raise InvalidValueError("speed", self.speed, "positive")
-        if not (np.isfinite(self.seconds) and self.seconds >= 0.0):
-            raise InvalidValueError("seconds", self.seconds, "finite and not negative")
+        super().__post_init__()
         if not self.waypoints and self.seconds == 0.0:
             raise InvalidValueError(
                 self.name, "no waypoint and 0 s", "waypoints, or a time to stay"

@@ -1,35 +1,28 @@
 """Watch: what ends a run at once, wherever its program is."""
 
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Checked, Range
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.sim.simulation import Simulation
 
+Bound: TypeAlias = Annotated[float, Range(above=0.0, infinite=True)]
+
 
 @dataclass(frozen=True, kw_only=True)
-class Watchdog:
+class Watchdog(Checked):
     """Bounds that are looked at every few control periods. Going on beyond them helps nobody."""
 
-    joint_error_max: float = 0.2
+    joint_error_max: Bound = 0.2
     """How far a joint may be from its reference while the arm is stiff [rad or m]."""
-    links_force_max: float = 1.0
+    links_force_max: Bound = 1.0
     """Contact force on the links before the tool at most [N]."""
-    time_limit: float = 600.0
+    time_limit: Bound = 600.0
     """How long a run may take [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the bounds.
-
-        Raises:
-            InvalidValueError: One is not positive.
-        """
-        for name in ("joint_error_max", "links_force_max", "time_limit"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "positive")
 
     def seen(
         self,

@@ -3,12 +3,13 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JointState
@@ -21,69 +22,47 @@ from robo47_qp.sim.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Push:
+class Push(Checked):
     """A constant force on the tool point for a while."""
 
-    force: Vector
+    force: Annotated[Vector, Size(3)]
     """(3,), in the world [N]."""
-    start: float
+    start: NotNegative
     """When it begins [s]."""
-    duration: float = 0.2
+    duration: NotNegative = 0.2
     """How long it lasts [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: The force is not three finite numbers, or a time is negative.
-        """
-        object.__setattr__(self, "force", frozen_vector("force", self.force, 3))
-        for name in ("start", "duration"):
-            _check_finite(name, getattr(self, name))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disturbance:
+class Disturbance(Checked):
     """All that is wrong in one world; by default nothing."""
 
     payload: Payload | None = None
     """A body fixed to the tool that no one told the controller of."""
-    inertia_factor: float = 1.0
+    inertia_factor: Positive = 1.0
     """Mass and inertia of every link of the robot, relative to its model [-]."""
     pushes: Sequence[Push] = ()
-    delay: int = 0
+    delay: CountOrZero = 0
     """Control periods from a command to the motors."""
-    noise_q: float = 0.0
+    noise_q: NotNegative = 0.0
     """Standard deviation of the measured joint positions [rad]."""
-    noise_v: float = 0.0
+    noise_v: NotNegative = 0.0
     """Standard deviation of the measured joint velocities [rad/s]."""
-    noise_force: float = 0.0
+    noise_force: NotNegative = 0.0
     """Standard deviation of each component of the tool force that controllers feel [N]."""
-    object_mass_factor: float = 1.0
+    object_mass_factor: Positive = 1.0
     """Mass and inertia of what moves freely, relative to its model [-]."""
-    friction_factor: float = 1.0
+    friction_factor: Positive = 1.0
     """Friction of all contacts, relative to its model: sliding, turning and rolling [-]."""
-    pose_noise: float = 0.0
+    pose_noise: NotNegative = 0.0
     """Standard deviation of each coordinate of an object, in every frame of the camera [m]."""
-    heading_noise: float = 0.0
+    heading_noise: NotNegative = 0.0
     """Standard deviation of an object's turn about the vertical, in every frame [rad]."""
-    pose_bias: float = 0.0
+    pose_bias: NotNegative = 0.0
     """Standard deviation of an error of each coordinate that an object keeps in all frames [m]."""
-    camera_rate: float = 30.0
+    camera_rate: Positive = 30.0
     """Frames per second; where the camera errs, objects are seen as they were at the last one,
     else as they are [1/s]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: A number is negative or not finite, or a factor or rate is 0.
-        """
-        for name in (*_NOISES, *_POSITIVE, "delay"):
-            _check_finite(name, getattr(self, name))
-        for name in _POSITIVE:
-            if getattr(self, name) == 0.0:
-                raise InvalidValueError(name, 0.0, "above 0")
 
     @property
     def noisy(self) -> bool:
@@ -232,7 +211,6 @@ class DisturbedSimulation(Simulation):
 
 _PAYLOAD = "unknown_payload"
 _NOISES = ("noise_q", "noise_v", "noise_force", "pose_noise", "heading_noise", "pose_bias")
-_POSITIVE = ("inertia_factor", "object_mass_factor", "friction_factor", "camera_rate")
 
 
 def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) -> BuildScene:
@@ -242,8 +220,3 @@ def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) ->
             add_payload(spec, robot, payload, _PAYLOAD)
 
     return build
-
-
-def _check_finite(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0.0):
-        raise InvalidValueError(name, value, "finite and not negative")

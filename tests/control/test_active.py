@@ -217,7 +217,7 @@ def test_stops_keep_a_limp_arm_off_its_limits(robot: Robot, arm: Arm) -> None:
     [
         ({"margin": 0.0}, "margin must be above 0 and below 0.5"),
         ({"margin": 0.5}, "margin must be above 0 and below 0.5"),
-        ({"strength": -1.0}, "strength must be finite and not negative"),
+        ({"strength": -1.0}, "strength must be 0 or more and finite"),
     ],
 )
 def test_other_stops_are_refused(setting: dict[str, float], message: str) -> None:

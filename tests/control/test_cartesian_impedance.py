@@ -200,12 +200,12 @@ def test_without_error_the_arm_does_what_the_reference_does(
 @pytest.mark.parametrize(
     ("name", "bad", "message"),
     [
-        ("stiffness", np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0]), "none negative"),
+        ("stiffness", np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0]), "0 or more and finite"),
         ("stiffness", np.ones(3), "a vector of 6"),
         ("error_max", np.full(6, np.nan), "a vector of 6"),
-        ("damping_ratio", -0.1, "finite and not negative"),
-        ("posture_damping", np.inf, "finite and not negative"),
-        ("posture_frequency", np.nan, "finite and not negative"),
+        ("damping_ratio", -0.1, "0 or more and finite"),
+        ("posture_damping", np.inf, "0 or more and finite"),
+        ("posture_frequency", np.nan, "0 or more and finite"),
         ("frame", "base", "'world' or 'tool'"),
     ],
 )

@@ -83,7 +83,8 @@ def test_the_torque_is_finite_new_and_of_the_arms_size(kind: type, robot: Robot)
     taus = []
     for seed in range(3):
         tau = controller.torque(arm, *in_motion(arm, seed))
-        assert (tau.shape, tau.dtype) == ((arm.n,), np.float64)
+        assert tau.shape == (arm.n,)
+        assert tau.dtype == np.float64
         assert np.isfinite(tau).all()
         taus.append((tau, tau.copy()))
     for tau, before in taus:

@@ -199,5 +199,5 @@ def test_gains_may_be_zero_or_positive(scale: float, ratio: float) -> None:
 @pytest.mark.parametrize("name", ["stiffness_scale", "damping_ratio"])
 @pytest.mark.parametrize("bad", [-1e-9, -1.0, np.nan, np.inf])
 def test_another_gain_is_refused(name: str, bad: float) -> None:
-    with pytest.raises(InvalidValueError, match=rf"{name} must be finite and not negative; found"):
+    with pytest.raises(InvalidValueError, match=rf"{name} must be 0 or more and finite; found"):
         JointImpedance(**{name: bad})  # type: ignore[arg-type]

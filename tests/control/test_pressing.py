@@ -289,12 +289,12 @@ def test_when_the_table_goes_the_tool_follows_at_its_speed() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"force": 0.0}, "force must be finite and above 0"),
-        ({"force": np.nan}, "force must be finite and above 0"),
-        ({"speed_max": -0.1}, "speed_max must be finite and above 0"),
-        ({"trim_rate": -1.0}, "trim_rate must be finite and not negative"),
-        ({"trim_max": np.inf}, "trim_max must be finite and not negative"),
-        ({"trim_max": 1.0}, "trim_max must be below 1"),
+        ({"force": 0.0}, "force must be above 0 and finite"),
+        ({"force": np.nan}, "force must be above 0 and finite"),
+        ({"speed_max": -0.1}, "speed_max must be above 0 and finite"),
+        ({"trim_rate": -1.0}, "trim_rate must be 0 or more and finite"),
+        ({"trim_max": np.inf}, "trim_max must be at least 0 and below 1"),
+        ({"trim_max": 1.0}, "trim_max must be at least 0 and below 1"),
         ({"axis": np.zeros(3)}, "axis must be a vector with a direction"),
         ({"axis": np.ones(2)}, "axis must be a vector of 3"),
     ],

@@ -324,8 +324,8 @@ def test_what_does_not_come_about_fails_with_its_cause() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"speed": 0.0}, r"speed must be positive; found 0\.0"),
-        ({"seconds": -1.0}, r"seconds must be finite and not negative; found -1\.0"),
+        ({"speed": 0.0}, r"speed must be above 0; found 0\.0"),
+        ({"seconds": -1.0}, r"seconds must be 0 or more and finite; found -1\.0"),
         (
             {"seconds": 0.0},
             r"comply must be waypoints, or a time to stay; found no waypoint and 0 s",

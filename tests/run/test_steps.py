@@ -324,16 +324,16 @@ def test_what_a_step_stands_for() -> None:
             lambda: Guarded(
                 waypoint=Waypoint(name="a", target=Place.HOME, motion=Motion.LIN), force=0.0
             ),
-            r"force must be positive and finite; found 0\.0",
+            r"force must be above 0 and finite; found 0\.0",
         ),
-        (lambda: Compliance(stiffness=np.full(6, -1.0)), "stiffness must be six numbers, none neg"),
+        (lambda: Compliance(stiffness=np.full(6, -1.0)), "stiffness must be 0 or more and finite"),
         (lambda: Compliance(axis=np.array([0.0, 0.0, 2.0]), force=1.0), "axis must be of length 1"),
         (lambda: Compliance(force=1.0), "force must be above 0 with an axis, or neither"),
         (
             lambda: Compliance(frame="hand"),  # type: ignore[arg-type]
             "frame must be 'world' or 'tool'",
         ),
-        (lambda: Compliance(speed=np.nan), "speed must be finite and not negative"),
+        (lambda: Compliance(speed=np.nan), "speed must be 0 or more and finite"),
     ],
 )
 def test_steps_without_sense_are_refused(make: Callable[[], object], message: str) -> None:

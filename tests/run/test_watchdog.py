@@ -111,5 +111,5 @@ def test_a_run_takes_no_longer_than_allowed() -> None:
 @pytest.mark.parametrize("name", ["joint_error_max", "links_force_max", "time_limit"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_bounds_without_sense_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InvalidValueError, match=f"{name} must be positive"):
+    with pytest.raises(InvalidValueError, match=f"{name} must be above 0"):
         replace(Watchdog(), **{name: value})

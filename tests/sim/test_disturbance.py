@@ -108,16 +108,16 @@ def test_a_push_is_a_force_at_the_tool_for_its_time(robot: Robot, arm: Arm) -> N
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"delay": -1}, "delay must be finite and not negative"),
-        ({"noise_q": np.nan}, "noise_q must be finite and not negative"),
-        ({"noise_force": -0.1}, "noise_force must be finite and not negative"),
-        ({"inertia_factor": 0.0}, "inertia_factor must be above 0"),
-        ({"object_mass_factor": 0.0}, "object_mass_factor must be above 0"),
-        ({"friction_factor": -1.0}, "friction_factor must be finite and not negative"),
-        ({"pose_noise": np.inf}, "pose_noise must be finite and not negative"),
-        ({"heading_noise": -1.0}, "heading_noise must be finite and not negative"),
-        ({"pose_bias": -1.0}, "pose_bias must be finite and not negative"),
-        ({"camera_rate": 0.0}, "camera_rate must be above 0"),
+        ({"delay": -1}, "delay must be a whole number, 0 or more"),
+        ({"noise_q": np.nan}, "noise_q must be 0 or more and finite"),
+        ({"noise_force": -0.1}, "noise_force must be 0 or more and finite"),
+        ({"inertia_factor": 0.0}, "inertia_factor must be above 0 and finite"),
+        ({"object_mass_factor": 0.0}, "object_mass_factor must be above 0 and finite"),
+        ({"friction_factor": -1.0}, "friction_factor must be above 0 and finite"),
+        ({"pose_noise": np.inf}, "pose_noise must be 0 or more and finite"),
+        ({"heading_noise": -1.0}, "heading_noise must be 0 or more and finite"),
+        ({"pose_bias": -1.0}, "pose_bias must be 0 or more and finite"),
+        ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite"),
     ],
 )
 def test_another_disturbance_is_refused(setting: dict[str, float], message: str) -> None:
@@ -128,7 +128,7 @@ def test_another_disturbance_is_refused(setting: dict[str, float], message: str)
 def test_another_push_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="force must be a vector of 3"):
         Push(force=np.array([1.0, np.nan, 0.0]), start=0.0)
-    with pytest.raises(InvalidValueError, match="duration must be finite and not negative"):
+    with pytest.raises(InvalidValueError, match="duration must be 0 or more and finite"):
         Push(force=np.zeros(3), start=0.0, duration=-1.0)
 
 

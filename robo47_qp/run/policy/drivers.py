@@ -1,9 +1,9 @@
 """Drivers of a run in place of the task's program: a policy, or one action at a time."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
-
+from robo47_qp.arrays import Checked, Positive, Range
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.run.control_loop import Aborted, ControlLoop
@@ -18,24 +18,13 @@ from robo47_qp.sim.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyTiming:
+class PolicyTiming(Checked):
     """How often a policy decides, and for how long."""
 
-    rate: float = 30.0
+    rate: Annotated[float, Range(above=0.0, at_most=1.0 / TIMESTEP)] = 30.0
     """Decisions per second, at most one in every control period [1/s]."""
-    seconds: float = 30.0
+    seconds: Positive = 30.0
     """Simulated time of an episode, if the policy does not end it before [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: One is out of range.
-        """
-        if not 0.0 < self.rate <= 1.0 / TIMESTEP:
-            raise InvalidValueError("rate", self.rate, f"above 0 and at most {1.0 / TIMESTEP:g}")
-        if not (np.isfinite(self.seconds) and self.seconds > 0.0):
-            raise InvalidValueError("seconds", self.seconds, "above 0 and finite")
 
     def decision(self, k: int) -> int:
         """Control period at which decision k (from 0) is due; at most that of the end."""
