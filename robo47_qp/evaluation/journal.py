@@ -1,4 +1,4 @@
-"""Journal: every finished episode in a line of its own, on disk before the next one counts."""
+"""Journal: a file to which every finished episode is written at once."""
 
 import json
 import os
@@ -11,22 +11,22 @@ from robo47_qp.evaluation.episode import EpisodeResult
 
 
 class JournalError(Robo47Error):
-    """A journal that cannot be gone on with."""
+    """A journal that cannot be continued."""
 
 
 class Journal:
-    """A file of JSON lines: first the settings, then results as they come."""
+    """A file of JSON lines: the settings, then the results in the order they arrive."""
 
     def __init__(self, path: Path, settings: Mapping[str, Any], *, resume: bool) -> None:
         """Open the file.
 
         Args:
-            path: The file. Without `resume`, one that is there is kept beside it, as .old.
-            settings: What the results depend on.
-            resume: Go on with the file, if there is one.
+            path: The file. Without `resume`, an existing one is renamed to .old.
+            settings: All that the results depend on.
+            resume: Continue the file, if there is one.
 
         Raises:
-            JournalError: The file is of an evaluation with other settings, or no journal.
+            JournalError: The file belongs to other settings, or is not a journal.
             RecordingError: It cannot be read or written.
         """
         self.path = path
@@ -48,7 +48,7 @@ class Journal:
 
     @staticmethod
     def read(path: Path, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
-        """The results in a file by their seeds; none where there is no file.
+        """Return the results in a file by their seeds; none if there is no file.
 
         Raises:
             JournalError: See `Journal`.
@@ -66,7 +66,7 @@ class Journal:
         except OSError as error:
             raise RecordingError(
                 f"{self.path} cannot be written to: {error.strerror}. It holds "
-                f"{len(self.results)} episodes; make room and go on with --resume."
+                f"{len(self.results)} episodes; make room and continue with --resume."
             ) from error
         self.results[result.seed] = result
 
@@ -86,9 +86,9 @@ def _header(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _whole_lines(path: Path) -> bytes:
-    """What a file holds up to its last line break; nothing where there is none.
+    """Return the content of a file up to its last line break; empty if there is no file.
 
-    A line without an end was being written when the evaluation was killed.
+    An incomplete line was being written when the evaluation was killed.
     """
     content = path.read_bytes() if path.exists() else b""
     return content[: content.rfind(b"\n") + 1]
@@ -102,14 +102,14 @@ def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int,
         results = [EpisodeResult.of_entry(entry) for entry in entries]
     except (ValueError, TypeError, KeyError) as error:
         raise JournalError(
-            f"{path} is no journal of an evaluation: {error}. Name another file with --log, or "
-            "start anew without --resume."
+            f"{path} is not the journal of an evaluation: {error}. Name another file with --log, "
+            "or start again without --resume."
         ) from error
     differences = _differences(first, json.loads(json.dumps(_header(settings))))
     if differences:
         raise JournalError(
             f"{path} is of another evaluation; these differ: {', '.join(differences)}. Ask for "
-            "the same settings, name another file with --log, or start anew without --resume."
+            "the same settings, name another file with --log, or start again without --resume."
         )
     return {result.seed: result for result in results}
 

@@ -1,4 +1,4 @@
-"""How sure a figure is: intervals of rates and of their differences, exact paired tests."""
+"""Confidence intervals of rates and of their differences, and exact paired tests."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from scipy.stats import binomtest, norm
 from robo47_qp.errors import InvalidValueError
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Level of the intervals."""
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
-    """Wilson's score interval of a rate, 95 %.
+    """Return Wilson's score interval of a rate, 95 %.
 
     Raises:
         InvalidValueError: There are no trials, or more successes than trials.
@@ -25,11 +25,11 @@ def wilson(successes: int, n: int) -> tuple[float, float]:
 
 
 def mcnemar(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> tuple[int, int, float]:
-    """McNemar's exact test of two on the same trials.
+    """Return McNemar's exact test of two methods on the same trials.
 
     Returns:
-        Trials that only a, and only b, solved, and the two-sided p-value: the chance of a split
-        at least as uneven, were both equally good.
+        Number of trials that only a and only b solved, and the two-sided p-value: the probability
+        of a split at least as uneven if both were equally good.
     """
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     split = only_a + only_b
@@ -38,10 +38,10 @@ def mcnemar(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> tuple[int, int, float
 
 
 def paired_difference(only_a: int, only_b: int, n: int) -> tuple[float, float]:
-    """Interval of the rate of a less that of b on the same n trials, 95 %.
+    """Return the interval of the rate of a less that of b on the same n trials, 95 %.
 
-    Bonett and Price's adjusted Wald interval (J. Educ. Behav. Stat. 37, 2012, eq. 4): one trial
-    more of each kind that tells them apart.
+    Bonett and Price's adjusted Wald interval (J. Educ. Behav. Stat. 37, 2012, eq. 4),
+    which adds one discordant trial of each kind.
 
     Args:
         only_a: Trials that a alone solved.
@@ -62,7 +62,7 @@ def paired_difference(only_a: int, only_b: int, n: int) -> tuple[float, float]:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down correction, in the order of the input (Scand. J. Statist. 6, 1979)."""
+    """Return p-values after Holm's step-down correction (Scand. J. Statist. 6, 1979)."""
     p = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(p, kind="stable")
     stepped = p[order] * np.arange(len(p), 0, -1)

@@ -187,7 +187,7 @@ def test_a_journal_of_something_else_is_refused(tmp_path: Path) -> None:
     assert path.read_bytes() == before
     for content in (b"[1]\n", b"hello\n", before + b'{"seed": 3}\n', b"\xff\xfe\n"):
         path.write_bytes(content)
-        with pytest.raises(JournalError, match=r"no journal of an evaluation|its form"):
+        with pytest.raises(JournalError, match=r"not the journal of an evaluation|its form"):
             evaluated(path, Here(), resume=True)
         assert path.read_bytes() == content
 

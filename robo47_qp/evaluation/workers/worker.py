@@ -1,4 +1,4 @@
-"""Worker: a process that runs episodes, one after the other, until it is told or left alone."""
+"""Worker: a process that runs one episode after the other until it is stopped."""
 
 import os
 import pickle
@@ -17,14 +17,13 @@ from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, er
 from robo47_qp.run.foreign_code import Guard
 
 READY = "ready"
-"""What a worker says when it is ready; anything else is why it cannot be."""
+"""Message of a worker that is ready; any other message is why it cannot start."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 ENVIRONMENT = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
-"""What workers run in: numerical libraries keep to one thread, and glibc gives large blocks back at
-once. Otherwise, MuJoCo's arenas of 14 MB, of which little is used, leave holes in a heap that
-grows beyond 1 GB with the episodes."""
+"""Environment of workers: numerical libraries use one thread, and glibc returns large blocks at
+once. Otherwise MuJoCo's arenas of 14 MB fragment the heap, which grows beyond 1 GB."""
 _ABANDONED = 3
-"""Exit code of a worker whose parent is gone."""
+"""Exit code of a worker whose parent has died."""
 Died = str
 """How a worker died."""
 
@@ -34,21 +33,21 @@ class WorkerError(Robo47Error):
 
 
 def run_guarded(episode: Episode, spec: EpisodeSpec) -> EpisodeResult:
-    """Run an episode; what it raises becomes an error in its result."""
+    """Run an episode; an exception becomes the error of its result."""
     with Guard() as guard:
         return episode(spec)
     return errored(spec, guard.words)
 
 
 class Worker:
-    """A process with the episode it is at."""
+    """A process and the episode that it runs."""
 
     def __init__(self, payload: bytes, start_timeout: float) -> None:
         """Start the process.
 
         Args:
             payload: The pickled episode.
-            start_timeout: How long it may take to get ready [s].
+            start_timeout: Time limit until it is ready [s].
         """
         context = get_context("spawn")
         ours, theirs = context.Pipe()
@@ -58,36 +57,36 @@ class Worker:
             self._process.start()
         theirs.close()
         self.spec: EpisodeSpec | None = None
-        """What it is at; None while it starts or is idle."""
+        """The episode; None while the process starts or is idle."""
         self.ready = False
         self.deadline = monotonic() + start_timeout
-        """When it will have taken too long, by `time.monotonic`."""
+        """When its time is over, by `time.monotonic`."""
 
     @property
     def signs(self) -> tuple[Connection, int]:
-        """What to wait for: a word from it, or its end."""
+        """What to wait for: a message, or the end of the process."""
         return self.connection, self._process.sentinel
 
     def begin(self, spec: EpisodeSpec, timeout: float) -> None:
-        """Give it an episode."""
+        """Start an episode."""
         self.spec, self.deadline = spec, monotonic() + timeout
-        # If it is dead, this is noticed when it is listened to.
+        # If the process is dead, `heard` reports it.
         try:
             self.connection.send(spec)
         except OSError:
             return
 
     def heard(self) -> EpisodeResult | Died | None:
-        """What there is to hear: a result, how it died, or nothing.
+        """Return a result, how the process died, or None if there is no news.
 
         Raises:
-            WorkerError: It could not get ready.
+            WorkerError: The process could not start.
         """
         try:
             if not self.connection.poll():
                 if self._process.is_alive():
                     return None
-                # It may have spoken between the two looks, with its last breath.
+                # It may have sent a result between the two calls, and then died.
                 if not self.connection.poll():
                     return self._death()
             said = self.connection.recv()
@@ -102,7 +101,7 @@ class Worker:
         return None
 
     def stop(self) -> None:
-        """End the process, whatever it is doing."""
+        """Kill the process."""
         self._process.kill()
         self._process.join()
         self.connection.close()
@@ -117,7 +116,7 @@ class Worker:
 
 
 def wait_for(workers: list[Worker]) -> None:
-    """Wait until one of them has something to say, or has taken too long."""
+    """Wait until one of them has a message, or its time is over."""
     left = min(worker.deadline for worker in workers) - monotonic()
     signs: list[Any] = [sign for worker in workers for sign in worker.signs]
     connection.wait(signs, timeout=max(0.0, left))
@@ -125,7 +124,7 @@ def wait_for(workers: list[Worker]) -> None:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """What is started inside inherits the environment of workers."""
+    """Give processes that are started inside the environment of workers."""
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     try:
@@ -139,10 +138,10 @@ def _environment() -> Iterator[None]:
 
 
 def _work(link: Connection, payload: bytes) -> None:
-    """The process: an episode for every spec, until None or the parent's end."""
+    """Run in the process: an episode for every spec, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
-    # Policies print; the standard output is the parent's to write JSON to.
+    # Policies may print, but the standard output belongs to the parent, which writes JSON to it.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with Guard() as guard:
         episode: Episode = pickle.loads(payload)
@@ -155,7 +154,7 @@ def _work(link: Connection, payload: bytes) -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed says nothing; nobody waits for results then."""
+    """Exit when the parent process ends, even if it was killed."""
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

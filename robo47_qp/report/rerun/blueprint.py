@@ -1,4 +1,4 @@
-"""How a recording looks when it is opened: one page that can be read without a click."""
+"""Layout of a recording in the viewer: one page that needs no clicks."""
 
 from collections.abc import Sequence
 from math import floor, log10
@@ -34,7 +34,7 @@ _RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 
 
 def blueprint(robot: Robot) -> rrb.Blueprint:
-    """The layout: the scene and what happened on the left, plots on the right."""
+    """Return the layout: scene, phases and events on the left, plots on the right."""
     joints, unit = robot.joints, robot.unit
     strong = _rounded_up(float(robot.tau_max.max()))
     texts = rrb.Horizontal(
@@ -49,7 +49,7 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
         (_forces(robot.gripper), 1.9),
         (texts, 2.2),
     ]
-    # Joints have one colour everywhere: one legend is enough and covers no other plot.
+    # A joint has the same colour in all plots: one legend is enough.
     right = rrb.Grid(
         _plot(
             f"Joint position [{unit('rad', 'm')}]",
@@ -87,7 +87,7 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
 
 
 def _forces(gripper: Gripper | None) -> rrb.Container:
-    """What touches what, and how wide the gripper is, where there is one."""
+    """Return plots of the contact forces and, if there is one, of the gripper."""
     if gripper is None:
         return rrb.Horizontal(_contact())
     wide = _rounded_up(gripper.width_max)
@@ -106,7 +106,7 @@ def _forces(gripper: Gripper | None) -> rrb.Container:
 
 
 def _contact() -> rrb.View:
-    """Contact force on the tool, by axis of the world, and on the other links."""
+    """Return a plot of the contact force on the tool, by world axis, and on the links."""
     tool = _lines("contact/tool", ("tool x", "tool y", "tool z"), _PALETTE[:3], 1.25)
     links = _lines("contact/links", ("links",), _PALETTE[3:4], 1.25)
     return rrb.TimeSeriesView(
@@ -139,7 +139,7 @@ def _scene() -> rrb.View:
 
 
 def _event_columns() -> rrb.TextLogColumns:
-    """Level and text: the viewer's column of times is too narrow for a time."""
+    """Return columns of level and text: the viewer's column of times is too narrow."""
     hidden = TimelineColumn(TIMELINE, visible=False)
     return rrb.TextLogColumns(timeline_columns=[hidden], text_log_columns=["LogLevel", "Body"])
 
@@ -154,7 +154,7 @@ def _plot(
     span: tuple[float, float] | None = None,
     legend: rrb.Corner2D | None = None,
 ) -> rrb.View:
-    """A plot of one signal, over what it should be and between limits, where there are any."""
+    """Return a plot of one signal, with its reference and its limits if there are any."""
     colours = [_PALETTE[i % len(_PALETTE)] for i in range(len(labels))]
     lines: dict[rr.encodings.EntityPath | str, list[rrb.Visualizer]] = {
         SIGNALS: [_lines(signal, labels, colours, 1.25)]
@@ -184,7 +184,7 @@ def _lines(
         names=list(names),
         colors=list(colours),
         widths=[width] * len(colours),
-        # The viewer's default averages: spikes and torque ripple would be gone.
+        # By default the viewer averages, which hides spikes and torque ripple.
         aggregation_policy="MinMax",
     )
     source = VisualizerComponentMapping(
@@ -194,6 +194,6 @@ def _lines(
 
 
 def _rounded_up(value: float) -> float:
-    """The next of ..., 10, 20, 50, 100, ...: the viewer labels an axis at powers of ten."""
+    """Return the next of 1, 2, 5, 10, 20, 50, ...: the viewer labels axes at powers of ten."""
     power = 10.0 ** floor(log10(value))
     return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)

@@ -1,4 +1,4 @@
-"""Where every body of a scene is, from what a recording holds of the robot and the objects."""
+"""Poses of all bodies of a scene, from recorded joint positions and object poses."""
 
 import mujoco
 import numpy as np
@@ -11,10 +11,10 @@ from robo47_qp.sim.scene import free_bodies
 
 
 class BodyPoses:
-    """Forward kinematics of a scene for rows of a recording."""
+    """Forward kinematics of a scene for the rows of a recording."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Look up where the recorded signals go in `qpos`.
+        """Look up the addresses of the recorded signals in `qpos`.
 
         Args:
             model: The scene.
@@ -38,13 +38,13 @@ class BodyPoses:
         """Ids of the bodies that move with the robot's and the objects' joints."""
 
     def of_fixed(self) -> tuple[Matrix, Matrix]:
-        """Positions (fixed, 3) [m] and quaternions wxyz (fixed, 4) of what never moves."""
+        """Return positions (fixed, 3) [m] and quaternions wxyz (fixed, 4) of fixed bodies."""
         d, bodies = self._data, list(self.fixed)
         mujoco.mj_kinematics(self._model, d)
         return d.xpos[bodies], d.xquat[bodies]
 
     def of_moving(self, rows: Rows, picked: NDArray[np.intp]) -> tuple[Matrix, Matrix]:
-        """Poses of the moving bodies in some of the rows.
+        """Return the poses of the moving bodies in some of the rows.
 
         Args:
             rows: Rows of all signals.

@@ -1,7 +1,7 @@
 """Rows of a recording as columns of one Rerun entity.
 
-All signals share one entity: each further one would cost 24 bytes per row for its own row
-ids and times, a quarter of the file.
+All signals share one entity: every further entity would cost 24 bytes per row for row ids and
+times, a quarter of the file.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 class SignalColumn:
-    """Turns a signal of rows into a column: signal "joints/q" is component "joints:q"."""
+    """Converts a signal to a column: signal "joints/q" becomes component "joints:q"."""
 
     def __init__(self, signal: Signal) -> None:
         """Prepare what does not change from chunk to chunk."""
@@ -29,22 +29,22 @@ class SignalColumn:
         self._descriptor = _descriptor(signal.name)
 
     def of(self, rows: Rows) -> rr.ComponentColumn:
-        """The column: a list of numbers per row."""
+        """Return the column: a list of numbers per row."""
         return _lists(self._descriptor, rows[self._name])
 
 
 def xyzw(wxyz: Matrix) -> Matrix:
-    """Quaternions (..., 4) in Rerun's order."""
+    """Return quaternions wxyz (..., 4) in Rerun's order."""
     return np.roll(wxyz, -1, axis=-1)
 
 
 def component(signal: str) -> str:
-    """Name of the component that holds a signal."""
+    """Return the name of the component that holds a signal."""
     return signal.replace("/", ":", 1)
 
 
 def limit_columns(model: mujoco.MjModel, robot: Robot) -> list[rr.ComponentColumn]:
-    """Columns of two equal rows with the limits of all joints, lower ones first."""
+    """Return columns of two equal rows with the limits of all joints, the lower ones first."""
     ranges = np.array([model.joint(joint).range for joint in robot.joints])
     v_max, tau_max = robot.rated.v_max, robot.tau_max
     bounds = {
@@ -56,15 +56,15 @@ def limit_columns(model: mujoco.MjModel, robot: Robot) -> list[rr.ComponentColum
 
 
 class PoseColumns:
-    """Turns the poses of a set of frames into columns: one row per frame and instant."""
+    """Converts the poses of several frames to columns: one row per frame and instant."""
 
     def __init__(self, frames: Sequence[str], parent: str) -> None:
-        """Name the frames and the one that all poses are given in."""
+        """Set the names of the frames, and of the frame in which their poses are given."""
         self._frames, self._parent = list(frames), parent
         self._names: dict[int, list[rr.ComponentColumn]] = {}
 
     def of(self, positions: Matrix, quaternions: Matrix) -> list[rr.ComponentColumn]:
-        """The columns for positions (N, frames, 3) [m] and quaternions wxyz (N, frames, 4)."""
+        """Return columns of positions (N, frames, 3) [m] and quaternions wxyz (N, frames, 4)."""
         count = len(positions)
         if count not in self._names:
             children = self._frames * count
@@ -83,7 +83,7 @@ class PoseColumns:
 
 
 def check_rows(rows: Rows) -> None:
-    """Refuse what Rerun would take without a word and then not show.
+    """Reject values that Rerun would accept without a warning and then not show.
 
     Raises:
         RecordingError: A value is NaN or infinite, or a quaternion has no unit length.

@@ -1,4 +1,4 @@
-"""RerunLog: the recording as a Rerun file that shows itself, written as it grows."""
+"""RerunLog: writes a run to a Rerun file with its own layout, while the run goes on."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,10 +30,10 @@ from robo47_qp.sim.simulation import Simulation
 FRAME_RATE = 60.0
 """Pictures of the scene per second [1/s]."""
 FLUSH_INTERVAL = 1.0
-"""Time between two looks at whether the file still takes what it gets [s]. Rerun writes on
-its own, without being asked to; looking is only for errors, and costs half a chunk's time."""
+"""Time between two checks that the file is still being written [s]. Rerun writes in the background;
+flushing only finds errors, and costs as much as half a chunk."""
 _ROOT = "tf#/"
-"""Rerun's name of the frame that the 3-D view is drawn in: the world."""
+"""Rerun's name of the world frame, in which the 3-D view is drawn."""
 _AXES = np.eye(3) * 0.06
 """Arrows of a frame [m] and their colours: x red, y green, z blue."""
 _AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
@@ -43,7 +43,7 @@ _PATH_COLOUR = (255, 70, 150)
 class RerunLog(Observer):
     """Sink and observer of a run.
 
-    Rows are in the file moments after `write`, also if the process is killed then.
+    Rows reach the file shortly after `write`, even if the process is then killed.
     """
 
     def __init__(
@@ -55,13 +55,13 @@ class RerunLog(Observer):
         *,
         live: bool = False,
     ) -> None:
-        """Open the file and write all that does not change.
+        """Open the file and write what does not change.
 
         Args:
-            path: The file; its folders are made, a file in its place is replaced.
+            path: The file; its folders are created, an existing file is replaced.
             model: The scene.
             robot: The robot in it.
-            signals: What the rows hold.
+            signals: The signals of the rows.
             live: Also show the recording in a viewer on this machine.
 
         Raises:
@@ -97,15 +97,15 @@ class RerunLog(Observer):
         if self._now >= self._next_flush:
             self._next_flush = self._now + FLUSH_INTERVAL
             self._draw_limits(times[[0, -1]])
-            # The chunk before has had the time to be written: nothing to wait for.
+            # The previous chunk has been written by now: there is nothing to wait for.
             if not self._stream.flush(self._now):
-                self.note(self._now, "the viewer is gone; the recording goes on", "WARN")
+                self.note(self._now, "the viewer was closed; the recording continues", "WARN")
         self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
         self._draw_frames(rows)
         self._now = float(times[-1])
 
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        """Draw a leg that starts now and tell how it was planned.
+        """Draw a leg that starts now, and note how it was planned.
 
         Args:
             time: Now [s].
@@ -114,7 +114,7 @@ class RerunLog(Observer):
         """
         waypoint, ik = leg.waypoint, leg.ik
         colour = waypoint.motion.type.colour
-        # Dashed and thick: the tool's own thin line shows between the dashes.
+        # Dashed and thick, so that the thin line of the tool is visible in between.
         points = tool_path[:: max(1, len(tool_path) // 60)]
         dashes = rr.LineStrips3D(
             [points[k : k + 2] for k in range(0, len(points) - 1, 2)], colors=colour, radii=0.004
@@ -124,13 +124,13 @@ class RerunLog(Observer):
         self.note(
             time,
             f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
-            f"{ik.iterations} steps, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, off by "
+            f"{ik.iterations} steps, {ik.restarts} restarts, {1e3 * ik.seconds:.2f} ms, error "
             f"{1e6 * ik.position_error:.2g} µm and {1e6 * ik.orientation_error:.2g} µrad, "
             f"{ik.limit_margin:.2f} {self._unit} from a joint limit",
         )
 
     def phase(self, time: float, name: str) -> None:
-        """Show that a phase starts at `time` [s]."""
+        """Record that a phase starts at `time` [s]."""
         self._stream.log(layout.PHASES, rr.StateChange(state=name), time=time)
 
     def note(self, time: float, text: str, level: str = "INFO") -> None:
@@ -138,11 +138,11 @@ class RerunLog(Observer):
         self._stream.log(layout.EVENTS, rr.TextLog(f"{time:.2f} s  {text}", level=level), time=time)
 
     def tick(self, simulation: Simulation) -> None:
-        """Draw the markers that were moved."""
+        """Draw the markers that have moved."""
         for name in simulation.markers:
             pose = simulation.marker_pose(name).wxyz_xyz
             if name not in self._markers or (pose != self._markers[name]).any():
-                # Where a marker is first seen, it has been since the start.
+                # The first pose of a marker holds from the start.
                 time = simulation.time if name in self._markers else 0.0
                 self._markers[name] = pose
                 place = rr.Transform3D(
@@ -157,7 +157,7 @@ class RerunLog(Observer):
         """Add a summary in Markdown and close the file.
 
         Raises:
-            RecordingError: The file did not get everything.
+            RecordingError: The file is not complete.
         """
         document = rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN)
         self._stream.log(layout.SUMMARY, document)
@@ -196,13 +196,13 @@ class RerunLog(Observer):
         self._stream.log(layout.PATH, style)
         self._stream.log(layout.TOOL, _frame(np.eye(4)), rr.CoordinateFrame(layout.TOOL))
         for geom in undrawn(model):
-            self.note(0.0, f"geom {geom!r} is of a kind that is not drawn", "WARN")
+            self.note(0.0, f"geom {geom!r} has a type that is not drawn", "WARN")
 
     def _draw_limits(self, times: Vector) -> None:
         self._stream.send(layout.LIMITS, times, self._limits)
 
     def _draw_frames(self, rows: Rows) -> None:
-        """Poses of all moving frames, and the way of the tool."""
+        """Draw the poses of all moving frames, and the path of the tool."""
         frames = np.floor(rows["time"][:, 0] * FRAME_RATE + 1e-6)
         picked = np.flatnonzero(np.diff(frames, prepend=self._last_frame) > 0.0)
         if not picked.size:
@@ -225,12 +225,12 @@ class RerunLog(Observer):
 
 
 def _is_shown(signal: str) -> bool:
-    """Not what only helps to compute others: the contact forces' parts, the fingers alone."""
+    """Return whether a signal is recorded: those that only serve to compute others are not."""
     return signal not in {"time", "phase", "gripper/fingers"} and not signal.endswith("_contact")
 
 
 def _frame(T: Matrix) -> rr.Arrows3D:
-    """The axes of a frame, at pose T (4, 4)."""
+    """Return the axes of a frame at pose T (4, 4)."""
     vectors = _AXES @ T[:3, :3].T
     return rr.Arrows3D(
         vectors=vectors, origins=np.tile(T[:3, 3], (3, 1)), colors=_AXIS_COLOURS, radii=0.002

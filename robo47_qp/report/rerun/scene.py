@@ -17,20 +17,20 @@ Shape: TypeAlias = rr.Boxes3D | rr.Capsules3D | rr.Cylinders3D | rr.Ellipsoids3D
 _Ids: TypeAlias = NDArray[np.intp]
 _Kind = mujoco.mjtGeom
 _VISIBLE_GROUPS = (0, 1, 2)
-"""Groups that MuJoCo's own viewer shows at first; robots keep collision geoms in others."""
+"""Groups that MuJoCo's viewer shows by default; collision geoms are in others."""
 _NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
-"""A geom of this colour takes that of its material, as in MuJoCo's renderer."""
+"""A geom of this colour has the colour of its material, as in MuJoCo's renderer."""
 _ENDLESS, _THICKNESS = 2.0, 0.01
-"""Half size at which an endless plane is drawn, and how thick planes are [m]."""
+"""Half size of infinite planes, and thickness of planes, as drawn [m]."""
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
-    """Name of a body, made up where it has none."""
+    """Return the name of a body, or one made of its id."""
     return model.body(body).name or f"body{body}"
 
 
 def body_shapes(model: mujoco.MjModel, body: int) -> Iterator[tuple[str, Shape]]:
-    """The visible geoms of a body, in its frame: one named archetype per kind of geom."""
+    """Yield the visible geoms of a body, in its frame: one named archetype per geom type."""
     geoms: dict[str, list[int]] = defaultdict(list)
     for geom in np.flatnonzero(_visible(model) & (model.geom_bodyid == body)):
         kind = _Kind(int(model.geom_type[geom]))
@@ -41,7 +41,7 @@ def body_shapes(model: mujoco.MjModel, body: int) -> Iterator[tuple[str, Shape]]
 
 
 def undrawn(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the visible geoms of a kind that is not drawn: height fields and SDFs."""
+    """Return the names of visible geoms whose type is not drawn: height fields and SDFs."""
     return tuple(
         model.geom(geom).name or f"geom{geom}"
         for geom in np.flatnonzero(_visible(model))
@@ -55,7 +55,7 @@ def _visible(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 
 def _colours(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
-    """Colours (N, 4) in 0..1."""
+    """Return colours (N, 4) in 0..1."""
     rgba, material = model.geom_rgba[geoms], model.geom_matid[geoms]
     plain = (material >= 0) & np.isclose(rgba, _NO_COLOUR).all(axis=1)
     colours = rgba.astype(np.float64)
@@ -68,7 +68,7 @@ def _quaternions(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
 
 
 def _z_axes(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
-    """The z axes of geoms in their bodies' frames (N, 3)."""
+    """Return the z axes of geoms in the frames of their bodies (N, 3)."""
     w, x, y, z = model.geom_quat[geoms].T
     return np.column_stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)))
 
@@ -84,7 +84,7 @@ def _boxes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
 
 
 def _planes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
-    """A plane as a thin box under it."""
+    """Return planes as thin boxes below them."""
     half_sizes = model.geom_size[geoms].astype(np.float64)
     half_sizes[half_sizes == 0.0] = _ENDLESS
     half_sizes[:, 2] = _THICKNESS / 2
@@ -135,7 +135,7 @@ def _capsules(model: mujoco.MjModel, geoms: _Ids) -> Shape:
 
 
 def _meshes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
-    """All meshes of a body as one, in the body's frame, each vertex with its normal."""
+    """Return all meshes of a body as one, in its frame, with a normal per vertex."""
     points, normals, triangles, colours, count = [], [], [], [], 0
     for geom, colour in zip(geoms, _colours(model, geoms), strict=True):
         vertices, directions, corners = _mesh(model, int(model.geom_dataid[geom]))
@@ -155,7 +155,7 @@ def _meshes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Vector, Vector, NDArray[np.int64]]:
-    """Vertices (V, 3), normals (V, 3) and triangles (T, 3) of a mesh."""
+    """Return vertices (V, 3), normals (V, 3) and triangles (T, 3) of a mesh."""
     face = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     # MuJoCo keeps normals apart from vertices: a vertex on an edge has one per side.
     corners = np.column_stack((model.mesh_face[face].ravel(), model.mesh_facenormal[face].ravel()))

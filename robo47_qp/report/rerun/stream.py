@@ -1,4 +1,4 @@
-"""RerunStream: a Rerun file that tells when something did not get into it."""
+"""RerunStream: a Rerun file that reports when data could not be written."""
 
 import atexit
 import ctypes
@@ -17,19 +17,19 @@ from robo47_qp.files import free_space
 TIMELINE = "time"
 """The timeline of a run: simulated time, a duration."""
 _PATIENCE = 5.0
-"""How long the file may take to receive what was written [s]."""
+"""Time limit for writing pending data to the file [s]."""
 _RESERVE = 16e6
-"""Room that is kept for the end of the file, and for what else writes to the disk [bytes]."""
+"""Disk space reserved for the end of the file and for other programs [bytes]."""
 _TIMED_OUT = "timed out"
-"""In the SDK's message when the file is slow, and still being written."""
+"""In the message of the SDK when the file is slow but still being written."""
 _END_MARK = b"RRF2FOOT"
-"""Stands at the end of every file that was closed in order."""
+"""At the end of every file that was closed properly."""
 
 
 class RerunStream:
-    """A recording on its way into a file, and to a viewer if one is named.
+    """Writes a recording to a file, and to a viewer if one is given.
 
-    The file is what counts: a viewer that is closed, or too slow, is given up.
+    A viewer that is closed or too slow is dropped; the file goes on.
     """
 
     def __init__(
@@ -38,17 +38,17 @@ class RerunStream:
         """Open the file.
 
         Args:
-            path: The file; its folders are made, a file in its place is replaced.
+            path: The file; its folders are created, an existing file is replaced.
             application: Recordings of the same application share a layout in the viewer.
             blueprint: The layout that the recording opens with.
             viewer: URL of a viewer that gets the same data.
 
         Raises:
             RecordingError: The file cannot be written.
-            RenderingError: What listens at the URL is no viewer.
+            RenderingError: There is no viewer at the URL.
         """
-        # Without it Rerun drops what it cannot log, with a warning. It is a switch of the whole
-        # process: thrown here, because an import must not change anything.
+        # Otherwise Rerun drops what it cannot log, with a warning. This affects the whole process,
+        # so it is done here and not at import.
         rr.set_strict_mode(True)
         self.path = path
         self._until, self._size = 0.0, 0
@@ -62,7 +62,7 @@ class RerunStream:
         if viewer is not None:
             self._viewer = rr.RecordingStream(application)
             self._viewer.connect_grpc(viewer)
-            # Not as an argument above: then it would be waited for without a time limit.
+            # Not as an argument above, which would wait without a time limit.
             self._viewer.send_blueprint(blueprint, make_active=False)
         for stream in self._streams():
             stream.set_log_time_enabled(False)
@@ -71,7 +71,7 @@ class RerunStream:
         if not self.flush(0.0):
             self.close()
             raise RenderingError(
-                f"What listens at {viewer} is no Rerun viewer, or one of another version. Close "
+                f"There is no Rerun viewer at {viewer}, or one of another version. Close "
                 "it, or record without the live view."
             )
 
@@ -113,15 +113,15 @@ class RerunStream:
             stream.send_columns(entity, [index], columns)
 
     def require_room(self, until: float) -> None:
-        """Close the file while it can still be closed properly, if space runs out.
+        """Close the file while this is still possible, if disk space runs out.
 
-        The SDK does not survive a full disk: its writer dies in the middle of a message.
+        On a full disk the SDK stops in the middle of a message.
 
         Args:
             until: The instant up to which there are rows [s], for messages.
 
         Raises:
-            RecordingError: There is hardly any room left.
+            RecordingError: There is hardly any disk space left.
         """
         left = free_space(self.path)
         if left < _RESERVE:
@@ -133,16 +133,16 @@ class RerunStream:
             )
 
     def flush(self, until: float) -> bool:
-        """Wait until everything is in the file.
+        """Wait until all data is in the file.
 
         Args:
             until: The instant up to which there are rows [s], for messages.
 
         Returns:
-            False if the viewer was given up this time.
+            False if the viewer was dropped now.
 
         Raises:
-            RecordingError: Not everything got into the file.
+            RecordingError: Some data could not be written.
         """
         file, *viewers = self._streams()
         for viewer in viewers:
@@ -159,7 +159,7 @@ class RerunStream:
         return len(viewers) == len(self._streams()) - 1
 
     def finish(self, until: float) -> None:
-        """Write the end of the file and make sure that it is there.
+        """Write the end of the file and check that it is there.
 
         Args:
             until: The instant up to which there are rows [s], for messages.
@@ -192,7 +192,7 @@ class RerunStream:
         return [self._file] if self._viewer is None else [self._file, self._viewer]
 
     def _broken(self, reason: str) -> RecordingError:
-        """Give the file up and say what happened."""
+        """Abandon the file and return the error that explains it."""
         stream, self._file = self._file, None
         self.close()
         if stream is not None:
@@ -200,12 +200,12 @@ class RerunStream:
         hint = "make room or record to another disk"
         try:
             if _TIMED_OUT not in reason:
-                # Readers refuse a whole file for a torn message at its end.
+                # A message that is cut off at the end makes the whole file unreadable.
                 os.truncate(self.path, min(self._size, self.path.stat().st_size))
             else:
                 hint += f"; if it does not open: rerun rrd optimize {self.path} -o repaired.rrd"
         except OSError as error:
-            hint += f"; it is out of reach now ({error.strerror})"
+            hint += f"; it cannot be accessed now ({error.strerror})"
         return RecordingError(
             f"{self.path} could not be written to its end: {reason}. What the file holds, up to "
             f"{self._until:.3f} s, can be read; {hint}."
@@ -213,11 +213,10 @@ class RerunStream:
 
 
 def _abandon(stream: rr.RecordingStream) -> None:
-    """Never touch a stream again that failed.
+    """Keep a failed stream alive and untouched until the process ends.
 
-    Closing it, dropping it and the SDK's own shutdown at exit wait, now and then for ever,
-    for the thread that wrote the file and has died of the error, or for a viewer that hangs
-    (rerun-sdk 0.41).
+    Closing it, deleting it, and the shutdown of the SDK at exit may wait forever for the writer
+    thread, which died of the error, or for a viewer that hangs (rerun-sdk 0.41).
     """
     atexit.unregister(rr.rerun_shutdown)
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))

@@ -511,7 +511,7 @@ sys.exit("no window")
 @pytest.mark.parametrize(
     ("program", "reason"),
     [
-        ("import sys; sys.exit('winit: x: DISPLAY is not set.')", "code 1: DISPLAY is not set. A"),
+        ("import sys; sys.exit('winit: x: DISPLAY is not set.')", "code 1: DISPLAY is not set. It"),
         ("import time; time.sleep(5)", "did not open port"),
         (SHORT_LIVED, "code 1: no window"),
         (None, "cannot be started"),
