@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from textwrap import dedent, indent
 from types import ModuleType
 from typing import Any, NoReturn
 
@@ -121,14 +122,16 @@ def inserted(source: str, name: str | None, text: str) -> str:
     lines = source.splitlines(keepends=True)
     body = ast.parse(source).body
     if name is None:
-        after = body[0].end_lineno or 0
+        after, margin = body[0].end_lineno or 0, ""
     else:
         (node,) = [node for node in body if ast.unparse(target(node)) == name]
         if isinstance(node, ast.ClassDef):
-            after = node.body[0].end_lineno or 0
+            after, margin = node.body[0].end_lineno or 0, " " * node.body[0].col_offset
         else:
-            after = next(one for one in ast.walk(node) if isinstance(one, ast.Dict)).lineno
-    return "".join([*lines[:after], text, *lines[after:]])
+            first = next(one for one in ast.walk(node) if isinstance(one, ast.Dict))
+            entry = next(key for key in first.keys if key is not None)
+            after, margin = first.lineno, " " * entry.col_offset
+    return "".join([*lines[:after], indent(dedent(text), margin), *lines[after:]])
 
 
 def target(node: ast.stmt) -> ast.AST:
