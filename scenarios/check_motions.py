@@ -16,7 +16,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.cli import main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
-from robo47_qp.evaluation.benchmarks.motion.motion_check import broken, misplaced
+from robo47_qp.evaluation.benchmarks.motion.motion_check import path_deviations, violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
 from robo47_qp.ik.gauss_newton import Stall
@@ -123,8 +123,10 @@ def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tall
             continue
         tally.seconds.append(process_time() - began)
         tally.planned += 1
-        missed, off = misplaced(look, legs, q, waypoints)
-        tally.violations += [f"{k}: {what}" for what in broken(look, legs, robot.profile) + missed]
+        missed, off = path_deviations(look, legs, q, waypoints)
+        tally.violations += [
+            f"{k}: {what}" for what in violations(look, legs, robot.profile) + missed
+        ]
         tally.off = max(tally.off, off)
         bound = sum(leg.lower_bound for leg in legs)
         if bound > 0.0:

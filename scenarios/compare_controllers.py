@@ -120,7 +120,7 @@ def _load(mass: float) -> Payload:
 def run(options: ControllersOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
     bench = Bench(PANDA, OFFSET)
-    known = {condition.name: condition for condition in conditions(bench.way.duration)}
+    known = {condition.name: condition for condition in conditions(bench.motion.duration)}
     for name in options.only:
         if name not in known:
             raise UnknownNameError("condition", name, [repr(one) for one in known])
@@ -136,7 +136,7 @@ def run(options: ControllersOptions, console: Console) -> int:
     report = {
         "robot": PANDA.name,
         "versions": versions(),
-        "motion": {"offset_rad": list(OFFSET), "duration_s": bench.way.duration},
+        "motion": {"offset_rad": list(OFFSET), "duration_s": bench.motion.duration},
         "trials": {
             trials[0].condition: {trial.controller: trial.figures() for trial in trials}
             for trials in by_condition

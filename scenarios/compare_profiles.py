@@ -14,13 +14,20 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.cli import LOGS, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.joint_impedance import JointImpedance
-from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
-from robo47_qp.motion.timing.time_law import Cubic, Quintic, SCurve, TimeLaw, Trapezoid
-from robo47_qp.motion.trajectory import Trajectory, hold
+from robo47_qp.motion.timing.time_law import (
+    Cubic,
+    Quintic,
+    SCurve,
+    TimeLaw,
+    Trapezoid,
+)
+from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.report.run_plot import plot_curves
+from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.simulation import Simulation
 
 LAWS: Mapping[str, TimeLaw] = {
@@ -62,20 +69,18 @@ class Tried:
 
 def tried(robot: Robot, plan: Trajectory) -> Tried:
     """Follow a plan and then hold its end."""
-    arm, simulation, controller = Arm(robot), Simulation(robot, lambda _: None), JointImpedance()
-    simulation.reset()
-    rest = hold(plan.q[-1], round(_SETTLE / TIMESTEP), TIMESTEP)
-    errors, taus, tools = [], [], []
-    for motion in (plan, rest):
-        for q, v, a in zip(motion.q[:-1], motion.v[:-1], motion.a[:-1], strict=True):
-            state = simulation.state()
-            tau = controller.torque(arm, JointReference(q, v, a), state)
-            simulation.step(tau)
-            errors.append(q - state.q)
-            taus.append(tau)
-            way = arm.pose(q).translation() - arm.pose(state.q).translation()
-            tools.append([np.linalg.norm(way)])
-    return Tried(plan=plan, error=np.array(errors), tau=np.array(taus), tool=np.array(tools))
+    simulation = Simulation(robot, lambda _: None)
+    loop = ControlLoop(Arm(robot), JointImpedance(), simulation)
+    loop.track(plan)
+    loop.hold(_SETTLE)
+    rows = loop.recording.rows()
+    tool = (rows["tool/pose_ref"] - rows["tool/pose"])[:, :3]
+    return Tried(
+        plan=plan,
+        error=rows["joints/q_ref"] - rows["joints/q"],
+        tau=rows["joints/tau_command"],
+        tool=np.linalg.norm(tool, axis=1, keepdims=True),
+    )
 
 
 def figures(one: Tried) -> dict[str, float]:

@@ -23,8 +23,9 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
 from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
 from robo47_qp.files import check_writable
-from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.simulation import Simulation
 
 
@@ -62,21 +63,16 @@ class Response:
 
 
 def step_response(simulation: Simulation, arm: Arm, offset: Vector, seconds: float) -> Response:
-    """Let the reference jump from home by an offset (n,) [rad], and watch."""
+    """Let the reference jump from home by an offset (n,) [rad], and record the response."""
     simulation.reset()
-    controller, still = JointImpedance(), np.zeros(arm.n)
-    reference = JointReference(arm.home + offset, still, still)
-    q = np.empty((round(seconds / TIMESTEP) + 1, arm.n))
-    tau = np.empty_like(q[:-1])
-    for k in range(len(tau)):
-        state = simulation.state()
-        q[k] = state.q
-        simulation.step(controller.torque(arm, reference, state))
-        tau[k] = simulation.last_torque()
-    q[-1] = simulation.state().q
+    loop = ControlLoop(arm, JointImpedance(), simulation)
+    loop.rest(arm.home + offset)
+    loop.hold(seconds)
+    rows = loop.recording.rows()
+    q = np.vstack([rows["joints/q"], simulation.state().q])
     return Response(
-        errors=np.linalg.norm(reference.q - q, axis=1),
-        torque_use=float(np.max(np.abs(tau) / arm.robot.tau_max)),
+        errors=np.linalg.norm(arm.home + offset - q, axis=1),
+        torque_use=float(np.max(np.abs(rows["joints/tau"]) / arm.robot.tau_max)),
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from mink import SE3, SO3
 
 from robo47_qp.errors import PlanError, RefusalReason
-from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
@@ -51,7 +51,7 @@ def test_blending_never_takes_longer_than_stopping(motion: Motion, least: float)
         assert took[0] <= took[1]
         saved += 1.0 - took[0] / took[1]
         planned += 1
-        assert broken(LOOK, legs, PANDA.profile) == []
+        assert violations(LOOK, legs, PANDA.profile) == []
         for leg in legs[:-1]:
             assert leg.stops == (not leg.trajectory.v[-1].any())
     assert planned >= 3

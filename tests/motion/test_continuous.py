@@ -7,7 +7,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
-from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
 from robo47_qp.ik.gauss_newton import Stall
@@ -87,7 +87,7 @@ def test_waypoints_are_passed_without_a_stop_within_all_bounds(
     waypoints = three(motion, **how)
     legs = PLANNER.plan_chain(ARM, waypoints, ARM.home, DT)
     assert [leg.waypoint.name for leg in legs] == ["first", "second", "goal"]
-    assert broken(LOOK, legs, PANDA.profile) == []
+    assert violations(LOOK, legs, PANDA.profile) == []
     assert stops(legs) == 0
     p = tool(whole(legs))
     for waypoint in waypoints[:-1]:
@@ -137,7 +137,7 @@ def test_joints_and_tool_motions_are_blended_into_each_other() -> None:
     ]
     blended = Continuous().plan(ARM, IK, ARM.home, requests, PANDA.profile, DT).trajectory
     legs = [replace(legs[0], trajectory=blended)]
-    assert broken(LOOK, legs, PANDA.profile) == []
+    assert violations(LOOK, legs, PANDA.profile) == []
     assert stops(legs) == 0
     p = tool(whole(legs))
     for pose in (above, there):
@@ -163,7 +163,7 @@ def test_an_arc_is_kept_and_all_bounds_with_it(point: str, pace: float) -> None:
     assert np.abs(np.linalg.norm(off, axis=1) - 0.1).max() < 1e-5
     assert np.abs(off[:, 2]).max() < 1e-5
     assert max(PLAIN.errors(leg.trajectory.q[-1], goal)) < 2e-6
-    assert broken(LOOK, [leg], PANDA.profile.slowed(pace)) == []
+    assert violations(LOOK, [leg], PANDA.profile.slowed(pace)) == []
     check_tool(leg.trajectory.q, TOOL, pace)
     assert leg.path is not None
     assert leg.path.distances(p).max() < 1e-5
@@ -193,7 +193,7 @@ def test_the_tool_may_be_bounded_in_ptp_motions_too() -> None:
         check_tool(free.trajectory.q, bound)
     check_tool(leg.trajectory.q, bound)
     assert leg.trajectory.q[-1] == pytest.approx(free.trajectory.q[-1], abs=1e-12)
-    assert broken(LOOK, [leg], PANDA.profile) == []
+    assert violations(LOOK, [leg], PANDA.profile) == []
 
 
 def refusal(waypoints: list[Waypoint], q: Vector = ARM.home) -> PlanError:
@@ -277,18 +277,18 @@ def test_the_second_check_sees_through_a_wrong_reason() -> None:
 
 def test_the_check_of_motions_sees_what_is_broken() -> None:
     leg = PLANNER.plan(ARM, Waypoint(name="there", target=at(0.1, 0.2, -0.2)), ARM.home, DT)
-    assert broken(LOOK, [leg], PANDA.profile) == []
+    assert violations(LOOK, [leg], PANDA.profile) == []
     slower = PANDA.profile.slowed(0.98)
-    assert len(broken(LOOK, [leg], slower)) >= 4
+    assert len(violations(LOOK, [leg], slower)) >= 4
     motion = leg.trajectory
     for field, size in (("q", 1e-4), ("v", 1e-2), ("a", 0.3)):
         bad = getattr(motion, field).copy()
         bad[len(bad) // 2, 3] += size
-        assert broken(
+        assert violations(
             LOOK, [replace(leg, trajectory=replace(motion, **{field: bad}))], PANDA.profile
         )
     half = replace(leg, trajectory=motion.part(0, motion.steps // 2))
-    assert "rest" in " ".join(broken(LOOK, [half], PANDA.profile))
+    assert "rest" in " ".join(violations(LOOK, [half], PANDA.profile))
 
 
 def test_what_shapes_a_way_is_checked() -> None:

@@ -13,7 +13,7 @@ from mink import SE3
 from scipy.interpolate import CubicSpline
 
 from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError, RefusalReason
-from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
@@ -89,7 +89,7 @@ def test_a_detour_keeps_its_distance_and_the_limits() -> None:
     assert min(gap(q) for q in motion.q[::5]) >= CLEARANCE
     leg = Leg.__new__(Leg)
     object.__setattr__(leg, "trajectory", motion)
-    assert broken(ReferenceKinematics(PANDA), [leg], PANDA.profile) == []
+    assert violations(ReferenceKinematics(PANDA), [leg], PANDA.profile) == []
 
 
 def test_the_planner_goes_around_and_arrives() -> None:

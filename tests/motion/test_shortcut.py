@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robo47_qp.evaluation.benchmarks.motion.motion_check import broken
+from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
@@ -39,7 +39,7 @@ def promises(motion: Trajectory) -> list[str]:
         T_world_start=None,  # type: ignore[arg-type]
         T_world_goal=None,  # type: ignore[arg-type]
     )
-    return broken(LOOK, [leg], PROFILE)
+    return violations(LOOK, [leg], PROFILE)
 
 
 def places(q: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.errors import UnknownNameError
-from robo47_qp.evaluation.benchmarks.control.settled import settled_after
 from robo47_qp.evaluation.benchmarks.control.trial import Bench, TrialCondition
+from robo47_qp.evaluation.benchmarks.settling.settling import settling_after_disturbance
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance
 from scenarios import compare_controllers as scenario
@@ -82,11 +82,15 @@ def test_settling_is_that_of_an_exponential(decay: float) -> None:
     t = 1e-3 * np.arange(4000)
     errors = np.zeros((4000, 3))
     errors[1000:, 0] = 0.02 * np.exp(-decay * t[:3000])
-    assert settled_after(errors, 1000, 1300, 200) == pytest.approx(np.log(50) / decay, rel=0.02)
+    assert settling_after_disturbance(errors, 1000, 1300, 200) == pytest.approx(
+        np.log(50) / decay, rel=0.02
+    )
     pushed = np.zeros((4000, 3))
     pushed[1500:, 1] = 0.02 * np.exp(-decay * t[:2500])
-    assert settled_after(pushed, 1000, 1300, 200) == pytest.approx(np.log(50) / decay, rel=0.03)
-    assert settled_after(np.zeros((4000, 3)), 1000, 1300, 200) == 0.0
+    assert settling_after_disturbance(pushed, 1000, 1300, 200) == pytest.approx(
+        np.log(50) / decay, rel=0.03
+    )
+    assert settling_after_disturbance(np.zeros((4000, 3)), 1000, 1300, 200) == 0.0
     ringing = np.zeros((4000, 3))
     ringing[:, 2] = 0.01 * np.sin(60 * t)
-    assert settled_after(ringing, 1000, 1300, 200) == inf
+    assert settling_after_disturbance(ringing, 1000, 1300, 200) == inf

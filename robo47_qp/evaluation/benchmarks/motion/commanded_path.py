@@ -1,4 +1,4 @@
-"""Asked path: what waypoints ask of the tool's position, worked out without the planner."""
+"""Commanded path: the tool path that waypoints define, computed without the planner."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,7 +19,7 @@ _UNEVEN = 1e-5
 
 
 class CommandedPath:
-    """Lines and circles between points, with balls around the corners that are blended."""
+    """Lines and circles between points, with spheres around the blended corners."""
 
     def __init__(self, start: Vector, waypoints: Sequence[Waypoint], home: Vector) -> None:
         """From a pose through waypoints.
@@ -40,13 +40,13 @@ class CommandedPath:
         ]
 
     @property
-    def told(self) -> bool:
-        """True where the tool's way is asked for, not only points on it."""
+    def specified(self) -> bool:
+        """True if the whole path is commanded, not only points on it."""
         passed = any(not w.rests and w.blend == 0.0 for w in self._waypoints)
         return not passed and all(w.prescribes_path for w in self._waypoints)
 
-    def off(self, points: Matrix) -> Vector:
-        """Distance of points (N, 3) from the path; 0 within the blends (N,) [m]."""
+    def distance(self, points: Matrix) -> Vector:
+        """Return the distance of points (N, 3) from the path; 0 within the blends (N,) [m]."""
         away = np.full(len(points), np.inf)
         for i, waypoint in enumerate(self._waypoints):
             a, b = self._points[i : i + 2]
@@ -59,7 +59,7 @@ class CommandedPath:
         return away
 
     def missed(self, points: Matrix) -> Vector:
-        """How far points (N, 3) stay away from each waypoint, and its blend (waypoints,) [m]."""
+        """Return the least distance of points (N, 3) from the blend of each waypoint (n,) [m]."""
         least = [
             max(0.0, float(np.linalg.norm(points - corner, axis=1).min()) - waypoint.blend)
             for waypoint, corner in zip(self._waypoints, self._points[1:], strict=True)
@@ -68,8 +68,8 @@ class CommandedPath:
         least += [float(np.linalg.norm(points - third, axis=1).min()) for third in thirds]
         return np.array(least)
 
-    def shapeless(self) -> str | None:
-        """Why there is no such path; None where there seems to be one."""
+    def shape_error(self) -> str | None:
+        """Return why the waypoints define no path; None if they seem to define one."""
         for i, waypoint in enumerate(self._waypoints):
             a, b = self._points[i : i + 2]
             if waypoint.motion is Motion.CIRC:

@@ -1,4 +1,4 @@
-"""Motion check: what a planned motion promises, by its samples and differences of them alone."""
+"""Motion check: limits and path of a planned motion, from its samples and their differences."""
 
 from collections.abc import Sequence
 
@@ -14,18 +14,18 @@ from robo47_qp.motion.waypoint import Place, Waypoint
 _SLACK = 1e-6
 """Relative slack for rounding in differences."""
 _CLOSE = 1e-5
-"""A waypoint counts as reached [m and rad]."""
+"""Distance within which a waypoint counts as reached [m and rad]."""
 _EVERY = 5
-"""Of the samples, this share is looked at for the place of the tool."""
+"""Every so many samples the tool position is checked."""
 
 
-def broken(look: ReferenceKinematics, legs: Sequence[Leg], profile: MotionProfile) -> list[str]:
-    """Promises that a motion breaks, by its samples and by differences of its positions alone.
+def violations(look: ReferenceKinematics, legs: Sequence[Leg], profile: MotionProfile) -> list[str]:
+    """Return the limits that a motion violates, by its samples and differences of its positions.
 
     Args:
-        look: The robot.
+        look: Kinematics of the robot.
         legs: A motion from rest to rest.
-        profile: The bounds that it was to keep.
+        profile: Limits of speed, acceleration and jerk.
     """
     parts = [leg.trajectory for leg in legs]
     q = np.vstack([parts[0].q[:1], *(part.q[1:] for part in parts)])
@@ -47,7 +47,7 @@ def broken(look: ReferenceKinematics, legs: Sequence[Leg], profile: MotionProfil
             found.append(f"{name} by differences is {(seen / bound).max():.6f} of its bound")
         if (np.abs(values) > bound * (1.0 + _SLACK)).any():
             found.append(f"{name} is {(np.abs(values) / bound).max():.6f} of its bound")
-    # The positions tell the truth of velocity and acceleration: trapezoidal sums to order dt².
+    # Velocities and accelerations must integrate to the positions: trapezoidal rule, order dt².
     if np.abs(np.diff(q, axis=0) / dt - 0.5 * (v[1:] + v[:-1])).max() > profile.j_max.max() * dt**2:
         found.append("velocities are not those of the positions")
     if np.abs(np.diff(v, axis=0) / dt - 0.5 * (a[1:] + a[:-1])).max() > profile.j_max.max() * dt:
@@ -57,18 +57,18 @@ def broken(look: ReferenceKinematics, legs: Sequence[Leg], profile: MotionProfil
     return found
 
 
-def misplaced(
+def path_deviations(
     look: ReferenceKinematics, legs: Sequence[Leg], q_start: Vector, waypoints: Sequence[Waypoint]
 ) -> tuple[list[str], float]:
-    """What the tool of a planned motion misses, and how far it is off its lines and arcs [m].
+    """Return the waypoints that the tool misses, and its largest distance from the path [m].
 
     Args:
-        look: The robot.
+        look: Kinematics of the robot.
         legs: The motion.
-        q_start: Where it was to start (n,) [rad].
-        waypoints: What was asked for.
+        q_start: Commanded start (n,) [rad].
+        waypoints: Commanded waypoints.
     """
-    asked = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
+    path = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
     q = np.vstack([legs[0].trajectory.q[:1], *(leg.trajectory.q[1:] for leg in legs)])
     found = []
     if not np.array_equal(q[0], q_start):
@@ -82,7 +82,7 @@ def misplaced(
     tool: Matrix = np.array([look.position(row) for row in q[::_EVERY]])
     points = np.vstack([tool, ends])
     step = float(np.linalg.norm(np.diff(tool, axis=0), axis=1).max(initial=0.0))
-    missed = asked.missed(points)
+    missed = path.missed(points)
     if missed.max() > _CLOSE + step:
         found.append(f"a waypoint is passed {missed.max():.6f} m away")
-    return found, float(asked.off(points).max()) if asked.told else 0.0
+    return found, float(path.distance(points).max()) if path.specified else 0.0

@@ -1,6 +1,6 @@
-"""Second look: poses and searches by MuJoCo's kinematics and scipy alone.
+"""Reference kinematics: poses and IK searches by MuJoCo and scipy alone.
 
-Nothing here is shared with the solvers and planners that are judged by it: the robot's file is
+It shares nothing with the solvers and planners that it checks: the robot's file is
 compiled anew, the Jacobian is MuJoCo's, and the searches are scipy's bounded least squares.
 """
 
@@ -19,7 +19,7 @@ _EVALUATIONS = 80
 
 
 class ReferenceKinematics:
-    """The robot as its file describes it, without the package's arm."""
+    """Kinematics of a robot from its own file, without the package's `Arm`."""
 
     def __init__(self, robot: Robot) -> None:
         """Compile its file."""

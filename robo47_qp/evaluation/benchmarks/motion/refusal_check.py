@@ -64,15 +64,15 @@ class RefusalCheck:
             return f"no waypoint is called {error.waypoint!r}"
         if found is None:
             return self._unreached(named)
-        asked = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
+        path = CommandedPath(look.pose(q_start), waypoints, look.pose(look.home))
         if found.reason is RefusalReason.SHAPE:
-            return None if asked.shapeless() else "the shape seems to be one"
+            return None if path.shape_error() else "the shape seems to be one"
         if found.q is None:
             return "no configuration is told"
         q = np.array(found.q)
         if found.pose is None:
             return self._sliding(found, q)
-        return self._misplaced(asked, found, q) or self._unfounded(found, q)
+        return self._misplaced(path, found, q) or self._unfounded(found, q)
 
     def _unreached(self, waypoint: Waypoint) -> str | None:
         if isinstance(waypoint.target, Place):
@@ -81,15 +81,15 @@ class RefusalCheck:
         there = self._look.reaches(waypoint.target.wxyz_xyz, _STARTS, rng, _REACHED)
         return None if there is None else "the pose is reached"
 
-    def _misplaced(self, asked: CommandedPath, found: Rejection, q: Vector) -> str | None:
+    def _misplaced(self, path: CommandedPath, found: Rejection, q: Vector) -> str | None:
         look, pose = self._look, np.array(found.pose)
         if not look.inside(q):
             return "the configuration before is outside the limits"
         apart = float(np.abs(look.away(q, pose)).max())
         if apart > _STEP:
             return f"the pose is {apart:.4f} from the configuration before it"
-        if asked.told:
-            off = asked.off(np.array([look.position(q), pose[4:]]))
+        if path.specified:
+            off = path.distance(np.array([look.position(q), pose[4:]]))
             if off.max() > _ON_PATH:
                 return f"the obstacle is {off.max():.6f} m off the path"
         return None

@@ -4,11 +4,16 @@ from math import inf
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 
 BAND = 0.02
 """The usual band: 2 % of the error at the start [-]."""
+_FINEST = 20e-6
+"""Least band after a disturbance; below is noise [m]."""
+_LAST = 200
+"""Periods at the end whose mean is the final position."""
 
 
 def settling_time(errors: Vector, period: float, band: float = BAND) -> float:
@@ -46,3 +51,30 @@ def settling_time(errors: Vector, period: float, band: float = BAND) -> float:
         return inf
     outside, inside = errors[last], errors[last + 1]
     return float(period * (last + (outside - limit) / (outside - inside)))
+
+
+def settling_after_disturbance(errors: Matrix, moving: int, onset: int, periods: int) -> float:
+    """Return the time from the end of a push, or of the motion, until the tool stays at rest.
+
+    The band is 2 % of the largest distance from the final position, at least 20 µm. Without a
+    push that shows in the error, the time counts from the end of the motion.
+
+    Args:
+        errors: Error of the tool position (N, 3) [m].
+        moving: Control periods of the motion.
+        onset: Row at which a push may begin.
+        periods: Control periods that it may last.
+
+    Returns:
+        Time [s]; infinite if the tool is outside the band at the end.
+    """
+    away = np.linalg.norm(errors - errors[-_LAST:].mean(axis=0), axis=1)
+    end = onset + periods
+    pushed = away[end] > max(2 * away[onset], _FINEST)
+    start = end if pushed else moving
+    rest = away[start:]
+    limit = max(BAND * rest.max(), _FINEST)
+    if (rest <= limit).all():
+        return 0.0
+    # `settling_time` takes the band as a fraction of the first error.
+    return max(0.0, settling_time(np.concatenate([[limit / BAND], rest]), TIMESTEP) - TIMESTEP)
