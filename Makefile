@@ -1,7 +1,7 @@
 # Needs make and Python 3.11 or newer with venv; everything else goes into .venv.
 
 PYTHON ?= python3
-PYTEST_FLAGS ?= -n 2
+PYTEST_FLAGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 LOCK_FLAGS ?=
 FRESH ?=
 # Named indirectly: `make -n` runs every line of a recipe that names MAKE itself.
@@ -44,7 +44,7 @@ fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRE
 	  "$$folder/$(BIN)/python" "$$folder/scenarios/retro.py" --out "$(CURDIR)/RETRO.md" \
 	    --commit "fresh clone of commit $$(git rev-parse --short HEAD)"
 
-test: install ## Run the tests (PYTEST_FLAGS="-n 2")
+test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscope-reorder")
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
 
 lint: install ## Check style and formatting

@@ -14,11 +14,13 @@ import pytest
 from mink import SE3, SO3
 
 from robo47_qp.model import robots
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.loading import robot_from_mjcf
 from robo47_qp.model.menagerie import ROOT_VARIABLE
 from robo47_qp.model.robot import Robot, ToolFrame
 from robo47_qp.model.robots.panda import PANDA
+from tests.plain_arm import PlainArm
 
 MODELS = Path(__file__).parent / "models"
 SLIDER_TOOL = SE3.from_rotation_and_translation(
@@ -122,6 +124,11 @@ def is_meant_for(module: str, test: str, robot: str) -> bool:
     return robot in MODULES.get(module, everywhere) and robot in PREMISES.get(test, everywhere)
 
 
+def is_at_hand(robot: str) -> bool:
+    """True where a robot's model is on this machine, as far as the environment says."""
+    return robot in ("panda", "hinge6", "slider6") or ROOT_VARIABLE in os.environ
+
+
 @cache
 def robot_named(name: str) -> Robot:
     return MAKERS[name]()
@@ -129,9 +136,19 @@ def robot_named(name: str) -> Robot:
 
 def robot_or_skip(name: str) -> Robot:
     """A robot, the same object every time; no file is fetched for it."""
-    if name not in ("panda", "hinge6", "slider6") and ROOT_VARIABLE not in os.environ:
+    if not is_at_hand(name):
         pytest.skip(f"{ROOT_VARIABLE} names no checkout of MuJoCo Menagerie with the {name}")
     return robot_named(name)
+
+
+@cache
+def arm_of(name: str) -> Arm:
+    return Arm(robot_named(name))
+
+
+@cache
+def plain_arm_of(name: str) -> PlainArm:
+    return PlainArm(robot_named(name))
 
 
 def the_gripper(robot: Robot) -> Gripper:

@@ -2,11 +2,14 @@
 
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from threading import Timer
 from typing import Any
@@ -22,7 +25,6 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits o
 def run_script(
     *arguments: str,
     cwd: Path,
-    script: Path = SCRIPT,
     file_limit: int | None = None,
     terminal: bool = False,
 ) -> subprocess.CompletedProcess[str]:
@@ -41,13 +43,32 @@ def run_script(
             "runpy.run_path(sys.argv[0], run_name='__main__')",
         ]
     return subprocess.run(
-        [sys.executable, *limited, str(script), *arguments],
+        [sys.executable, *limited, str(SCRIPT), *arguments],
         cwd=cwd,
         env=environment,
         capture_output=True,
         text=True,
         check=False,
         timeout=120,
+    )
+
+
+def run_here(*arguments: str, cwd: Path, script: Path = SCRIPT) -> subprocess.CompletedProcess[str]:
+    """The same in this process, which saves the imports: for what is no matter of a process."""
+    stdout, stderr = StringIO(), StringIO()
+    on_terminate = signal.getsignal(signal.SIGTERM)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(stdout), redirect_stderr(stderr):
+        patch.chdir(cwd)
+        patch.setenv("COLUMNS", "1000")
+        for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+            patch.delenv(name, raising=False)
+        patch.setattr(sys, "argv", [str(script), *arguments])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(str(script), run_name="__main__")
+    signal.signal(signal.SIGTERM, on_terminate)
+    assert isinstance(ended.value.code, int)
+    return subprocess.CompletedProcess(
+        sys.argv, ended.value.code, stdout.getvalue(), stderr.getvalue()
     )
 
 
@@ -172,7 +193,7 @@ sys.exit(main(RunOptions, run, "Place a cube to the nanometre."))
 def test_a_robot_that_tried_and_failed_exits_with_one_and_tells_why(tmp_path: Path) -> None:
     script = tmp_path / "strict.py"
     script.write_text(STRICT, encoding="utf-8")
-    done = run_script("--log", str(tmp_path / "run.rrd"), cwd=tmp_path, script=script)
+    done = run_here("--log", str(tmp_path / "run.rrd"), cwd=tmp_path, script=script)
     assert done.returncode == 1, done.stderr
     assert done.stderr == ""
     assert "failed: place" in done.stdout
@@ -212,7 +233,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
     script = tmp_path / "gentle.py"
     script.write_text(GENTLE, encoding="utf-8")
     log = tmp_path / "run.rrd"
-    done = run_script("--log", str(log), cwd=tmp_path, script=script)
+    done = run_here("--log", str(log), cwd=tmp_path, script=script)
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
     [broken] = [finding for finding in summary["audit"] if not finding["ok"]]
@@ -255,7 +276,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
 def test_bad_input_is_told_and_nothing_is_left_behind(
     arguments: Sequence[str], words: Sequence[str], tmp_path: Path
 ) -> None:
-    done = run_script("--log", "run.rrd", *arguments, cwd=tmp_path)
+    done = run_here("--log", "run.rrd", *arguments, cwd=tmp_path)
     assert_one_message(done, *words)
     assert list(tmp_path.iterdir()) == []
 
@@ -276,7 +297,7 @@ def test_files_that_cannot_be_are_told_before_anything_moves(
 ) -> None:
     """Below a file, one in the place of another, or of a kind that nobody can write."""
     (tmp_path / "taken").write_text("a file")
-    done = run_script("--log", "run.rrd", *files, cwd=tmp_path)
+    done = run_here("--log", "run.rrd", *files, cwd=tmp_path)
     assert_one_message(done, *words)
     assert (tmp_path / "taken").read_text() == "a file"
     assert [p.name for p in tmp_path.iterdir()] == ["taken"]
@@ -305,7 +326,7 @@ def test_a_rehearsal_that_fails_does_not_touch_the_last_recording(tmp_path: Path
     for name, path in last.items():
         path.write_text(f"the last {name}")
         os.utime(path, (1e9, 1e9))
-    done = run_script("--log", "run.rrd", "--pick", "2", "0", cwd=tmp_path)
+    done = run_here("--log", "run.rrd", "--pick", "2", "0", cwd=tmp_path)
     assert_one_message(done, "Waypoint 'approach' cannot be planned")
     for name, path in last.items():
         assert path.read_text() == f"the last {name}"

@@ -27,7 +27,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.plain_arm import PlainArm
-from tests.robots import MODELS, robot_named
+from tests.robots import MAKERS, MODELS, robot_named, robot_or_skip
 from tests.runs import Reach, no_objects
 
 DT = 1e-3
@@ -36,6 +36,12 @@ DT = 1e-3
 @pytest.fixture(scope="module")
 def world(robot: Robot) -> Simulation:
     return Simulation(robot, no_objects)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_every_robot_is_tested(name: str) -> None:
+    """Tests on a robot whose model is missing are left out; this one is skipped and says why."""
+    assert robot_or_skip(name).joints
 
 
 def test_the_tool_is_where_the_untouched_file_has_it(

@@ -49,12 +49,14 @@ def blind() -> Planner:
     return Planner(ik=planner().ik, profile=PANDA.profile)
 
 
-def run(by: Planner) -> list[Leg]:
+@cache
+def planned() -> tuple[Leg, ...]:
+    """What the planner of every task makes of the three waypoints."""
     legs, q = list[Leg](), ARM.home
     for waypoint in (ABOVE, DOWN, UP):
-        legs.append(by.plan(ARM, waypoint, q, DT))
+        legs.append(planner().plan(ARM, waypoint, q, DT))
         q = legs[-1].trajectory.end.q
-    return legs
+    return tuple(legs)
 
 
 def touching(motion: Trajectory) -> set[tuple[str, str]]:
@@ -82,14 +84,13 @@ def test_without_a_look_links_meet_on_the_line_that_follows() -> None:
 
 
 def test_the_planner_of_every_task_takes_another_branch() -> None:
-    legs = run(planner())
-    for leg in legs:
+    for leg in planned():
         assert touching(leg.trajectory) == set()
         assert max(ARM.pose_distance(leg.T_world_goal, leg.trajectory.end.q)) < 1.1e-6
 
 
 def test_a_branch_close_to_a_limit_is_taken_only_where_none_has_more_room() -> None:
-    legs = run(planner())
+    legs = planned()
     span = 0.5 * (ARM.q_max - ARM.q_min)
     ends = np.array([leg.trajectory.end.q for leg in legs])
     chosen = float((np.minimum(ends - ARM.q_min, ARM.q_max - ends) / span).min())
