@@ -95,10 +95,7 @@ class StackOptions:
         """
         try:
             return ClassicalStack(
-                ik=self.ik,
-                qp_solver=self.qp_solver,
-                controller=self.controller,
-                pace=self.speed,
+                ik=self.ik, qp_solver=self.qp_solver, controller=self.controller, pace=self.speed
             )
         except InvalidValueError as error:
             option = {"pace": "--speed", "qp_solver": "--qp-solver"}[error.name]

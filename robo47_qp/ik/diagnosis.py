@@ -28,11 +28,7 @@ against limits, and long steps swing past it."""
 
 
 def diagnosed(
-    arm: Arm,
-    T_world_target: SE3,
-    best: IkResult,
-    starts: Sequence[Vector],
-    tolerance: Tolerance,
+    arm: Arm, T_world_target: SE3, best: IkResult, starts: Sequence[Vector], tolerance: Tolerance
 ) -> IkResult:
     """Return the best result of a failed search, with the reason found by dropping constraints.
 
@@ -79,8 +75,7 @@ def diagnosed(
             ),
         )
     return replace(
-        best,
-        explanation=f"the position is reached, but not with this orientation: {remains}",
+        best, explanation=f"the position is reached, but not with this orientation: {remains}"
     )
 
 
@@ -115,11 +110,7 @@ def _left_without_orientation(
     # The error need not vanish: only where it hardly falls at all is the least one found.
     stall = Stall(fall=1e-3)
     loose = LmIk(
-        position_only=True,
-        max_iterations=_STEPS,
-        damping=_CALM,
-        stall=stall,
-        tolerance=tolerance,
+        position_only=True, max_iterations=_STEPS, damping=_CALM, stall=stall, tolerance=tolerance
     )
     left = np.inf
     for q_start in starts:

@@ -199,12 +199,7 @@ def compile_arm(
 def _bare(robot: Robot) -> mujoco.MjSpec:
     """The robot's joints and what they carry; to be copied, because striking out takes long."""
     spec = robot_spec(robot)
-    drives: list[Any] = [
-        *spec.actuators,
-        *spec.sensors,
-        *spec.tendons,
-        *spec.equalities,
-    ]
+    drives: list[Any] = [*spec.actuators, *spec.sensors, *spec.tendons, *spec.equalities]
     for element in drives:
         spec.delete(element)
     for joint in list(spec.joints):

@@ -111,13 +111,7 @@ class Continuous:
         return Passage(trajectory, passes, spent)
 
     def _add_tool(
-        self,
-        arm: Arm,
-        ik: IkSolver,
-        plan: _Plan,
-        first: int,
-        members: Sequence[Request],
-        q: Vector,
+        self, arm: Arm, ik: IkSolver, plan: _Plan, first: int, members: Sequence[Request], q: Vector
     ) -> Vector:
         curve = _tool_curve(members, arm.pose(q), self.profile)
         time = self.profile.least_time(curve.length, curve.angle)

@@ -198,10 +198,7 @@ class DisturbedSimulation(Simulation):
         for i in np.flatnonzero(links):
             links[i] = m.body(i).name != _PAYLOAD
         free = np.isin(m.body_rootid, [m.body(name).id for name in self.objects])
-        for bodies, factor in (
-            (links, wrong.inertia_factor),
-            (free, wrong.object_mass_factor),
-        ):
+        for bodies, factor in ((links, wrong.inertia_factor), (free, wrong.object_mass_factor)):
             m.body_mass[bodies] *= factor
             m.body_inertia[bodies] *= factor
         if wrong.inertia_factor != 1.0 or wrong.object_mass_factor != 1.0:

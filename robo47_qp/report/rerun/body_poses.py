@@ -23,7 +23,7 @@ class BodyPoses:
         self._model, self._data = model, mujoco.MjData(model)
         objects = free_bodies(model)
         self._sources: list[tuple[str, list[int]]] = [
-            ("joints/q", [_address(model, name) for name in robot.joints]),
+            ("joints/q", [_address(model, name) for name in robot.joints])
         ]
         if robot.gripper is not None:
             fingers = [_address(model, name) for name in robot.gripper.joints]

@@ -73,10 +73,7 @@ def _in_turn(name: str, n: int, rng: np.random.Generator, makers: dict[str, _Mak
     names = list(makers)
     kinds = [names[k % len(names)] for k in range(n)]
     return TargetSet(
-        name=name,
-        targets=[makers[kind](rng) for kind in kinds],
-        reachable=False,
-        kinds=kinds,
+        name=name, targets=[makers[kind](rng) for kind in kinds], reachable=False, kinds=kinds
     )
 
 
