@@ -17,9 +17,9 @@ from rich.markup import escape
 
 from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import RecordingError
-from robo47_qp.evaluation.benchmarks.reproduce.comparison import compare
-from robo47_qp.evaluation.benchmarks.reproduce.page import comparison_page, outcome, row
 from robo47_qp.files import read_json, write_json
+from scenarios.reproduce.comparison import compare
+from scenarios.reproduce.page import comparison_page, outcome, row
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORTS = {

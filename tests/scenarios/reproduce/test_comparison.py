@@ -4,7 +4,7 @@ from math import inf, nan, nextafter
 
 import pytest
 
-from robo47_qp.evaluation.benchmarks.reproduce.comparison import Agreement, Compared, compare
+from scenarios.reproduce.comparison import Agreement, Compared, compare
 
 
 def judge(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robo47_qp.evaluation.benchmarks.reproduce.comparison import compare
-from robo47_qp.evaluation.benchmarks.reproduce.page import comparison_page, outcome, row
+from scenarios.reproduce.comparison import compare
+from scenarios.reproduce.page import comparison_page, outcome, row
 
 HERE = {"processor": "x", "numpy": "2"}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from robo47_qp.evaluation.benchmarks.reproduce.comparison import BAR, FLOOR, Agreement, Compared
+from scenarios.reproduce.comparison import BAR, FLOOR, Agreement, Compared
 
 _HEAD = ("| figure | kept | measured | difference | verdict |", "|---|--:|--:|--:|---|")
 
