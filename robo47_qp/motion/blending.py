@@ -20,7 +20,7 @@ from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.state_to_state import to_state
 from robo47_qp.motion.timing.time_law import TimeLaw
 from robo47_qp.motion.tool_motion import tool_places
-from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.motion.trajectory import Trajectory, joined
 
 Plan = TypeVar("Plan")
 
@@ -200,7 +200,8 @@ def cut_corners(
         start = whole.steps - cut.left
         zone = np.abs(cut.zone.q - motion.q[0]).max(axis=1)
         passes.append(start + int(zone.argmin()))
-        whole, used = _joined(whole, cut, motion), cut.skipped
+        parts = whole.part(0, start), cut.zone, motion.part(cut.skipped, motion.steps)
+        whole, used = joined(parts), cut.skipped
     return whole, passes
 
 
@@ -257,16 +258,6 @@ def _leapt(
 def _fits(arm: Arm, zone: Trajectory, corner: Corner, place: Vector) -> bool:
     within = _within(arm, zone.q, place, corner.radius) == zone.steps
     return within and _bounded(arm, zone, corner.bounds)
-
-
-def _joined(before: Trajectory, cut: _Cut, after: Trajectory) -> Trajectory:
-    end = before.steps - cut.left
-
-    def joined(name: str) -> Matrix:
-        parts = (getattr(before, name)[:end], getattr(cut.zone, name))
-        return np.vstack([*parts, getattr(after, name)[cut.skipped + 1 :]])
-
-    return Trajectory(dt=before.dt, q=joined("q"), v=joined("v"), a=joined("a"))
 
 
 def _bounded(arm: Arm, zone: Trajectory, bounds: MotionProfile) -> bool:

@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix, Positive, Vector
+from robo47_qp.errors import MissingExtraError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.timing.retiming import Timing, limits
-from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.motion.trajectory import Trajectory, joined
 
 _ROUNDING = 1e-9
 """How far a spline may be from the ends that it goes through [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Detour:
+class Detour(Checked):
     """Finds joint paths with OMPL and runs them without a stop. Its fields are settings.
 
     RRT-Connect (Kuffner and LaValle, ICRA 2000) joins start and goal by a polyline, which is
@@ -42,36 +42,31 @@ class Detour:
     roomy: Collisions
     """What is looked at during the search: the same things with some more clearance, which
     splines, and looks that are further apart, may use up."""
-    iterations: int = 5000
+    iterations: Count = 5000
     """Steps of the search before it gives up."""
-    step: float = 0.025
+    step: Positive = 0.025
     """Way of all joints together between two looks [rad or m]."""
-    stride: float = 0.6
+    stride: Positive = 0.6
     """Longest edge of the trees [rad or m]."""
     margin: float = 0.02
     """Distance from joint limits on the way [rad or m]."""
-    searches: int = 3
+    searches: Count = 3
     """How many ways are sought, of which the quickest is taken."""
-    shortenings: int = 200
+    shortenings: CountOrZero = 200
     """How often a shorter way is tried."""
-    refinements: int = 12
+    refinements: CountOrZero = 12
     """How many corners are added before the motion stops at each."""
-    seed: int = 1
+    seed: Count = 1
     """Of the random numbers of the first search, at least 1; each other has its own."""
 
     def __post_init__(self) -> None:
         """Check the numbers and the library.
 
         Raises:
-            InvalidValueError: A number is not positive.
+            InvalidValueError: A number is out of its range.
             MissingExtraError: OMPL is not installed.
         """
-        for name in ("iterations", "step", "stride", "searches", "seed"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InvalidValueError(name, getattr(self, name), "positive and finite")
-        for name in ("shortenings", "refinements"):
-            if getattr(self, name) < 0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
+        super().__post_init__()
         _ompl("base")
 
     def plan(
@@ -185,13 +180,7 @@ def _places(corners: Matrix, profile: MotionProfile) -> Vector:
 
 
 def _with_stops(corners: Matrix, profile: MotionProfile, dt: float) -> Trajectory:
-    parts = [plan_ptp(a, b, profile, dt) for a, b in pairwise(corners)]
-    return Trajectory(
-        dt=dt,
-        q=np.vstack([corners[:1], *(part.q[1:] for part in parts)]),
-        v=np.vstack([parts[0].v[:1], *(part.v[1:] for part in parts)]),
-        a=np.vstack([parts[0].a[:1], *(part.a[1:] for part in parts)]),
-    )
+    return joined([plan_ptp(a, b, profile, dt) for a, b in pairwise(corners)])
 
 
 def _state(space: Any, q: Vector) -> Any:

@@ -1,6 +1,8 @@
 """Trajectory: joint references sampled at the control rate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -57,6 +59,37 @@ class Trajectory:
         return Trajectory(
             dt=self.dt, q=self.q[rows].copy(), v=self.v[rows].copy(), a=self.a[rows].copy()
         )
+
+
+class JointCurve(Protocol):
+    """A twice differentiable path of all joints over a parameter in [0, 1]."""
+
+    def __call__(self, x: Vector | float, nu: int = 0) -> Matrix:
+        """Return the derivative of an order, at one x (n,) or many (N, n)."""
+        ...
+
+
+def along(path: JointCurve, rows: Matrix, dt: float) -> Trajectory:
+    """Return the motion along a path: q(t) = path(s(t)), by the chain rule.
+
+    Args:
+        path: The path.
+        rows: Its parameter s with two derivatives by time, every dt (N + 1, 3).
+        dt: Time between samples [s].
+    """
+    s, (ds, dds) = rows[:, 0], rows.T[1:, :, None]
+    dq, ddq = path(s, 1), path(s, 2)
+    return Trajectory(dt=dt, q=path(s), v=dq * ds, a=ddq * ds**2 + dq * dds)
+
+
+def joined(parts: Sequence[Trajectory]) -> Trajectory:
+    """Return one trajectory from several, each of which starts where the one before it ends."""
+    first, later = parts[0], parts[1:]
+    q, v, a = (
+        np.vstack([getattr(first, name), *(getattr(part, name)[1:] for part in later)])
+        for name in "qva"
+    )
+    return Trajectory(dt=first.dt, q=q, v=v, a=a)
 
 
 def hold(q: Vector, steps: int, dt: float) -> Trajectory:

@@ -2,12 +2,21 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 from mink import SE3, SO3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Vector, check_pose, checked_vector, frozen_vector
+from robo47_qp.arrays import (
+    Checked,
+    NotNegative,
+    Ratio,
+    Size,
+    Vector,
+    check_pose,
+    checked_vector,
+)
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
@@ -52,7 +61,7 @@ class Place(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Waypoint:
+class Waypoint(Checked):
     """A tool pose to visit; at rest unless it is blended or passed."""
 
     name: str
@@ -60,17 +69,17 @@ class Waypoint:
     target: SE3 | Place
     """T_world_tcp to reach, or a place of the robot's own."""
     motion: Motion = Motion.PTP
-    through: Vector | None = None
+    through: Annotated[Vector, Size(3)] | None = None
     """CIRC: a point on the arc between start and target (3,) [m]."""
-    centre: Vector | None = None
+    centre: Annotated[Vector, Size(3)] | None = None
     """CIRC, in place of `through`: centre of the arc (3,) [m]; the shorter way is taken."""
-    blend: float = 0.0
+    blend: NotNegative = 0.0
     """How far from here the tool may leave the way here for the way to the next waypoint, so as
     not to stop [m]; with 0 it comes to rest, or passes exactly through where `stop` is False."""
     stop: bool = True
     """False: pass exactly through without stopping, on a smooth curve through this waypoint and
     its neighbours; in joint space for PTP, of the tool for LIN."""
-    pace: float = 1.0
+    pace: Ratio = 1.0
     """Pace on the way here, relative to the profile, in (0, 1]."""
     grip: Grip | None = None
     """What the gripper does on arrival; None leaves it as it is."""
@@ -92,13 +101,13 @@ class Waypoint:
             raise InvalidValueError(
                 f"what follows waypoint {self.name!r}", bent, f"waypoints reached by {PRESCRIBED}"
             )
+        super().__post_init__()
         self._check_shape()
         if isinstance(self.target, SE3):
             check_pose(f"target of waypoint {self.name!r}", self.target)
-        if not 0.0 < self.pace <= 1.0:
-            raise InvalidValueError(
-                f"pace of waypoint {self.name!r}", self.pace, "above 0 and at most 1"
-            )
+
+    def _label(self, field: str) -> str:
+        return f"{field} of waypoint {self.name!r}"
 
     @property
     def rests(self) -> bool:
@@ -153,13 +162,6 @@ class Waypoint:
                 f"shape of the way to waypoint {self.name!r}",
                 f"{name} with {self._given or 'neither ' + ' nor '.join(_POINTS)}",
                 f"{name} with {wanted}",
-            )
-        for field in self._given:
-            point = frozen_vector(f"{field} of waypoint {self.name!r}", getattr(self, field), 3)
-            object.__setattr__(self, field, point)
-        if not (np.isfinite(self.blend) and self.blend >= 0.0):
-            raise InvalidValueError(
-                f"blend of waypoint {self.name!r}", self.blend, "finite and 0 or more [m]"
             )
         if not self.stop and (self.blend > 0.0 or not motion.passable):
             raise InvalidValueError(

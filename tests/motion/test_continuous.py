@@ -298,7 +298,7 @@ def test_what_shapes_a_way_is_checked() -> None:
         ({"motion": Motion.LIN, "through": point}, r"LIN with \['through'\]"),
         ({"motion": Motion.CIRC, "through": point, "centre": point}, "CIRC with one of"),
         ({"motion": Motion.CIRC, "through": point[:2]}, "through of waypoint"),
-        ({"blend": -0.1}, "blend of waypoint 'w' must be finite and 0 or more"),
+        ({"blend": -0.1}, "blend of waypoint 'w' must be 0 or more and finite"),
         ({"blend": np.nan}, "blend of waypoint"),
         ({"stop": False, "blend": 0.1}, "not to be stopped at"),
         ({"motion": Motion.CIRC, "centre": point, "stop": False}, "not to be stopped at"),

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -10,19 +9,10 @@ from scipy.optimize import brentq
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.paths.curves import BlendError
+from robo47_qp.motion.paths.curves import BlendError, check_room
+from robo47_qp.motion.trajectory import JointCurve
 
-_ROOM = 0.99
-"""Part of a stretch that the blends at its ends may take together."""
 _LOOKS = 33
-
-
-class JointCurve(Protocol):
-    """A twice differentiable path of all joints over a parameter in [0, 1]."""
-
-    def __call__(self, x: Vector | float, nu: int = 0) -> Matrix:
-        """Derivative of an order, at one x (n,) or many (N, n)."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,11 +49,7 @@ class JointPath:
         self._stretches = tuple(stretches)
         times = np.array([one.time for one in stretches])
         zones = [_zone(arm, stretches, i, r) for i, r in enumerate(radii)]
-        for i, time in enumerate(times):
-            taken = sum(zones[max(0, i - 1) : i + 1])
-            if taken > _ROOM * time:
-                share = 100.0 * taken / time
-                raise BlendError(i, f"the blends at its ends would take {share:.0f} % of it")
+        check_room(zones, times)
         self._starts = np.concatenate([[0.0], np.cumsum(times)])
         self.time = float(self._starts[-1])
         """Time that it takes at full speed, roughly [s]."""

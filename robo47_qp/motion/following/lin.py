@@ -16,7 +16,7 @@ from robo47_qp.motion.paths.segments import Line, PathProfile, ToolPath
 from robo47_qp.motion.refusals import PathError, check_limits
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.trajectory import Trajectory, hold
+from robo47_qp.motion.trajectory import Trajectory, along, hold
 
 _MAX_STRETCH = 1000.0
 """A path that must be slowed more than this is no path for the arm."""
@@ -105,7 +105,8 @@ class Lin(Tracking):
         bounds = self.profile.along(line.length, line.angle, pace)
         stretch = 1.0
         while True:
-            trajectory = _along(path, bounds / stretch ** np.arange(1, 4), dt, self.law)
+            rows = self.law.run(1.0, bounds / stretch ** np.arange(1, 4), dt)
+            trajectory = along(path, rows, dt)
             excess = _excess(trajectory, joints, self.law)
             if excess <= 1.0:
                 break
@@ -123,14 +124,6 @@ class Lin(Tracking):
                 trajectory = uneven
         check_limits(arm, trajectory.q)
         return trajectory
-
-
-def _along(path: BSpline, bounds: Vector, dt: float, law: TimeLaw) -> Trajectory:
-    """Run the path under bounds on its parameter: q(t) = path(s(t)), by the chain rule."""
-    s, ds, dds = law.run(1.0, bounds, dt).T[:, :, None]
-    s = s[:, 0]
-    dq, ddq = path.derivative(1)(s), path.derivative(2)(s)
-    return Trajectory(dt=dt, q=path(s), v=dq * ds, a=ddq * ds**2 + dq * dds)
 
 
 def _excess(trajectory: Trajectory, joints: MotionProfile, law: TimeLaw) -> float:

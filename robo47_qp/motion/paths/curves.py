@@ -26,6 +26,23 @@ class BlendError(Robo47Error):
         self.segment = segment
 
 
+def check_room(zones: Sequence[float] | Vector, times: Vector) -> None:
+    """Check that the blends at both ends of each segment leave some of it.
+
+    Args:
+        zones: Time that each corner takes of both its segments [s].
+        times: Of the segments, one more [s].
+
+    Raises:
+        BlendError: They do not.
+    """
+    for i, time in enumerate(times):
+        taken = sum(zones[max(0, i - 1) : i + 1])
+        if taken > _ROOM * time:
+            share = 100.0 * taken / time
+            raise BlendError(i, f"the blends at its ends would take {share:.0f} % of it")
+
+
 class ToolCurve:
     """Segments with their corners rounded; twice continuously differentiable inside.
 
@@ -53,11 +70,7 @@ class ToolCurve:
         self._segments = tuple(segments)
         self._times = np.array([profile.least_time(s.length, s.angle) for s in segments])
         self._zones = np.array([self._zone(i, r) for i, r in enumerate(radii)])
-        taken = np.concatenate([[0.0], self._zones]) + np.concatenate([self._zones, [0.0]])
-        for i, (zone, time) in enumerate(zip(taken, self._times, strict=True)):
-            if zone > _ROOM * time:
-                share = 100.0 * zone / time
-                raise BlendError(i, f"the blends at its ends would take {share:.0f} % of it")
+        check_room(self._zones, self._times)
         starts = np.concatenate([[0.0], np.cumsum(self._times)])
         corners = starts[1:-1]
         edges = np.ravel([corners - self._zones, corners + self._zones], order="F")

@@ -12,12 +12,11 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.following.joint_path import JointCurve
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.timing.state_to_state import Leap, leap
 from robo47_qp.motion.tool_motion import tool_rates
-from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.motion.trajectory import JointCurve, Trajectory, along
 
 _HALVINGS = 60
 _CAREFUL = 1.0 - 1e-6
@@ -176,7 +175,9 @@ class Timing:
             for share in self.shares:
                 caps = _caps(bend, limit, share)
                 for _ in range(self.rounds if len(lengths) > 1 else 1):
-                    excess = _excess(arm, _Run(path, lengths, caps, _COARSE * dt), ends, limit)
+                    rows = Travel(lengths, caps).sampled(_COARSE * dt)
+                    coarse = along(path, rows, _COARSE * dt)
+                    excess = _excess(arm, coarse, rows[:, 0], ends, limit)
                     scaled = caps / excess.max() ** np.arange(1, 4)
                     duration = Travel(lengths, scaled).duration
                     if duration < quickest:
@@ -185,30 +186,20 @@ class Timing:
         return _fitted(arm, path, *best, dt)
 
 
-class _Run:
-    """Samples along a path, with the parameter that they were taken at."""
-
-    def __init__(self, path: JointCurve, lengths: Vector, caps: Matrix, dt: float) -> None:
-        rows = Travel(lengths, caps).sampled(dt)
-        self.s: Vector = rows[:, 0]
-        ds, dds = rows.T[1:, :, None]
-        dq, ddq = path(self.s, 1), path(self.s, 2)
-        self.trajectory = Trajectory(dt=dt, q=path(self.s), v=dq * ds, a=ddq * ds**2 + dq * dds)
-
-
 def _fitted(
     arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix, caps: Matrix, dt: float
 ) -> Trajectory:
     """Scale time until a bound is just reached and none is exceeded."""
     best: Trajectory | None = None
     for _ in range(_TRIES):
-        run = _Run(path, np.diff(cuts), caps, dt)
-        excess = float(_excess(arm, run, cuts, bounds).max())
+        rows = Travel(np.diff(cuts), caps).sampled(dt)
+        motion = along(path, rows, dt)
+        excess = float(_excess(arm, motion, rows[:, 0], cuts, bounds).max())
         if excess <= 1.0:
             # Whole periods: a motion of few samples may not come closer to its bounds.
-            if best is not None and run.trajectory.steps >= best.steps:
+            if best is not None and motion.steps >= best.steps:
                 break
-            best = run.trajectory
+            best = motion
             if excess >= _NEAR:
                 break
         caps = caps / (excess * _MORE) ** np.arange(1, 4)
@@ -217,10 +208,9 @@ def _fitted(
     return best
 
 
-def _excess(arm: Arm, run: _Run, cuts: Vector, bounds: Matrix) -> Vector:
+def _excess(arm: Arm, motion: Trajectory, s: Vector, cuts: Vector, bounds: Matrix) -> Vector:
     """Factors by which to stretch time in each section (K,); below 1, it may shrink."""
-    motion = run.trajectory
-    section = np.clip(np.searchsorted(cuts, run.s, side="right") - 1, 0, len(cuts) - 2)
+    section = np.clip(np.searchsorted(cuts, s, side="right") - 1, 0, len(cuts) - 2)
     # Differences span several samples: they are as quick as the quickest of them allows.
     limit = maximum_filter1d(bounds[:, section], 2 * _SPAN + 1, axis=1)
     kinds = [(motion.v, motion.a, motion.jerk)]
