@@ -13,7 +13,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.curves import BlendError
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.refusals import misshapen
+from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.lower_bound import least_time
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
@@ -31,7 +31,7 @@ def quickest(
     duration: Callable[[Plan], float],
     with_stops: float,
 ) -> Plan:
-    """A plan that takes no longer than one that stops at every corner.
+    """Return a plan that takes no longer than one that stops at every corner.
 
     Where the plan without stops may be slower, the one that stops at all corners is made too.
     Where that is quicker, each corner in turn is blended again if it saves time.
@@ -39,8 +39,8 @@ def quickest(
     Args:
         corners: Where the motion may stop.
         plan: Plans with stops at some of the corners.
-        duration: Of a plan [s].
-        with_stops: What the motion takes at least with all the stops [s].
+        duration: Gives the duration of a plan [s].
+        with_stops: Shortest possible duration with a stop at every corner [s].
 
     Raises:
         PlanError: There is no plan without stops.
@@ -129,7 +129,7 @@ def cut_ptp(
     q = [q_start, *(request.goal.q for request in requests if request.goal is not None)]
     for request, (a, b) in zip(requests, pairwise(q), strict=True):
         if (np.abs(b - a) / profile.v_max).max() < STILL:
-            raise misshapen(request.name, "it is where the motion already is")
+            raise shape_refused(request.name, "it is where the motion already is")
     motions = [
         plan_ptp(a, b, profile, dt, law)
         for (a, b), profile in zip(pairwise(q), profiles, strict=True)
@@ -141,11 +141,11 @@ def cut_ptp(
     try:
         return cut_corners(arm, motions, corners)
     except BlendError as error:
-        raise misshapen(requests[error.segment].name, str(error)) from error
+        raise shape_refused(requests[error.segment].name, str(error)) from error
 
 
 def _either(a: MotionProfile, b: MotionProfile) -> MotionProfile:
-    """What at least one of two profiles allows."""
+    """Return the larger bounds of two profiles."""
     return MotionProfile(
         v_max=np.maximum(a.v_max, b.v_max),
         a_max=np.maximum(a.a_max, b.a_max),
@@ -154,17 +154,17 @@ def _either(a: MotionProfile, b: MotionProfile) -> MotionProfile:
 
 
 _SHARES = np.linspace(1.0, 0.1, 10)
-"""Parts of the way inside the radius that are tried as the way of a cut, the longest first."""
+"""Shares of the path inside the radius that a cut may replace, in the order of trial."""
 _ROUNDING = 1.0 + 1e-9
 
 
 class Corner(NamedTuple):
-    """What holds where one motion gives way to the next."""
+    """A corner between two motions."""
 
     radius: float
-    """How far from the waypoint the tool may be on the cut [m]."""
+    """Largest distance of the tool from the waypoint on the cut [m]."""
     bounds: MotionProfile
-    """Of the joints on it; a jerk may be infinite."""
+    """Bounds of the joints on the cut; a jerk may be infinite."""
 
 
 class _Cut(NamedTuple):
@@ -178,12 +178,11 @@ class _Cut(NamedTuple):
 def cut_corners(
     arm: Arm, motions: Sequence[Trajectory], corners: Sequence[Corner]
 ) -> tuple[Trajectory, list[int]]:
-    """One motion from several, and the samples at which the waypoints between them are passed.
+    """Join motions into one; return it and the samples at which it passes the waypoints between.
 
-    Where the tool is within its radius of a corner, the joints leave the first motion and go
-    in the least time to a state of the second, velocity and acceleration continued (Ruckig).
-    A cut that saves no time is not made: then the arm stops at the corner, so that the motion
-    never takes longer than with stops.
+    Within the radius of a corner the joints go in the least time from a state of the first
+    motion to a state of the second, with continuous velocity and acceleration (Ruckig). Where
+    that saves no time, the arm stops at the corner.
 
     Args:
         arm: The arm.
@@ -216,7 +215,7 @@ def _check_room(arm: Arm, motions: Sequence[Trajectory], corners: Sequence[Corne
 
 
 def _cut(arm: Arm, pair: tuple[Trajectory, Trajectory], free: int, corner: Corner) -> _Cut:
-    """The best of those tried; `free` periods at the end of the first motion may be cut."""
+    """Return the best cut; it may replace `free` periods at the end of the first motion."""
     before, after = pair
     place = arm.pose(after.q[0]).translation()
     back = _within(arm, before.q[::-1][: free + 1], place, corner.radius)
@@ -229,7 +228,7 @@ def _cut(arm: Arm, pair: tuple[Trajectory, Trajectory], free: int, corner: Corne
         if left + skipped <= saved:
             break
         try:
-            zone = _leapt(before, before.steps - left, after, skipped, corner.bounds)
+            zone = _transition(before, before.steps - left, after, skipped, corner.bounds)
         except InvalidValueError:
             # Ruckig finds nothing between some states that use their bounds to the last digit.
             continue
@@ -239,17 +238,17 @@ def _cut(arm: Arm, pair: tuple[Trajectory, Trajectory], free: int, corner: Corne
     return best
 
 
-def _leapt(
+def _transition(
     before: Trajectory, leave: int, after: Trajectory, enter: int, bounds: MotionProfile
 ) -> Trajectory:
-    """In whole periods from a sample of one motion to a sample of another."""
+    """Return the motion, in whole periods, from a sample of one motion to one of another."""
     ends = [
         np.stack([one.q[k], one.v[k], one.a[k]]) for one, k in ((before, leave), (after, enter))
     ]
     dt = before.dt
-    leap = to_state(ends[0], ends[1], bounds.v_max, bounds.a_max, bounds.j_max, dt)
-    steps = max(1, round(leap.duration / dt))
-    states = np.array([leap.at(k * dt) for k in range(steps + 1)]).reshape(steps + 1, 3, -1)
+    transition = to_state(ends[0], ends[1], bounds.v_max, bounds.a_max, bounds.j_max, dt)
+    steps = max(1, round(transition.duration / dt))
+    states = np.array([transition.at(k * dt) for k in range(steps + 1)]).reshape(steps + 1, 3, -1)
     states[0], states[-1] = ends
     q, v, a = states.transpose(1, 0, 2).copy()
     return Trajectory(dt=dt, q=q, v=v, a=a)
@@ -271,7 +270,7 @@ def _bounded(arm: Arm, zone: Trajectory, bounds: MotionProfile) -> bool:
 
 
 def _within(arm: Arm, q: Matrix, place: Vector, radius: float) -> int:
-    """After how many periods the tool is for the last time within a radius, from the first on."""
+    """Return for how many periods from the first on the tool stays within a radius."""
     away = np.linalg.norm(tool_places(arm, q)[0] - place, axis=1)
     out = away > radius
     return int(out.argmax()) - 1 if out.any() else len(q) - 1

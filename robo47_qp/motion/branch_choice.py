@@ -1,4 +1,4 @@
-"""A chain of waypoints: configurations chosen together, so that straight lines can be followed."""
+"""Choice of configurations for a sequence of waypoints, such that its tool paths are feasible."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,31 +13,31 @@ from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.lin import Lin
-from robo47_qp.motion.refusals import PathError, collided, refused
+from robo47_qp.motion.refusals import PathError, collision_refused, path_refused
 from robo47_qp.motion.waypoint import Place, Waypoint, goal_pose
 
 _TOLD = 3
-"""Branches whose failure is told when all fail."""
+"""Number of failed branches that a message describes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Branch:
-    """One way through a PTP waypoint and the straight lines that follow it."""
+    """Configurations for a PTP waypoint and for the tool paths that follow it."""
 
     results: tuple[IkResult, ...]
-    """How each waypoint is reached, in their order."""
+    """IK results of the waypoints, in their order."""
     room: float
     """Least distance to a joint limit at the waypoints, as a share of half the joint's range."""
 
 
 def groups(waypoints: Sequence[Waypoint]) -> list[Sequence[Waypoint]]:
-    """Each PTP waypoint with the LIN and CIRC waypoints after it."""
+    """Return each PTP waypoint with the LIN and CIRC waypoints after it."""
     cuts = [i for i, waypoint in enumerate(waypoints) if i and not waypoint.prescribes_path]
     return [waypoints[a:b] for a, b in pairwise([0, *cuts, len(waypoints)])] if waypoints else []
 
 
-def traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list[IkResult]:
-    """The results of one branch of each layer, from which before was best, back from the last."""
+def best_sequence(layers: list[list[Branch]], back: list[list[int]], last: int) -> list[IkResult]:
+    """Return the IK results of the cheapest sequence, traced back from its last branch."""
     results: list[IkResult] = []
     for layer, before in zip(reversed(layers), reversed(back), strict=True):
         results[:0] = layer[last].results
@@ -46,7 +46,7 @@ def traced(layers: list[list[Branch]], back: list[list[int]], last: int) -> list
 
 
 def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> PlanError:
-    """The waypoint that none got past: the furthest that any branch failed at."""
+    """Return the error for the furthest waypoint at which a branch failed."""
     order = [waypoint.name for waypoint in group]
     furthest = max(failed, key=lambda error: order.index(error.waypoint))
     if len(failed) == 1:
@@ -63,35 +63,35 @@ def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> 
 
 
 _ROOM = 0.02
-"""Room at joint limits, as in `Branch`, with which a branch goes before those with less: where a
-line is run in the end may lie beyond a limit that is near."""
+"""Branches with at least this `Branch.room` are tried first: the final timing of a line may pass
+a joint limit that is closer."""
 _SAME = 1e-6
-"""Difference of two configurations that are one [rad or m]."""
+"""Largest difference of configurations that count as the same [rad or m]."""
 _LOOKS = 33
-"""Points of a line between which the joints are taken to run straight, to look for collisions."""
+"""Points of a tool path between which collision checks take the joint path as straight."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BranchChoice:
     """Chooses configurations for waypoints. Its fields are settings.
 
-    Only a PTP waypoint leaves a choice: a straight line is followed in the branch in which it
-    starts. So each PTP waypoint is solved for several configurations that differ, each is
-    led along the lines after it, and those that leave the joint limits, do not converge or
-    change branch are dropped. Among what is left, the sequence of least cost is taken: the
+    Only a PTP waypoint leaves a choice: a tool path is followed in the branch in which it
+    starts. So each PTP waypoint is solved for several different configurations, the paths after
+    it are followed from each, and those that leave the joint limits, do not converge or change
+    branch are dropped. Among what is left, the sequence of least cost is taken: the
     sum over PTP motions of max_i |Δq_i| / v_max_i [s] and over branches of
     `crowding` (1 - room) [s], by dynamic programming (Bellman, 1957).
     """
 
     candidates: int = 8
-    """Configurations to try per PTP waypoint."""
+    """Number of configurations to try per PTP waypoint."""
     restarts: int = 100
-    """Starts of the IK per PTP waypoint."""
+    """Number of IK starts per PTP waypoint."""
     crowding: float = 0.5
-    """What it costs to be at a joint limit [s]."""
+    """Cost of a configuration at a joint limit [s]."""
     collisions: Collisions | None = None
-    """What is not to be hit; configurations for PTP waypoints that do, or from which a line does,
-    are passed over. IK, which takes the fingers as closed, may take them for clear."""
+    """Collision check; configurations for PTP waypoints that collide, or from which a tool path
+    does, are left out. IK, which takes the fingers as closed, may accept them."""
 
     def choose(
         self,
@@ -102,19 +102,19 @@ class BranchChoice:
         q_start: Vector,
         v_max: Vector,
     ) -> list[IkResult]:
-        """How each waypoint is to be reached.
+        """Return the IK result for each waypoint.
 
         Args:
             arm: The arm.
             ik: Solves for poses; a `MultiStart` finds several configurations, any other one.
-            lin: Follows the lines.
-            waypoints: The chain.
+            lin: Follows the tool paths.
+            waypoints: The sequence.
             q_start: Configuration at its start (n,) [rad].
-            v_max: Joint speeds that weigh the ways between configurations (n,) [rad/s].
+            v_max: Joint speeds that weigh distances between configurations (n,) [rad/s].
 
         Raises:
-            PlanError: No sequence of configurations leads through; it names the waypoint that
-                no branch gets past, and what stopped each branch there.
+            PlanError: No sequence of configurations is feasible; the furthest waypoint that
+                failed is named, with the reason for each branch.
         """
         grouped = groups(waypoints)
         layers = [self._branches(arm, ik, lin, group, q_start) for group in grouped]
@@ -130,18 +130,18 @@ class BranchChoice:
             crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
             cost = total.min(axis=1) + crowded
             ends = [branch.results[-1].q for branch in layer]
-        return traced(layers, back, int(cost.argmin()))
+        return best_sequence(layers, back, int(cost.argmin()))
 
     def candidates_for(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
     ) -> Iterator[IkResult]:
-        """Configurations at a PTP waypoint from which its lines can be followed.
+        """Yield configurations for a PTP waypoint from which its `onward` paths can be followed.
 
-        First the usual one near home, if it leads on. Then, sought only when asked for, others
-        with some room; in the end those without, the ones with more first.
+        The solution near home comes first, if it is one of them; then, computed on demand,
+        others with room to the joint limits; then the rest in order of room.
 
         Raises:
-            PlanError: There is none; it names the waypoint that none gets past.
+            PlanError: There is none; the furthest waypoint that failed is named.
         """
         usual = self._usual(arm, ik, lin, waypoint)
         if usual is not None:
@@ -163,10 +163,10 @@ class BranchChoice:
             yield branch.results[0]
 
     def _usual(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult | None:
-        """The answer near home; None where it does not lead on.
+        """Return the solution near home; None where the onward paths fail from there.
 
         Raises:
-            PlanError: There is no answer at all.
+            PlanError: IK finds no configuration.
         """
         usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
         if not self._clear([usual]):
@@ -182,11 +182,11 @@ class BranchChoice:
     ) -> list[Branch]:
         first = group[0]
         if first.prescribes_path:
-            # The chain begins on a line: the branch is that of its start.
+            # The sequence begins with a tool path: the branch is that of its start.
             starts = [self._line(arm, ik, lin, first, q_start)]
         else:
             found = self.answers(arm, ik, first)
-            # Where none is clear, the planner refuses the way there.
+            # Where all collide, the planner refuses the motion there.
             starts = self._clear(found) or found
         branches, failed = [], []
         for start in starts:
@@ -199,13 +199,13 @@ class BranchChoice:
         return branches
 
     def _clear(self, found: list[IkResult]) -> list[IkResult]:
-        """Those that hit nothing."""
+        """Return the configurations without collision."""
         if self.collisions is None:
             return found
         return [result for result in found if self.collisions.at(result.q) is None]
 
     def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
-        """Configurations for a PTP waypoint that differ, the preferred one first.
+        """Return different configurations for a PTP waypoint, the preferred one first.
 
         They are sought near home, so that they do not depend on where the arm comes from.
 
@@ -227,10 +227,10 @@ class BranchChoice:
     def followed(
         self, arm: Arm, ik: IkSolver, lin: Lin, start: IkResult, lines: Sequence[Waypoint]
     ) -> Branch:
-        """The branch that begins with an answer and follows straight lines.
+        """Return the branch that starts at an IK result and follows tool paths.
 
         Raises:
-            PlanError: One of the lines cannot be followed; it names the waypoint.
+            PlanError: A path cannot be followed; the waypoint is named.
         """
         results = [start]
         for waypoint in lines:
@@ -246,12 +246,12 @@ class BranchChoice:
         try:
             end, path = lin.follow(arm, ik, q, asked)
         except PathError as error:
-            raise refused(waypoint.name, error, error.fraction * time) from error
+            raise path_refused(waypoint.name, error, error.fraction * time) from error
         if self.collisions is not None:
             looks = path(np.linspace(0.0, 1.0, _LOOKS))
             hit = self.collisions.first_hit(looks, time / (_LOOKS - 1))
             if hit is not None:
-                raise collided(waypoint.name, hit)
+                raise collision_refused(waypoint.name, hit)
         return end
 
 

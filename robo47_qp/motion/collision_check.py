@@ -10,21 +10,21 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.motion_bounds import approach_speed_bounds, moved_by
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.refusals import Hit, collided
+from robo47_qp.motion.refusals import Hit, collision_refused
 from robo47_qp.motion.trajectory import Trajectory
 
 Surroundings = Callable[[mujoco.MjSpec], None]
-"""Adds what stands around to a spec that holds the robot."""
+"""Adds obstacles to a spec that holds the robot."""
 _SEEN = 0.1
-"""Distances up to this are measured; what is further away counts as this far [m]."""
+"""Largest distance that is measured; larger ones count as this [m]."""
 _UNSEEN = 0.5
-"""Part of the clearance that is kept between two looks too."""
+"""Share of the clearance that is also guaranteed between two checks."""
 _LEAST = 5e-4
-"""Least way between two looks, for clearances near zero [m]."""
+"""Shortest step between two checks, for clearances near zero [m]."""
 
 
 class Collisions:
-    """The robot among its surroundings, for distances alone; fingers fully open.
+    """Collision checks of the robot, fingers fully open, with itself and its surroundings.
 
     Pairs that are too close at home belong to how the robot is built and are left out, and
     so are bodies that move freely or that a program moves: what is to be grasped is no obstacle.
@@ -37,7 +37,7 @@ class Collisions:
     """
 
     def __init__(self, robot: Robot, surroundings: Surroundings, clearance: float = 0.005) -> None:
-        """Compile them.
+        """Compile the robot with its surroundings.
 
         Args:
             robot: The description.
@@ -69,7 +69,7 @@ class Collisions:
         self._allowed = {pair for pair, distance in close.items() if distance < clearance}
 
     def at(self, q: Vector) -> tuple[str, str, str, float] | None:
-        """The closest pair within the clearance: two bodies, the joint that moves them, distance.
+        """Return the closest pair within the clearance: two bodies, their joint and distance.
 
         Args:
             q: Configuration (n,) [rad].
@@ -82,14 +82,14 @@ class Collisions:
         return self._found(self._close(q))
 
     def check(self, waypoint: str, trajectory: Trajectory) -> None:
-        """Refuse a trajectory to a waypoint that comes too close to something.
+        """Check that a trajectory to a waypoint keeps the clearance.
 
         Raises:
-            PlanError: It does; bodies, joint and time are named.
+            PlanError: It does not; bodies, joint and time are named.
         """
         hit = self.first_hit(trajectory.q, trajectory.dt)
         if hit is not None:
-            raise collided(waypoint, hit)
+            raise collision_refused(waypoint, hit)
 
     def first_hit(self, q: Matrix, dt: float) -> Hit | None:
         """Return where a joint path first comes too close to something; None if it does not.
@@ -98,7 +98,7 @@ class Collisions:
             q: Configurations on it, straight between each and the next (N, n) [rad].
             dt: Time from each to the next [s].
         """
-        # How far any pair may have come closer or apart since the start, at each sample.
+        # Largest change of any distance since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
         x, last = 0.0, float(way[-1])
         while True:
@@ -109,7 +109,12 @@ class Collisions:
             found = self._found(close)
             if found is not None:
                 time, whole = (k + share) * dt, (len(q) - 1) * dt
-                return Hit(*found, self.clearance, now, time, time / whole if whole else 0.0)
+                one, other, joint, distance = found
+                explanation = (
+                    f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
+                    f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
+                )
+                return Hit(explanation, joint, now, time, time / whole if whole else 0.0)
             if x >= last:
                 return None
             least = min(close.values(), default=np.inf)
@@ -124,7 +129,7 @@ class Collisions:
         return one, other, self._mover(pair), distance
 
     def _name(self, body: int, pair: tuple[int, int], distance: float) -> str:
-        """Of a body; what stands in the world goes by the name of its geom, if it has one."""
+        """Return the name of a body; of the world, that of its geom, if it has one."""
         if body:
             return self._model.body(body).name or f"body {body}"
         contact = self._data.contact
@@ -135,7 +140,7 @@ class Collisions:
         return self._model.geom(geom).name or "world"
 
     def _close(self, q: Vector) -> dict[tuple[int, int], float]:
-        """Distances of the pairs of bodies that are near, those left out left out [m]."""
+        """Return the distances of the pairs of bodies that are near and not allowed to be [m]."""
         d = self._data
         d.qpos[self._addresses] = q
         mujoco.mj_kinematics(self._model, d)
@@ -162,7 +167,7 @@ class Collisions:
 
 
 def _levers(model: mujoco.MjModel, joints: Sequence[int]) -> Vector:
-    """How far a joint can move any pair of geoms towards each other, at most (n,) [m per rad]."""
+    """Return how far each joint can bring any pair of geoms closer, at most (n,) [m per rad]."""
     moves, bodies = moved_by(model), model.geom_bodyid
     solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
     pairs = tuple(

@@ -1,4 +1,4 @@
-"""Continuous motion: through several waypoints without a stop between them."""
+"""Continuous motion through several waypoints, without a stop between them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,33 +14,33 @@ from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.joint_path import JointPath, Stretch
-from robo47_qp.motion.following.tracking import Effort, Tracking
-from robo47_qp.motion.paths.curves import BlendError, Through, ToolCurve
+from robo47_qp.motion.following.tracking import IkEffort, Tracking
+from robo47_qp.motion.paths.curves import BlendError, PoseSpline, ToolCurve
 from robo47_qp.motion.paths.segments import PathProfile, Segment
-from robo47_qp.motion.refusals import PathError, check_limits, misshapen, refused
+from robo47_qp.motion.refusals import PathError, check_limits, path_refused, shape_refused
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
 
 _LOOKS = 65
-"""Points per section at which the joint limits are looked at before the timing."""
+"""Points per section at which the joint limits are checked before the timing."""
 
 
-class Passage(NamedTuple):
+class ContinuousMotion(NamedTuple):
     """A planned motion through waypoints."""
 
     trajectory: Trajectory
     passes: list[int]
     """Samples at which the waypoints before the last are passed."""
-    effort: Effort
-    """Of IK along the tool paths."""
+    effort: IkEffort
+    """IK effort along the tool paths."""
 
 
 class _Plan(NamedTuple):
     stretches: list[Stretch]
     radii: list[float]
     firsts: list[int]
-    efforts: list[Effort]
+    efforts: list[IkEffort]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Continuous:
     profile: PathProfile = PathProfile()
     """Bounds on the tool in LIN and CIRC motions."""
     free: PathProfile | None = None
-    """Bounds on the tool in PTP motions; None where it may move as the joints can."""
+    """Bounds on the tool in PTP motions; None for no bounds."""
     tracking: Tracking = Tracking(knot_spacing=5e-3, polish=True)
     timing: Timing = Timing()
 
@@ -62,7 +62,7 @@ class Continuous:
         requests: Sequence[Request],
         profile: MotionProfile,
         dt: float,
-    ) -> Passage:
+    ) -> ContinuousMotion:
         """Plan from rest at q_start to rest at the last waypoint.
 
         Args:
@@ -89,7 +89,7 @@ class Continuous:
                 q = self._add_tool(arm, ik, plan, first, members, q)
             first += len(members)
         path = _joined(arm, plan, requests)
-        owners = [_owners(path, low, high) for low, high in pairwise(path.cuts)]
+        owners = [_waypoints_of(path, low, high) for low, high in pairwise(path.cuts)]
         tools = [
             self.free if all(requests[i].path is None for i in own) else self.profile
             for own in owners
@@ -98,17 +98,17 @@ class Continuous:
         try:
             trajectory = self.timing.timed(arm, path, path.cuts, limits(profile, tools, paces), dt)
         except PathError as error:
-            raise refused(requests[0].name, error, None) from error
+            raise path_refused(requests[0].name, error, None) from error
         passes = _passes(path, trajectory)
         try:
             check_limits(arm, trajectory.q)
         except PathError as error:
             k = round(error.fraction * len(trajectory.q))
             name = requests[int(np.searchsorted(passes, k))].name
-            raise refused(name, error, k * dt) from error
+            raise path_refused(name, error, k * dt) from error
         iterations = sum(effort.iterations for effort in plan.efforts)
-        spent = Effort(iterations, sum(effort.seconds for effort in plan.efforts))
-        return Passage(trajectory, passes, spent)
+        spent = IkEffort(iterations, sum(effort.seconds for effort in plan.efforts))
+        return ContinuousMotion(trajectory, passes, spent)
 
     def _add_tool(
         self, arm: Arm, ik: IkSolver, plan: _Plan, first: int, members: Sequence[Request], q: Vector
@@ -119,7 +119,7 @@ class Continuous:
             path, effort = self.tracking.joint_path(arm, ik, q, curve)
         except PathError as error:
             name = members[curve.segment_at(error.fraction)].name
-            raise refused(name, error, error.fraction * time) from error
+            raise path_refused(name, error, error.fraction * time) from error
         plan.efforts.append(effort)
         plan.firsts.append(first)
         plan.stretches.append(Stretch(curve=path, time=time, cuts=curve.cuts, passes=curve.corners))
@@ -129,7 +129,7 @@ class Continuous:
 
 def _tool_curve(
     requests: Sequence[Request], start: SE3, profile: PathProfile
-) -> ToolCurve | Through:
+) -> ToolCurve | PoseSpline:
     """Return the curve of the tool from a pose through waypoints.
 
     Raises:
@@ -142,24 +142,24 @@ def _tool_curve(
         poses.append(request.T_world_goal)
     for request, one in zip(requests, segments, strict=True):
         if profile.least_time(one.length, one.angle) < STILL:
-            raise misshapen(request.name, "it is where the motion already is")
+            raise shape_refused(request.name, "it is where the motion already is")
     inner = requests[:-1]
     if inner and not any(request.blend for request in inner):
         bent = [request.name for request in requests if not request.straight]
         if bent:
-            raise misshapen(bent[0], "an arc goes on without a stop only by a blend")
-        return Through(poses, profile)
+            raise shape_refused(bent[0], "an arc goes on without a stop only by a blend")
+        return PoseSpline(poses, profile)
     _check_all_blended(inner)
     try:
         return ToolCurve(segments, [request.blend for request in inner], profile)
     except BlendError as error:
-        raise misshapen(requests[error.segment].name, str(error)) from error
+        raise shape_refused(requests[error.segment].name, str(error)) from error
 
 
 def _check_all_blended(requests: Sequence[Request]) -> None:
     exact = [request.name for request in requests if not request.blend]
     if exact:
-        raise misshapen(exact[0], "blends and points to pass exactly do not go together")
+        raise shape_refused(exact[0], "blends and points to pass exactly do not go together")
 
 
 def _add_joints(
@@ -170,7 +170,7 @@ def _add_joints(
     times = (np.abs(np.diff(points, axis=0)) / arm.robot.profile.v_max).max(axis=1)
     for request, time in zip(members, times, strict=True):
         if time < STILL:
-            raise misshapen(request.name, "it is where the motion already is")
+            raise shape_refused(request.name, "it is where the motion already is")
     if inner and not any(request.blend for request in inner):
         places = np.concatenate([[0.0], np.cumsum(times)]) / times.sum()
         plan.stretches.append(_through(places, points, float(times.sum())))
@@ -185,14 +185,14 @@ def _add_joints(
 
 
 def _through(places: Vector, points: Sequence[Vector], time: float) -> Stretch:
-    """On a natural cubic spline through configurations; between two of them, a line."""
+    """Return a natural cubic spline through configurations; a line through two of them."""
     curve = CubicSpline(places, np.array(points), bc_type="natural")
     return Stretch(curve=curve, time=time, cuts=places, passes=places[1:-1])
 
 
 def _radius(before: Request) -> float:
     if before.blend == 0.0:
-        raise misshapen(
+        raise shape_refused(
             before.name,
             "motions of the joints and of the tool meet here without a stop: give a blend",
         )
@@ -203,7 +203,7 @@ def _joined(arm: Arm, plan: _Plan, requests: Sequence[Request]) -> JointPath:
     try:
         path = JointPath(arm, plan.stretches, plan.radii)
     except BlendError as error:
-        raise misshapen(requests[plan.firsts[error.segment]].name, str(error)) from error
+        raise shape_refused(requests[plan.firsts[error.segment]].name, str(error)) from error
     # Splines and bends may swing further than the waypoints they join.
     s = np.unique(np.concatenate([np.linspace(a, b, _LOOKS) for a, b in pairwise(path.cuts)]))
     try:
@@ -211,19 +211,19 @@ def _joined(arm: Arm, plan: _Plan, requests: Sequence[Request]) -> JointPath:
     except PathError as error:
         at = float(s[round(error.fraction * len(s))])
         name = requests[int(np.searchsorted(path.passes, at))].name
-        raise refused(name, error, at * path.time) from error
+        raise path_refused(name, error, at * path.time) from error
     return path
 
 
-def _owners(path: JointPath, low: float, high: float) -> range:
-    """Numbers of the waypoints on the way to which a section is."""
+def _waypoints_of(path: JointPath, low: float, high: float) -> range:
+    """Return the indices of the waypoints whose motions a section belongs to."""
     inside = 1e-9 + 1e-6 * (high - low)
     first, last = np.searchsorted(path.passes, [low + inside, high - inside])
     return range(int(first), int(last) + 1)
 
 
 def _passes(path: JointPath, trajectory: Trajectory) -> list[int]:
-    """Samples nearest to where waypoints are passed, in their order."""
+    """Return the samples nearest to the waypoints that are passed, in their order."""
     samples, at = [], 0
     for s in path.passes:
         away = np.linalg.norm(trajectory.q[at:] - path(float(s)), axis=1)

@@ -1,4 +1,4 @@
-"""Detour: a motion of the joints around what the straight one would hit."""
+"""Detour: a joint motion around obstacles in the way of the straight one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory, joined
 
 _ROUNDING = 1e-9
-"""How far a spline may be from the ends that it goes through [rad or m]."""
+"""Tolerance of the ends of a spline [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,33 +31,33 @@ class Detour(Checked):
     RRT-Connect (Kuffner and LaValle, ICRA 2000) joins start and goal by a polyline, which is
     shortened by leaving out corners and by cutting them (Geraerts and Overmars, 2007). A natural
     cubic spline through its corners is timed; where it hits something, that stretch of the
-    polyline gets a corner in its middle, which draws the spline closer to what is known to be
-    free. What holds in the end is the look at the timed motion. If no such spline is free, the
-    polyline is run with a stop at each corner.
+    polyline gets a corner in its middle, which draws the spline closer to the free polyline. The
+    timed motion is checked in the end. If no such spline is free, the motion stops at each
+    corner of the polyline.
 
-    The same question has the same answer: all random numbers come from `seed`, and the search
-    ends after a number of steps and not after a time.
+    Results are deterministic: all random numbers come from `seed`, and the search ends after a
+    number of steps, not after a time.
     """
 
     roomy: Collisions
-    """What is looked at during the search: the same things with some more clearance, which
-    splines, and looks that are further apart, may use up."""
+    """Collision check of the search, with some more clearance for what splines and the wider
+    spacing of its checks may use up."""
     iterations: Count = 5000
-    """Steps of the search before it gives up."""
+    """Largest number of steps of a search."""
     step: Positive = 0.025
-    """Way of all joints together between two looks [rad or m]."""
+    """Distance in joint space between two collision checks [rad or m]."""
     stride: Positive = 0.6
     """Longest edge of the trees [rad or m]."""
     margin: float = 0.02
-    """Distance from joint limits on the way [rad or m]."""
+    """Distance to keep from the joint limits [rad or m]."""
     searches: Count = 3
-    """How many ways are sought, of which the quickest is taken."""
+    """Number of searches, of which the quickest result is taken."""
     shortenings: CountOrZero = 200
-    """How often a shorter way is tried."""
+    """Number of attempts to shorten a path."""
     refinements: CountOrZero = 12
-    """How many corners are added before the motion stops at each."""
+    """Number of rounds that add corners before the motion stops at each instead."""
     seed: Count = 1
-    """Of the random numbers of the first search, at least 1; each other has its own."""
+    """Seed of the first search, at least 1; each further search has the next one."""
 
     def __post_init__(self) -> None:
         """Check the numbers and the library.
@@ -77,11 +77,11 @@ class Detour(Checked):
         profile: MotionProfile,
         dt: float,
     ) -> Trajectory | None:
-        """A motion from rest to rest that comes too close to nothing; None where none is found.
+        """Return a motion from rest to rest without collision; None where none is found.
 
         Args:
             arm: The arm, for its joint limits.
-            collisions: What is not to be hit.
+            collisions: Checks the timed motion.
             ends: Configurations at the start and at the goal (n,) [rad].
             profile: Bounds of the joints.
             dt: Time between samples [s].
@@ -98,7 +98,7 @@ class Detour(Checked):
         return best
 
     def corners(self, arm: Arm, ends: tuple[Vector, Vector], seed: int) -> Matrix | None:
-        """A free polyline of joint space (N, n) with its ends [rad]; None where none is found."""
+        """Return a collision-free polyline in joint space (N, n) [rad]; None if none is found."""
         # OMPL would wait for a goal that is free.
         if any(self.roomy.at(q) is not None for q in ends):
             return None
@@ -136,13 +136,13 @@ class Detour(Checked):
         return np.array([[state[i] for i in range(n)] for state in path.getStates()])
 
     def _limits(self, arm: Arm, ends: Sequence[Vector]) -> tuple[Vector, Vector]:
-        """Joint limits with some room, but for where the ends have less (n,), (n,) [rad]."""
+        """Return the joint limits less the margin, widened to include the ends (n,), (n,) [rad]."""
         low = np.minimum(arm.q_min + self.margin, np.min(ends, axis=0))
         high = np.maximum(arm.q_max - self.margin, np.max(ends, axis=0))
         return np.maximum(low, arm.q_min), np.minimum(high, arm.q_max)
 
     def _run(self, arm: Arm, corners: Matrix, profile: MotionProfile, dt: float) -> Trajectory:
-        """Through the corners without a stop; with stops where no spline near them is free."""
+        """Return a motion through the corners; it stops at each where no spline is free."""
         polyline = corners
         for _ in range(self.refinements + 1):
             places = _places(corners, profile)
@@ -192,7 +192,7 @@ def _state(space: Any, q: Vector) -> Any:
 
 @cache
 def _ompl(part: str) -> Any:
-    """A part of OMPL, which takes a while to load.
+    """Return a module of OMPL, which takes a while to load.
 
     Raises:
         MissingExtraError: It is not installed.

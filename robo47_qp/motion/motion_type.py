@@ -1,4 +1,4 @@
-"""Motion type: what a way to get to a waypoint has to know of itself; one file in `types` each."""
+"""Motion types: what each defines, in one file of `types`, and the settings that they share."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.blending import blends_joints, cut_ptp
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.motion.continuous import Continuous, Passage
+from robo47_qp.motion.continuous import Continuous, ContinuousMotion
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.following.lin import Lin
-from robo47_qp.motion.following.tracking import Effort
+from robo47_qp.motion.following.tracking import IkEffort
 from robo47_qp.motion.paths.segments import Segment
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.timing.lower_bound import lower_bound
@@ -38,11 +38,12 @@ class PlannerSettings:
     law: TimeLaw = S_CURVE
     """How PTP and LIN motions run from rest to rest."""
     collisions: Collisions | None = None
-    """What is not to be hit; None checks nothing."""
+    """Collision check of all motions; None for none."""
     surroundings: Collisions | None = None
-    """Not to be hit by PTP motions, but to get away from; the tool may be meant to touch it."""
+    """Further collision check of PTP motions that start without collision: of what the tool may
+    touch in other motions."""
     detour: Detour | None = None
-    """How PTP motions go around what `collisions` finds in their way; None refuses them."""
+    """Plans PTP motions around what `collisions` finds; None refuses them."""
 
     def __post_init__(self) -> None:
         """Check the pace.
@@ -53,10 +54,10 @@ class PlannerSettings:
         self.profile.slowed(self.pace)
 
     def check_collisions(self, waypoint: str, trajectory: Trajectory) -> None:
-        """Refuse a trajectory to a waypoint that comes too close to something.
+        """Check that a trajectory to a waypoint keeps the clearance.
 
         Raises:
-            PlanError: It does; bodies, joint and time are named.
+            PlanError: It does not; bodies, joint and time are named.
         """
         if self.collisions is not None:
             self.collisions.check(waypoint, trajectory)
@@ -71,7 +72,7 @@ class PlannerSettings:
         """
         if len(requests) > 1 and self.continuous.free is None and blends_joints(requests):
             cut = cut_ptp(arm, q_start, requests, self.profile, self.law, dt)
-            passage = Passage(*cut, Effort(0, 0.0))
+            passage = ContinuousMotion(*cut, IkEffort(0, 0.0))
         else:
             passage = self.continuous.plan(arm, self.ik, q_start, requests, self.profile, dt)
         whole, ends = passage.trajectory, [*passage.passes, passage.trajectory.steps]
@@ -89,7 +90,7 @@ class PlannerSettings:
 
 
 class MotionType(Protocol):
-    """A way to get to a waypoint."""
+    """A type of motion to a waypoint: its path, how it is planned and drawn."""
 
     prescribes_path: bool
     """True where the tool keeps to a path; else the joints move as they can."""

@@ -14,7 +14,7 @@ from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.motion_type import PlannerSettings
 from robo47_qp.motion.paths.segments import Segment
-from robo47_qp.motion.refusals import misshapen
+from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Waypoint
@@ -43,7 +43,7 @@ class Leg:
         return not self.trajectory.v[-1].any()
 
 
-def parted(count: int, stops: frozenset[int]) -> list[slice]:
+def split_at(count: int, stops: frozenset[int]) -> list[slice]:
     """Return which waypoints belong to each motion when a run stops at some of them."""
     ends = [-1, *sorted(stops), count - 1]
     return [slice(first + 1, last + 1) for first, last in pairwise(ends)]
@@ -76,7 +76,7 @@ class Planner(PlannerSettings):
         """
         q_start = arm.checked_q("q_start", q_start)
         if not waypoint.rests:
-            raise misshapen(
+            raise shape_refused(
                 waypoint.name, "it is not to be stopped at and nothing is known to follow"
             )
         if waypoint.prescribes_path:
@@ -102,7 +102,7 @@ class Planner(PlannerSettings):
         """
         q = arm.checked_q("q_start", q_start)
         if waypoints and not waypoints[-1].rests:
-            raise misshapen(waypoints[-1].name, "it is the last and not to be stopped at")
+            raise shape_refused(waypoints[-1].name, "it is the last and not to be stopped at")
         v_max = self.profile.v_max
         chosen = self.branch_choice.choose(arm, self.ik, self.lin, waypoints, q, v_max)
         legs, first = list[Leg](), 0
@@ -148,7 +148,7 @@ class Planner(PlannerSettings):
 
         def plan(stops: frozenset[int]) -> list[Leg]:
             legs, q = list[Leg](), q_start
-            for part in parted(len(run), stops):
+            for part in split_at(len(run), stops):
                 mine, asked = run[part], requests[part]
                 if len(mine) == 1:
                     found = [mine[0].motion.type.plan(self, arm, asked[0], q, dt)]

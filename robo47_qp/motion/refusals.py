@@ -43,13 +43,13 @@ class PathError(Robo47Error):
         self.T_world_next = T_world_next
 
 
-def misshapen(waypoint: str, explanation: str) -> PlanError:
+def shape_refused(waypoint: str, explanation: str) -> PlanError:
     """Return the error for waypoints that make no path."""
     rejection = Rejection(reason=RefusalReason.SHAPE, segment=waypoint, fraction=0.0)
     return PlanError(waypoint, explanation, rejection)
 
 
-def refused(waypoint: str, error: PathError, time: float | None) -> PlanError:
+def path_refused(waypoint: str, error: PathError, time: float | None) -> PlanError:
     """Return the error for a path that cannot be followed, from `time` [s] on."""
     rejection = Rejection(
         reason=error.reason,
@@ -67,28 +67,19 @@ def refused(waypoint: str, error: PathError, time: float | None) -> PlanError:
 class Hit(NamedTuple):
     """Where a motion comes too close to something."""
 
-    body: str
-    other: str
+    explanation: str
+    """The bodies, their distance and the joint that moves them."""
     joint: str
-    """Last joint that moves one of the two bodies and not the other."""
-    distance: float
-    """Between the bodies [m]."""
-    clearance: float
-    """Distance to keep [m]."""
     q: Vector
     """Configuration (n,) [rad]."""
     time: float
     """[s]"""
     fraction: float
-    """Of the motion, from 0 to 1."""
+    """Share of the motion before it, from 0 to 1."""
 
 
-def collided(waypoint: str, hit: Hit) -> PlanError:
+def collision_refused(waypoint: str, hit: Hit) -> PlanError:
     """Return the error for a motion to a waypoint that comes too close to something."""
-    explanation = (
-        f"{hit.body} and {hit.other} come within {1e3 * hit.distance:.1f} mm at {hit.time:.3f} s, "
-        f"where {1e3 * hit.clearance:.1f} mm are to be kept; {hit.joint} moves them"
-    )
     rejection = Rejection(
         reason=RefusalReason.COLLISION,
         segment=waypoint,
@@ -97,7 +88,7 @@ def collided(waypoint: str, hit: Hit) -> PlanError:
         joint=hit.joint,
         q=tuple(hit.q.tolist()),
     )
-    return PlanError(waypoint, explanation, rejection)
+    return PlanError(waypoint, hit.explanation, rejection)
 
 
 def check_limits(arm: Arm, q: Matrix, s: Vector | None = None) -> None:

@@ -12,10 +12,10 @@ from robo47_qp.motion.trajectory import Trajectory
 
 
 class SmoothStream:
-    """The mean of what a stream has commanded in the last few ticks.
+    """Moving average of the commands of an IK stream.
 
     The acceleration of a stream may jump from one bound to the other within a tick, and the
-    torque with it, further than motors follow. The mean of q, v and a over w ticks of length dt
+    torque with it, faster than motors can follow. The mean of q, v and a over w ticks of length dt
     lags by (w - 1) dt / 2. It keeps every bound on q, v and a that the stream keeps, and its jerk
     is at most 2 a_max / (w dt).
     """
@@ -30,10 +30,10 @@ class SmoothStream:
         self._stream, self._window = stream, window
 
     def reset(self, now: JointReference) -> None:
-        """Start from a reference in motion: its mean goes on from it without a step.
+        """Start from a reference in motion, without a step in the mean.
 
-        The ticks before are taken to have had its acceleration, and as mean its position and
-        velocity; so the stream itself starts half a window ahead.
+        The previous ticks are assumed to have its acceleration, and its position and velocity as
+        their mean; so the stream itself starts half a window ahead.
         """
         dt, w = self._stream.settings.dt, self._window
         t = (np.arange(w) - 0.5 * (w - 1))[:, None] * dt
@@ -43,7 +43,7 @@ class SmoothStream:
         self._stream.reset(self._last[-1, 0], self._last[-1, 1])
 
     def block(self, targets: Sequence[SE3 | None]) -> Trajectory:
-        """The next ticks, one per target, from the reference of now.
+        """Return the next ticks, one per target, from the current reference.
 
         Args:
             targets: T_world_tcp wanted at each tick; None brakes.

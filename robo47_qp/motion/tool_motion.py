@@ -11,9 +11,9 @@ from robo47_qp.model.arm import Arm
 
 
 class ToolRates(NamedTuple):
-    """Sizes of the first three derivatives, moving and turning; each (N, 2).
+    """Norms of the first three derivatives, linear and angular; each (N, 2).
 
-    Means over one, two and three steps: each is bounded by what bounds the derivative.
+    They are means over one, two and three steps, so the bounds of the derivatives hold for them.
     """
 
     v: Matrix
@@ -22,7 +22,7 @@ class ToolRates(NamedTuple):
 
 
 def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
-    """Of configurations (N, n) that are dt apart, at rest before the first and after the last."""
+    """Return the rates for configurations (N, n) every dt, at rest before and after them."""
     positions, quats = tool_places(arm, q)
     rotations = Rotation.from_quat(quats, scalar_first=True)
     turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
@@ -34,7 +34,7 @@ def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
 
 
 def tool_places(arm: Arm, q: Matrix) -> tuple[Matrix, Matrix]:
-    """Positions (N, 3) [m] and quaternions wxyz (N, 4) of the tool at configurations (N, n)."""
+    """Return tool positions (N, 3) [m] and quaternions wxyz (N, 4) at configurations (N, n)."""
     positions, quats = np.empty((len(q), 3)), np.empty((len(q), 4))
     m, d = arm.model, arm.scratch
     joints, position, quat = d.qpos, d.site_xpos[arm.tool_site], d.site_xquat[arm.tool_site]
@@ -68,7 +68,7 @@ class ToolMotion(NamedTuple):
 
 
 def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix) -> ToolMotion:
-    """Motion of the tool where the joints have q, v, a and jerk j; each (N, n).
+    """Return the motion of the tool for joints with q, v, a and jerk j; each (N, n).
 
     All instants at once, joint after joint from the base on, in spatial vectors (w, u) at the
     world's origin: with S_i the axis of joint i, which the joints before it carry along, and
@@ -119,7 +119,7 @@ class _Screw(NamedTuple):
 
 
 def _at_rest(arm: Arm) -> tuple[list[_Screw], Vector]:
-    """The joints' axes where all joints are at their zero, and the tool point there."""
+    """Return the joint axes and the tool point with all joints at zero."""
     m = arm.model
     d = mujoco.MjData(m)
     mujoco.mj_kinematics(m, d)
@@ -134,7 +134,7 @@ def _at_rest(arm: Arm) -> tuple[list[_Screw], Vector]:
 def _moved(
     R: Matrix, p: Matrix, axis: Vector, moment: Vector, turns: bool, by: Vector
 ) -> tuple[Matrix, Matrix]:
-    """Displacements (R, p), shapes (3, 3, N) and (3, N), after a screw motion before them."""
+    """Return displacements R (3, 3, N) and p (3, N) with a screw motion applied first."""
     if not turns:
         return R, p + np.einsum("ijk,j->ik", R, axis) * by
     # Rodrigues' formula; the anchor nearest to the origin stays where it is.
@@ -148,7 +148,7 @@ def _moved(
 
 
 def _cross(a: Matrix, b: Matrix) -> Matrix:
-    """Cross products of columns (3, N): several times as fast as numpy's."""
+    """Return cross products of columns (3, N), several times as fast as numpy."""
     out = np.empty_like(a)
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]

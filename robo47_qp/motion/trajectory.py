@@ -12,7 +12,7 @@ from robo47_qp.model.arm import JointReference
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """References at the instants 0, dt, 2 dt, ..., of which the last is the goal.
+    """Joint references at the instants 0, dt, 2 dt, ..., of which the last is the goal.
 
     It starts and ends at rest, unless it is a part of a motion without stops.
     A trajectory of N + 1 samples takes N control periods. Its last sample belongs to the
@@ -54,7 +54,7 @@ class Trajectory:
         return np.diff(self.a, axis=0) / self.dt
 
     def part(self, first: int, last: int) -> "Trajectory":
-        """From one sample to another, both included."""
+        """Return the part from one sample to another, both included."""
         rows = slice(first, last + 1)
         return Trajectory(
             dt=self.dt, q=self.q[rows].copy(), v=self.v[rows].copy(), a=self.a[rows].copy()
@@ -93,6 +93,6 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
 
 
 def hold(q: Vector, steps: int, dt: float) -> Trajectory:
-    """Stay at q for a number of control periods."""
+    """Return a trajectory that stays at q for a number of control periods."""
     rest = np.zeros((steps + 1, len(q)))
     return Trajectory(dt=dt, q=np.tile(q, (steps + 1, 1)), v=rest, a=rest.copy())

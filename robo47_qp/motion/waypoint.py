@@ -24,7 +24,7 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.motion_type import MotionType
 from robo47_qp.motion.paths.segments import Segment
-from robo47_qp.motion.refusals import misshapen
+from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import Request
 from robo47_qp.motion.types.circ import CircMotion
 from robo47_qp.motion.types.lin import LinMotion
@@ -32,7 +32,7 @@ from robo47_qp.motion.types.ptp import PtpMotion
 
 
 class Motion(Enum):
-    """How the tool gets to a waypoint."""
+    """Types of motion to a waypoint."""
 
     PTP = PtpMotion()
     """All joints together, as fast as the joint limits allow; the path is not a line."""
@@ -43,7 +43,7 @@ class Motion(Enum):
 
     @property
     def type(self) -> MotionType:
-        """What this motion knows of itself."""
+        """Properties and planning of this motion."""
         motion_type: MotionType = self.value
         return motion_type
 
@@ -55,7 +55,7 @@ _POINTS = ("through", "centre")
 
 
 class Place(Enum):
-    """A target that only the robot knows."""
+    """A target that the robot defines."""
 
     HOME = "home"
 
@@ -74,20 +74,20 @@ class Waypoint(Checked):
     centre: Annotated[Vector, Size(3)] | None = None
     """CIRC, in place of `through`: centre of the arc (3,) [m]; the shorter way is taken."""
     blend: NotNegative = 0.0
-    """How far from here the tool may leave the way here for the way to the next waypoint, so as
-    not to stop [m]; with 0 it comes to rest, or passes exactly through where `stop` is False."""
+    """Radius within which the tool may cut the corner to the next waypoint, so as not to stop [m];
+    with 0 it comes to rest, or passes exactly through where `stop` is False."""
     stop: bool = True
     """False: pass exactly through without stopping, on a smooth curve through this waypoint and
     its neighbours; in joint space for PTP, of the tool for LIN."""
     pace: Ratio = 1.0
-    """Pace on the way here, relative to the profile, in (0, 1]."""
+    """Ratio of the speeds on the way here to those of the profiles, in (0, 1]."""
     grip: Grip | None = None
     """What the gripper does on arrival; None leaves it as it is."""
     carried: Payload | None = None
     """What the tool holds on the way here."""
     onward: "tuple[Waypoint, ...]" = ()
-    """Motions of the tool, straight or on arcs, that are to follow. They are not visited for
-    that; the configuration at a PTP waypoint is chosen so that they can be."""
+    """LIN and CIRC motions that will follow. They are not carried out; the configuration at a PTP
+    waypoint is chosen such that they can be."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -129,10 +129,10 @@ class Waypoint(Checked):
         try:
             return self.motion.type.path(start, goal, points)
         except InvalidValueError as error:
-            raise misshapen(self.name, str(error)) from error
+            raise shape_refused(self.name, str(error)) from error
 
     def request(self, arm: Arm, pace: float, reached: IkResult | None) -> Request:
-        """Return what is asked of the motion to here.
+        """Return the request for the motion to here.
 
         Args:
             arm: The arm.
@@ -181,7 +181,7 @@ def goal_pose(arm: Arm, waypoint: Waypoint) -> SE3:
 
 
 def tool_down(position: ArrayLike, yaw: float = 0.0) -> SE3:
-    """Pose of a tool that points straight down (tool z along -z of the world).
+    """Return the pose of a tool that points straight down (tool z along -z of the world).
 
     Args:
         position: Tool point in the world, shape (3,) [m].

@@ -14,7 +14,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.planner import Planner, parted
+from robo47_qp.motion.planner import Planner, split_at
 from robo47_qp.motion.waypoint import Motion, Waypoint
 
 ARM, DT, LOOK = Arm(PANDA), 1e-3, ReferenceKinematics(PANDA)
@@ -104,9 +104,9 @@ def test_a_plan_with_stops_that_is_refused_is_none() -> None:
 
 
 def test_a_run_falls_apart_at_its_stops() -> None:
-    assert parted(3, frozenset()) == [slice(0, 3)]
-    assert parted(3, frozenset({1})) == [slice(0, 2), slice(2, 3)]
-    assert parted(3, frozenset({0, 1})) == [slice(0, 1), slice(1, 2), slice(2, 3)]
+    assert split_at(3, frozenset()) == [slice(0, 3)]
+    assert split_at(3, frozenset({1})) == [slice(0, 2), slice(2, 3)]
+    assert split_at(3, frozenset({0, 1})) == [slice(0, 1), slice(1, 2), slice(2, 3)]
 
 
 @pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])

@@ -1,4 +1,4 @@
-"""Joint path: stretches of joint-space curves joined without a stop."""
+"""Joint path: curves in joint space joined without a stop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Stretch:
 
     curve: JointCurve
     time: float
-    """Time that it takes at full speed, roughly: what longer curves get more parameter for."""
+    """Approximate duration at full speed, which sets the share of the path parameter [s]."""
     cuts: Vector
     """Where its sections begin and end, from 0 to 1."""
     passes: Vector
@@ -52,7 +52,7 @@ class JointPath:
         check_room(zones, times)
         self._starts = np.concatenate([[0.0], np.cumsum(times)])
         self.time = float(self._starts[-1])
-        """Time that it takes at full speed, roughly [s]."""
+        """Approximate duration at full speed [s]."""
         meets = self._starts[1:-1]
         self._zones = np.array(zones).reshape(-1)
         self._bends = [self._bend(i, zone) for i, zone in enumerate(zones)]
@@ -74,7 +74,7 @@ class JointPath:
         """Where the waypoints before the end are passed."""
 
     def __call__(self, x: Vector | float, nu: int = 0) -> Matrix:
-        """Derivative of an order, at one x (n,) or many (N, n)."""
+        """Return the derivative of an order, at one x (n,) or many (N, n)."""
         t = np.atleast_1d(x) * self.time
         out: Matrix | None = None
         i = np.clip(np.searchsorted(self._starts, t, side="right") - 1, 0, len(self._stretches) - 1)
@@ -108,7 +108,7 @@ def _put(out: Matrix | None, mine: Vector, values: Matrix) -> Matrix:
 
 
 def _zone(arm: Arm, stretches: Sequence[Stretch], i: int, radius: float) -> float:
-    """Time that a bend takes of both stretches, so that the tool stays within its radius."""
+    """Return the time that a bend takes of both stretches, such that the tool keeps the radius."""
     corner = arm.pose(np.asarray(stretches[i].curve(1.0))).translation()
     zones = []
     for k, end in ((i, 1.0), (i + 1, 0.0)):

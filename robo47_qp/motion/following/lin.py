@@ -1,4 +1,4 @@
-"""LIN: the tool on a straight line, from rest to rest."""
+"""Straight lines of the tool from rest to rest: followed by IK and timed."""
 
 from dataclasses import dataclass, replace
 
@@ -19,13 +19,12 @@ from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory, along, hold
 
 _MAX_STRETCH = 1000.0
-"""A path that must be slowed more than this is no path for the arm."""
+"""Largest factor by which time may be stretched before a path is refused."""
 _UNEVEN, _LONG = 2.0, 1.0
-"""A motion that its worst spot slows more than this, and that takes longer than this [s], is also
-timed section by section."""
+"""Stretch factor and duration [s] above which a motion is also timed section by section."""
 _SECTIONS = 16
 _WORTH = 0.7
-"""That is taken where it saves enough: as a rule lines run evenly."""
+"""Share of the even duration below which the timing by sections is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,17 +32,16 @@ class Lin(Tracking):
     """Plans straight tool paths. Its fields are settings.
 
     The timing is that of the tool's profile along the path, and where a joint would exceed
-    its own profile, the whole motion is stretched in time until none does. Where that is
-    owed to a spot, as where a joint comes to its limit and the others take over, only the
-    sections around it are run slowly.
+    its own profile, the whole motion is stretched in time until none does. Where one part of
+    the line causes most of that, only the sections around it are slowed.
     """
 
     profile: PathProfile = PathProfile()
     """Bounds on the tool."""
     law: TimeLaw = S_CURVE
-    """How the tool runs from rest to rest."""
+    """Time law from rest to rest."""
     timing: Timing = Timing()
-    """How uneven lines are run, unless another law is asked for."""
+    """Timing by sections, used with the default law only."""
 
     def plan(
         self,
@@ -127,7 +125,7 @@ class Lin(Tracking):
 
 
 def _excess(trajectory: Trajectory, joints: MotionProfile, law: TimeLaw) -> float:
-    """Factor by which time must be stretched to bring every joint within its bounds."""
+    """Return the factor by which to stretch time to bring every joint within its bounds."""
     v = np.abs(trajectory.v).max(axis=0) / joints.v_max
     a = np.abs(trajectory.a).max(axis=0) / joints.a_max
     j = np.abs(trajectory.jerk).max(axis=0) / joints.j_max

@@ -1,4 +1,4 @@
-"""Small steps along a tool path where IK fails or jumps, and why the path ends where it does."""
+"""Small steps along a tool path where IK fails or a joint jumps, and reasons for a failure."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,21 +17,21 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.motion.refusals import AT_LIMIT
 
 STRIDE = 0.1
-"""Change of a joint in one step that counts as continuous [rad or m]."""
+"""Largest change of a joint in one step that counts as continuous [rad or m]."""
 _FIRST = 1.0 / 8.0
 _SMALLEST = 2.0**-10
-"""Steps, as parts of the way: of a centimetre about 10 µm, in which a joint that has to move
-by more than `STRIDE` would be a thousand times too fast."""
+"""First and smallest step, as shares of the path: about 10 µm of a centimetre, in which a joint
+that moves by more than `STRIDE` would be a thousand times too fast."""
 _STARTS, _SEED = 4, 3
-"""Further starts of the slow search, and where they come from."""
+"""Number of further starts of the slow search, and their random seed."""
 _EXACT = 1e-12
-"""Steps and slopes at which the slow search ends."""
+"""Tolerance of steps and gradients at which the slow search ends."""
 _STAGNANT = 1e-4
 """Relative gain of a step at which it ends: near a pose that is reached, every step gains more."""
 _EVALUATIONS = 60
 
 
-class Creep(NamedTuple):
+class SmallSteps(NamedTuple):
     """How far a path was followed."""
 
     q: Vector
@@ -41,16 +41,18 @@ class Creep(NamedTuple):
     stuck: SE3 | None
     """The pose next to it that is not reached from there; None where the end was reached."""
     results: list[IkResult]
-    """Of IK on the way."""
+    """IK results on the path."""
 
 
-def one_start(ik: IkSolver) -> IkSolver:
-    """A solver that does not look elsewhere, where it finds another branch, nor gives up early."""
+def single_start(ik: IkSolver) -> IkSolver:
+    """Return a solver that searches from one start only, and does not give up early."""
     alone = ik.solver if isinstance(ik, MultiStart) else ik
     return alone.thorough() if isinstance(alone, EarlyStopping) else alone
 
 
-def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Creep:
+def follow_in_small_steps(
+    arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]
+) -> SmallSteps:
     """Follow a short path; where IK fails or a joint jumps, by a slower search or smaller steps.
 
     Args:
@@ -67,19 +69,19 @@ def creep(arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]) -> Cree
         results.append(result)
         found: Vector | None = result.q
         if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
-            # Nothing is refused on the word of one solver.
+            # No path is refused because one solver failed.
             starts = _STARTS if step <= _SMALLEST else 0
-            found = nearby(arm, target, q, ik.tolerance, starts=starts)
+            found = solve_nearby(arm, target, q, ik.tolerance, starts=starts)
         if found is not None:
             q, x, step = found, x + step, 2.0 * step
         elif step <= _SMALLEST:
-            return Creep(q, x, target, results)
+            return SmallSteps(q, x, target, results)
         else:
             step *= 0.5
-    return Creep(q, 1.0, None, results)
+    return SmallSteps(q, 1.0, None, results)
 
 
-def nearby(
+def solve_nearby(
     arm: Arm,
     T_world_target: SE3,
     q: Vector,
@@ -88,7 +90,7 @@ def nearby(
     limits: bool = True,
     starts: int = _STARTS,
 ) -> Vector | None:
-    """A configuration within `STRIDE` of q that reaches a pose (n,) [rad].
+    """Return a configuration within `STRIDE` of q that reaches a pose (n,) [rad].
 
     scipy's bounded least squares (dogbox: Voglis and Lagaris, 2004), from q and from a few
     places around it, always the same ones; None where all of them end elsewhere.
@@ -128,8 +130,8 @@ SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
 
 
-def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]:
-    """Why the tool does not get from q to a pose next to it, and the joint concerned.
+def block_reason(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]:
+    """Return why the tool cannot move from q to a pose next to it, and the joint concerned.
 
     Without the joint limits the pose is reached by a small motion that leads a joint out of
     them: that limit. No configuration at all reaches it: it is out of reach. The Jacobian at q
@@ -139,9 +141,9 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]
     Args:
         arm: The arm.
         q: The last configuration on the way (n,) [rad].
-        T_world_next: Where the tool should go next, no further than `creep` can tell.
+        T_world_next: Where the tool should go next, one smallest step away.
     """
-    free = nearby(arm, T_world_next, q, LmIk().tolerance, limits=False)
+    free = solve_nearby(arm, T_world_next, q, LmIk().tolerance, limits=False)
     joints = arm.robot.joints
     if free is not None and joints_outside(arm, free):
         beyond = np.maximum(arm.q_min - free, free - arm.q_max)
@@ -156,8 +158,8 @@ def blocked(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]
     return RefusalReason.BRANCH, moved
 
 
-def rough(arm: Arm, knots: Matrix, q: Vector) -> tuple[RefusalReason, str, Vector]:
-    """Why a joint path bends so sharply that no spline keeps to it: obstacle, joint and where.
+def deviation_reason(arm: Arm, knots: Matrix, q: Vector) -> tuple[RefusalReason, str, Vector]:
+    """Return why no spline keeps to a joint path: reason, joint and configuration.
 
     A joint slides along its limit, or the arm is close to a singularity; else there is no
     better reason than the number of knots.

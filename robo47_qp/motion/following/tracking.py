@@ -1,4 +1,4 @@
-"""Tracking: the joint path along a tool path, in the branch in which it starts."""
+"""Tracking: the joint path along a tool path, in the IK branch in which it starts."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,18 +12,23 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.following.small_steps import blocked, creep, one_start, rough
+from robo47_qp.motion.following.small_steps import (
+    block_reason,
+    deviation_reason,
+    follow_in_small_steps,
+    single_start,
+)
 from robo47_qp.motion.paths.segments import ToolPath
 from robo47_qp.motion.refusals import AT_LIMIT, PathError, check_spline_limits
 
 _TASK = 6
-"""Coordinates of a pose: an arm with more joints has motions of its own."""
+"""Degrees of freedom of a pose; an arm with more joints is redundant."""
 _POLISHES = 2
-"""Newton steps after IK."""
+"""Number of Newton steps after IK."""
 
 
-class Effort(NamedTuple):
-    """What IK spent on a path."""
+class IkEffort(NamedTuple):
+    """Effort of IK on a path."""
 
     iterations: int
     seconds: float
@@ -40,24 +45,24 @@ class Tracking:
     """
 
     deviation: float = 5e-6
-    """How far the tool may be from its place on the path [m], and from its turn [rad]."""
+    """Largest deviation of the tool from the path [m] and [rad]."""
     knot_spacing: float = 0.01
     """First spacing of the knots [m] and [rad]."""
     doublings: int = 4
-    """How often the knots are doubled before giving up."""
+    """Largest number of times that the knots are doubled."""
     jump: float = 0.3
-    """Change of a joint between knots that counts as another branch of IK [rad]."""
+    """Change of a joint between knots that counts as a change of IK branch [rad]."""
     retreat: float = 3.0
-    """How fast a joint at its limit is led away from it where a redundant arm would run into it
-    [rad per m or rad of the path]; 0 gives up there."""
+    """Rate at which a redundant arm moves away from joint limits where it would reach one
+    [rad per m or rad of the path]; 0 refuses the path there."""
     polish: bool = False
     """Bring the knots to the path as closely as rounding allows. Needed where they are dense:
     what IK leaves shows in the jerk."""
 
     def joint_path(
         self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath
-    ) -> tuple[BSpline, Effort]:
-        """Joint path over s in [0, 1] that keeps to a tool path.
+    ) -> tuple[BSpline, IkEffort]:
+        """Return the joint path over s in [0, 1] that keeps to a tool path.
 
         Raises:
             PathError: IK fails on the path or changes branch, the path leaves the joint
@@ -75,7 +80,7 @@ class Tracking:
 
     def _path(
         self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath, away: bool
-    ) -> tuple[BSpline, Effort]:
+    ) -> tuple[BSpline, IkEffort]:
         knots = max(8, int(np.ceil(max(path.length, path.angle) / self.knot_spacing)))
         iterations, seconds, doublings = 0, 0.0, 0
         while True:
@@ -86,20 +91,20 @@ class Tracking:
             off, fraction = _worst_deviation(arm, path, spline, knots)
             if off <= self.deviation:
                 check_spline_limits(arm, spline)
-                return spline, Effort(iterations, seconds)
+                return spline, IkEffort(iterations, seconds)
             if doublings == self.doublings:
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
-                raise PathError(fraction, reason, *rough(arm, q, spline(fraction)))
+                raise PathError(fraction, reason, *deviation_reason(arm, q, spline(fraction)))
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
         self, arm: Arm, ik: IkSolver, q_start: Vector, path: ToolPath, knots: int, away: bool
     ) -> tuple[Matrix, list[IkResult]]:
-        """Configurations at the knots (knots + 1, n), and how each was solved."""
+        """Return the configurations at the knots (knots + 1, n), and all IK results."""
         s = np.linspace(0.0, 1.0, knots + 1)
         q, results = [q_start], []
         spacing = max(path.length, path.angle) / knots
-        near = one_start(ik)
+        near = single_start(ik)
         for before, fraction in pairwise(s.tolist()):
             seed, target = q[-1], path.at(fraction)
             if away:
@@ -110,11 +115,11 @@ class Tracking:
             results.append(result)
             found, moved = result.q, float(np.abs(result.q - q[-1]).max())
             if not result.converged or moved > self.jump:
-                found = self._crept(arm, near, q[-1], path, (before, fraction), results)
+                found = self._by_small_steps(arm, near, q[-1], path, (before, fraction), results)
             q.append(_polished(arm, target, found) if self.polish else found)
         return np.array(q), results
 
-    def _crept(
+    def _by_small_steps(
         self,
         arm: Arm,
         ik: IkSolver,
@@ -123,28 +128,28 @@ class Tracking:
         ends: tuple[float, float],
         results: list[IkResult],
     ) -> Vector:
-        """The configuration at the second end, by small steps from q at the first.
+        """Return the configuration at the second end, by small steps from q at the first.
 
         Raises:
-            PathError: There is no way; told is what stands in it.
+            PathError: No continuous joint motion leads there; the reason is named.
         """
         low, high = ends
-        crept = creep(arm, ik, q, lambda x: path.at(low + x * (high - low)))
-        results += crept.results
-        if crept.stuck is None:
-            return crept.q
-        last = crept.results[-1]
-        obstacle, joint = blocked(arm, crept.q, crept.stuck)
-        moved = np.abs(last.q - crept.q)
+        steps = follow_in_small_steps(arm, ik, q, lambda x: path.at(low + x * (high - low)))
+        results += steps.results
+        if steps.stuck is None:
+            return steps.q
+        last = steps.results[-1]
+        refusal, joint = block_reason(arm, steps.q, steps.stuck)
+        moved = np.abs(last.q - steps.q)
         how = f"{arm.robot.joints[int(moved.argmax())]} would jump by {moved.max():.2f} rad"
         reason = how if last.converged else last.explanation
-        at = low + crept.at * (high - low)
-        told = f"{reason} ({obstacle.value}, {joint})"
-        raise PathError(at, told, obstacle, joint, crept.q, crept.stuck)
+        at = low + steps.at * (high - low)
+        told = f"{reason} ({refusal.value}, {joint})"
+        raise PathError(at, told, refusal, joint, steps.q, steps.stuck)
 
 
 def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:
-    """Largest pose error between the knots, in m or rad, and where it is."""
+    """Return the largest pose error between the knots [m or rad], and where it is."""
     s = (np.arange(2 * knots) + 0.5) / (2 * knots)
     off = [max(arm.pose_distance(path.at(x), q)) for x, q in zip(s, spline(s), strict=True)]
     worst = int(np.argmax(off))
@@ -152,14 +157,14 @@ def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> t
 
 
 def _polished(arm: Arm, target: SE3, q: Vector) -> Vector:
-    """Newton steps of least motion: q + J⁺ e."""
+    """Return q after Newton steps of least motion: q + J⁺ e."""
     for _ in range(_POLISHES):
         q = q + np.linalg.lstsq(arm.jacobian(q), arm.pose_error(target, q), rcond=1e-4)[0]
     return q
 
 
 def _away(arm: Arm, q: Vector) -> Vector:
-    """Motion without the tool, away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
+    """Return null-space motion away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
 
     The gradient projection of Liégeois (1977) with the fourth power of the distance from the
     middle of each range.

@@ -14,11 +14,11 @@ from robo47_qp.errors import Robo47Error
 from robo47_qp.motion.paths.segments import Line, PathProfile, Segment
 
 _ROOM = 0.99
-"""Part of a segment that the blends at its ends may take together."""
+"""Largest share of a segment that the blends at its ends may take together."""
 
 
 class BlendError(Robo47Error):
-    """Blends that do not fit on their segment; `segment` is its place in the curve."""
+    """Blends that do not fit on their segment, which has the index `segment`."""
 
     def __init__(self, segment: int, reason: str) -> None:
         """Tell which segment is too short and by how much."""
@@ -44,7 +44,7 @@ def check_room(zones: Sequence[float] | Vector, times: Vector) -> None:
 
 
 class ToolCurve:
-    """Segments with their corners rounded; twice continuously differentiable inside.
+    """Segments with rounded corners, twice continuously differentiable.
 
     Each segment is given the time that its tool bounds allow at full speed, and the corner
     between two takes equal times a of both. With x in [0, 2a] there, the position is the
@@ -79,23 +79,23 @@ class ToolCurve:
         self.cuts: Vector = np.concatenate([[0.0], edges, [self._total]]) / self._total
         """Where straight parts, arcs and corners begin and end, in [0, 1]."""
         self.length = float(sum(s.length for s in segments))
-        """Of the segments to their corners [m]."""
+        """Sum of the lengths of the segments [m]."""
         self.angle = float(sum(s.angle for s in segments))
         """[rad]"""
         self._bends = [self._bend(i, zone) for i, zone in enumerate(self._zones)]
 
     @property
     def corners(self) -> Vector:
-        """Where one segment gives way to the next, in [0, 1]."""
+        """Parameters at which segments meet, in [0, 1]."""
         middle: Vector = self._starts[1:-1] / self._total
         return middle
 
     def segment_at(self, s: float) -> int:
-        """Which segment s in [0, 1] belongs to."""
+        """Return the index of the segment at s in [0, 1]."""
         return int(np.searchsorted(self.corners, s, side="right"))
 
     def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
+        """Return T_world_tcp at s in [0, 1]."""
         x = s * self._total
         for i, zone in enumerate(self._zones):
             into = x - (self._starts[i + 1] - zone)
@@ -105,7 +105,7 @@ class ToolCurve:
         return self._segments[i].at(min(1.0, (x - self._starts[i]) / float(self._times[i])))
 
     def _zone(self, i: int, radius: float) -> float:
-        """Time that a corner takes of both its segments, so that it stays within its radius."""
+        """Return the time that a corner takes of both segments, such that it keeps its radius."""
         zones = []
         corner = self._segments[i].position(1.0, 0)
         for k, end in ((i, 1.0), (i + 1, 0.0)):
@@ -144,10 +144,10 @@ class ToolCurve:
 
 
 _FINE = 200
-"""Steps in which the length is summed, per pose."""
+"""Number of steps per pose in which the length is summed."""
 
 
-class Through:
+class PoseSpline:
     """Position and orientation on cubic splines, each twice continuously differentiable.
 
     The position is a natural spline (de Boor, A Practical Guide to Splines, 1978, ch. 4); the
@@ -155,7 +155,7 @@ class Through:
     """
 
     def __init__(self, poses: Sequence[SE3], profile: PathProfile) -> None:
-        """Through poses T_world_tcp, at least two, no two in a row the same.
+        """Fit poses T_world_tcp, at least two, no two in a row the same.
 
         Args:
             poses: The first is the start, the last the goal.
@@ -164,7 +164,7 @@ class Through:
         ways = [Line(a, b) for a, b in pairwise(poses)]
         times = np.array([profile.least_time(way.length, way.angle) for way in ways])
         self.places: Vector = np.concatenate([[0.0], np.cumsum(times)]) / times.sum()
-        """Where on the way the poses are, in [0, 1]."""
+        """Parameters of the poses, in [0, 1]."""
         points = np.array([pose.translation() for pose in poses])
         quats = np.array([np.roll(pose.rotation().wxyz, -1) for pose in poses])
         self._position = CubicSpline(self.places, points, bc_type="natural")
@@ -175,23 +175,23 @@ class Through:
         """[m]"""
         rates = np.linalg.norm(self._rotation(fine, 1), axis=1)
         self.angle = float(rates.mean())
-        """How far it turns, there and back counted [rad]."""
+        """Total angle that the tool turns through [rad]."""
 
     @property
     def cuts(self) -> Vector:
-        """Where poses are passed, the ends included, in [0, 1]."""
+        """Parameters of the poses, ends included, in [0, 1]."""
         return self.places.copy()
 
     @property
     def corners(self) -> Vector:
-        """Where the poses between start and goal are, in [0, 1]."""
+        """Parameters of the poses between start and goal, in [0, 1]."""
         return self.places[1:-1].copy()
 
     def at(self, s: float) -> SE3:
-        """T_world_tcp at s in [0, 1]."""
+        """Return T_world_tcp at s in [0, 1]."""
         wxyz = np.roll(self._rotation(s).as_quat(), 1)
         return SE3.from_rotation_and_translation(SO3(wxyz), np.asarray(self._position(s)))
 
     def segment_at(self, s: float) -> int:
-        """Between which two poses s is, counted from 0."""
+        """Return the index of the interval between poses at s."""
         return int(np.searchsorted(self.places[1:-1], s, side="right"))

@@ -14,7 +14,7 @@ from robo47_qp.errors import InvalidValueError
 _FLAT = 1e-6
 """Sine of an angle below which three points lie on one line."""
 _ROUND = 1e-4
-"""Difference of the distances to a centre that is rounded off, as a part of the radius."""
+"""Relative difference of the distances to a centre that rounding may cause."""
 
 
 class ToolPath(Protocol):
@@ -149,7 +149,7 @@ class Arc(_SteadyTurn):
 
 
 def arc_through(start: SE3, goal: SE3, through: Vector) -> Arc:
-    """The arc from start to goal on which a point lies in between.
+    """Return the arc from start to goal through a point between them.
 
     Raises:
         InvalidValueError: The three points lie on a line, or two of them coincide.
@@ -175,7 +175,7 @@ def arc_through(start: SE3, goal: SE3, through: Vector) -> Arc:
 
 
 def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
-    """The shorter arc from start to goal about a centre.
+    """Return the shorter arc from start to goal about a centre.
 
     Raises:
         InvalidValueError: Start and goal are not at one distance from the centre, or lie on
@@ -197,7 +197,7 @@ def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
             f"{centre.tolist()} in line with start and goal",
             "off the line between them; give a point that the arc goes through instead",
         )
-    # A centre that is rounded off is moved to where both distances are the same.
+    # A centre with rounding errors is moved to where both distances are the same.
     chord = z - x
     across = x + 0.5 * chord
     across -= (across @ chord) / (chord @ chord) * chord
@@ -209,7 +209,7 @@ def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
 
 @dataclass(frozen=True, kw_only=True)
 class PathProfile:
-    """Bounds on the tool along a straight path; each a speed, an acceleration, a jerk."""
+    """Bounds on speed, acceleration and jerk of the tool along a straight path."""
 
     linear: tuple[float, float, float] = (0.25, 0.75, 5.0)
     """[m/s, m/s², m/s³]"""
@@ -217,7 +217,7 @@ class PathProfile:
     """[rad/s, rad/s², rad/s³]"""
 
     def along(self, length: float, angle: float, pace: float) -> Vector:
-        """Bounds on the first three derivatives of the path parameter in [0, 1].
+        """Return bounds on the first three derivatives of the path parameter in [0, 1].
 
         Args:
             length: Length of the path [m].
@@ -236,11 +236,11 @@ class PathProfile:
         return bounds
 
     def least_time(self, length: float, angle: float) -> float:
-        """Time to go a way and turn an angle at full speed [s]."""
+        """Return the time to move a length and turn an angle at full speed [s]."""
         return max(length / self.linear[0], angle / self.angular[0])
 
     def slowed(self, pace: float) -> "PathProfile":
-        """The bounds of the same paths run at `pace` times the full speed."""
+        """Return the bounds for the same paths at `pace` times the full speed."""
         v, a, j = self.linear
         w, b, k = self.angular
         return PathProfile(

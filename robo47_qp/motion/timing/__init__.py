@@ -1,1 +1,1 @@
-"""Time along a motion: jerk-limited, inside the limits of the joints."""
+"""Timing of motions with bounded velocity, acceleration and jerk."""

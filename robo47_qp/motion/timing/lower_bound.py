@@ -1,4 +1,4 @@
-"""Lower bound: the time that no motion between two states at rest can beat."""
+"""Lower bound on the duration of a motion between two states at rest."""
 
 from math import cbrt, inf, sqrt
 
@@ -12,7 +12,7 @@ from robo47_qp.motion.tool_motion import tool_rates
 
 
 def least_time(distance: float, v_max: float, a_max: float, j_max: float) -> float:
-    """Time-optimal from rest to rest in one dimension [s].
+    """Return the shortest time from rest to rest in one dimension [s].
 
     The cases of the profile with up to seven phases of constant jerk (Biagiotti and Melchiorri,
     Trajectory Planning for Automatic Machines and Robots, 2008, section 3.4).
@@ -39,12 +39,12 @@ def least_time(distance: float, v_max: float, a_max: float, j_max: float) -> flo
 def lower_bound(
     arm: Arm, q: Matrix, joints: MotionProfile, tool: PathProfile | None, straight: bool
 ) -> float:
-    """Time below which no motion along a joint path keeps the bounds [s].
+    """Return a time below which no motion along a joint path keeps the bounds [s].
 
-    The largest of what each bound alone asks for: the slowest joint from start to end, the whole
-    path at the largest speed that the joints allow at each place, and the way and the turn of
-    the tool. The speed along a curve may change faster than the jerk bound says: the jerk of
-    the tool counts on straight ways alone.
+    The largest of the times that each bound alone requires: for the slowest joint from start to
+    end, for the whole path at the largest speed that the joints allow at each point, and for the
+    length and angle of the tool path. The tool's jerk bound counts on straight paths only: on
+    curves, the speed along the path may change faster.
 
     Args:
         arm: The arm.

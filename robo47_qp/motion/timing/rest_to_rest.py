@@ -1,26 +1,16 @@
 """Motion from rest to rest on a straight line, several coordinates together."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Vector
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.timing.state_to_state import check_motion
 from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
 
 _NOTHING = 1e-9
-"""A way so short that it is one step, below what Ruckig resolves; and a share of a way so
-small that it bounds nothing."""
-
-
-class Samples(NamedTuple):
-    """Positions, velocities and accelerations at 0, dt, 2 dt, ...; each (N + 1, n)."""
-
-    x: Matrix
-    v: Matrix
-    a: Matrix
+"""Distance below the resolution of Ruckig, which is made one step; and share of the distance
+below which a coordinate limits nothing."""
 
 
 def rest_to_rest(
@@ -31,7 +21,7 @@ def rest_to_rest(
     j_max: Vector,
     dt: float,
     law: TimeLaw = S_CURVE,
-) -> Samples:
+) -> Trajectory:
     """Move on the straight line between two points, each coordinate within its bounds.
 
     Args:
@@ -41,10 +31,10 @@ def rest_to_rest(
         a_max: Bounds on the acceleration (n,), positive.
         j_max: Bounds on the jerk (n,), positive.
         dt: Time between samples [s].
-        law: How one coordinate is moved.
+        law: Time law of the motion.
 
     Returns:
-        The samples; with `S_CURVE` the duration is the shortest on the line that is a
+        The motion; with `S_CURVE` the duration is the shortest on the line that is a
         multiple of dt, the last sample is the goal, at rest.
 
     Raises:
@@ -55,7 +45,7 @@ def rest_to_rest(
     length = float(np.abs(way).max())
     if length < _NOTHING:
         x = np.array([start, goal] if length > 0.0 else [goal])
-        return Samples(x, np.zeros_like(x), np.zeros_like(x))
+        return Trajectory(dt=dt, q=x, v=np.zeros_like(x), a=np.zeros_like(x))
     way = way / length
     moving = np.abs(way) > _NOTHING
     share = np.abs(way[moving])
@@ -63,13 +53,13 @@ def rest_to_rest(
     s, ds, dds = law.run(length, bounds, dt).T[:, :, None]
     x = start + s * way
     x[-1] = goal
-    return Samples(x, ds * way, dds * way)
+    return Trajectory(dt=dt, q=x, v=ds * way, a=dds * way)
 
 
 def plan_ptp(
     q_start: Vector, q_goal: Vector, profile: MotionProfile, dt: float, law: TimeLaw = S_CURVE
 ) -> Trajectory:
-    """Straight line in joint space from rest to rest.
+    """Plan a straight line in joint space from rest to rest.
 
     Between two configurations inside the joint limits every sample is inside them. The tool
     does not follow a line.
@@ -79,11 +69,9 @@ def plan_ptp(
         q_goal: (n,) [rad].
         profile: Bounds of the joints.
         dt: Time between samples [s].
-        law: How the way is run.
+        law: Time law of the motion.
 
     Raises:
         InvalidValueError: A configuration is not finite.
     """
-    bounds = (profile.v_max, profile.a_max, profile.j_max)
-    samples = rest_to_rest(q_start, q_goal, *bounds, dt, law)
-    return Trajectory(dt=dt, q=samples.x, v=samples.v, a=samples.a)
+    return rest_to_rest(q_start, q_goal, profile.v_max, profile.a_max, profile.j_max, dt, law)

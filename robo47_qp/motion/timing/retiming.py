@@ -14,18 +14,18 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.refusals import PathError
-from robo47_qp.motion.timing.state_to_state import Leap, leap
+from robo47_qp.motion.timing.state_to_state import Transition, speed_change
 from robo47_qp.motion.tool_motion import tool_rates
 from robo47_qp.motion.trajectory import JointCurve, Trajectory, along
 
 _HALVINGS = 60
 _CAREFUL = 1.0 - 1e-6
-"""A way that is just long enough is, by a rounding error, too short: then the only motion between
-the two speeds goes back and forth."""
+"""A section that is exactly long enough may be too short by a rounding error: then the only motion
+between the two speeds goes back and forth."""
 
 
-class Travel:
-    """A path parameter over time: speed, acceleration and jerk bounded section by section.
+class SectionedProfile:
+    """A path parameter over time with speed, acceleration and jerk bounded by section.
 
     Between sections the acceleration is zero and the speed the largest that both allow and
     that can be reached from the ends: passes forward and backward over the sections, as in
@@ -34,7 +34,7 @@ class Travel:
     """
 
     def __init__(self, lengths: Vector, bounds: Matrix) -> None:
-        """Plan it.
+        """Plan the profile.
 
         Args:
             lengths: Of the K sections (K,), positive.
@@ -48,11 +48,13 @@ class Travel:
             most = _reachable(speeds[k + 1], lengths[k], *bounds[k, 1:])
             speeds[k] = min(speeds[k], most)
         self._starts = np.concatenate([[0.0], np.cumsum(lengths)])
-        self._leaps: Sequence[Leap] = [
-            leap(float(length), float(v0), float(v1), bound)
+        self._transitions: Sequence[Transition] = [
+            speed_change(float(length), float(v0), float(v1), bound)
             for length, v0, v1, bound in zip(lengths, speeds[:-1], speeds[1:], bounds, strict=True)
         ]
-        self._times = np.concatenate([[0.0], np.cumsum([one.duration for one in self._leaps])])
+        self._times = np.concatenate(
+            [[0.0], np.cumsum([one.duration for one in self._transitions])]
+        )
 
     @property
     def duration(self) -> float:
@@ -60,27 +62,27 @@ class Travel:
         return float(self._times[-1])
 
     def sampled(self, dt: float) -> Matrix:
-        """Parameter and its first two derivatives every dt (N + 1, 3).
+        """Return the parameter and its first two derivatives every dt (N + 1, 3).
 
-        Time is stretched to a whole number of periods, which no bound minds.
+        Time is stretched to a whole number of periods, which violates no bound.
         """
         periods = max(1, ceil(self.duration / dt - 1e-9))
         pace = self.duration / (periods * dt)
         t = np.minimum(np.arange(periods + 1) * dt * pace, self.duration)
         section = np.clip(
-            np.searchsorted(self._times, t, side="right") - 1, 0, len(self._leaps) - 1
+            np.searchsorted(self._times, t, side="right") - 1, 0, len(self._transitions) - 1
         )
         rows = np.empty((periods + 1, 3))
         for k in np.unique(section).tolist():
             mine = section == k
-            rows[mine] = self._leaps[k].along(t[mine] - self._times[k])
+            rows[mine] = self._transitions[k].along(t[mine] - self._times[k])
             rows[mine, 0] += self._starts[k]
         rows[-1] = self._starts[-1], 0.0, 0.0
         return rows * pace ** np.arange(3)
 
 
 def _reachable(v: float, length: float, a_max: float, j_max: float) -> float:
-    """Largest speed after a way that starts at speed v, without acceleration at both ends."""
+    """Return the largest speed after a length from speed v, with no acceleration at both ends."""
 
     def way(rise: float) -> float:
         fast = rise > a_max**2 / j_max
@@ -97,26 +99,26 @@ def _reachable(v: float, length: float, a_max: float, j_max: float) -> float:
 
 
 _FINE = 48
-"""Points per section at which the path is looked at."""
+"""Number of points per section at which the path is evaluated."""
 _COARSE = 8
-"""Samples in a first look are this many times as far apart."""
+"""Factor of the sampling period while the paces are improved."""
 _EASING = 0.6
-"""A section is made faster by no more than the inverse at once."""
+"""Inverse of the largest factor by which a section is made faster at once."""
 _TRIES = 12
 _NEAR = 0.998
-"""A motion that uses this much of its bounds is as fast as can be told."""
+"""Used share of the bounds at which a motion counts as fastest."""
 _MORE = 1.0 + 2e-4
-"""Samples of a scaled motion fall elsewhere: it is scaled a little more than needed."""
+"""Extra scaling, since the samples of a scaled motion lie elsewhere."""
 _SPAN = 2
 _NOTHING = 1e-12
 _LONGEST = 600.0
-"""A motion that takes longer is no motion [s]."""
+"""Longest duration of a motion [s]."""
 
 
 def limits(
     joints: MotionProfile, tools: Sequence[PathProfile | None], paces: Sequence[float]
 ) -> Matrix:
-    """Bounds on the derivatives of joints and tool in each section (3, K, n or n + 2).
+    """Return bounds on the derivatives of joints and tool in each section (3, K, n or n + 2).
 
     Args:
         joints: Bounds of the joints.
@@ -149,14 +151,14 @@ class Timing:
     """
 
     shares: tuple[float, ...] = (0.2, 0.35, 0.55, 0.75)
-    """What the bend of the path may take of the bounds: values of η to try."""
+    """Values of η to try: share of the bounds that the curvature of the path may take."""
     rounds: int = 3
-    """How often the paces of the sections are improved, per η."""
+    """Number of rounds that improve the paces of the sections, per η."""
 
     def timed(
         self, arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix, dt: float
     ) -> Trajectory:
-        """The motion from rest at s = 0 to rest at s = 1.
+        """Return the motion from rest at s = 0 to rest at s = 1.
 
         Args:
             arm: The arm.
@@ -175,11 +177,11 @@ class Timing:
             for share in self.shares:
                 caps = _caps(bend, limit, share)
                 for _ in range(self.rounds if len(lengths) > 1 else 1):
-                    rows = Travel(lengths, caps).sampled(_COARSE * dt)
+                    rows = SectionedProfile(lengths, caps).sampled(_COARSE * dt)
                     coarse = along(path, rows, _COARSE * dt)
                     excess = _excess(arm, coarse, rows[:, 0], ends, limit)
                     scaled = caps / excess.max() ** np.arange(1, 4)
-                    duration = Travel(lengths, scaled).duration
+                    duration = SectionedProfile(lengths, scaled).duration
                     if duration < quickest:
                         best, quickest = (ends, limit, scaled), duration
                     caps = caps / np.maximum(excess, _EASING)[:, None] ** np.arange(1, 4)
@@ -192,11 +194,11 @@ def _fitted(
     """Scale time until a bound is just reached and none is exceeded."""
     best: Trajectory | None = None
     for _ in range(_TRIES):
-        rows = Travel(np.diff(cuts), caps).sampled(dt)
+        rows = SectionedProfile(np.diff(cuts), caps).sampled(dt)
         motion = along(path, rows, dt)
         excess = float(_excess(arm, motion, rows[:, 0], cuts, bounds).max())
         if excess <= 1.0:
-            # Whole periods: a motion of few samples may not come closer to its bounds.
+            # Durations are whole periods: a short motion may not come closer to its bounds.
             if best is not None and motion.steps >= best.steps:
                 break
             best = motion
@@ -209,7 +211,7 @@ def _fitted(
 
 
 def _excess(arm: Arm, motion: Trajectory, s: Vector, cuts: Vector, bounds: Matrix) -> Vector:
-    """Factors by which to stretch time in each section (K,); below 1, it may shrink."""
+    """Return factors by which to stretch time in each section (K,); below 1 it may shrink."""
     section = np.clip(np.searchsorted(cuts, s, side="right") - 1, 0, len(cuts) - 2)
     # Differences span several samples: they are as quick as the quickest of them allows.
     limit = maximum_filter1d(bounds[:, section], 2 * _SPAN + 1, axis=1)
@@ -228,7 +230,7 @@ def _excess(arm: Arm, motion: Trajectory, s: Vector, cuts: Vector, bounds: Matri
 
 
 def _bends(arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix) -> Matrix:
-    """Largest first three derivatives by s of joints and tool per section (3, K, n or n + 2)."""
+    """Return the largest derivatives by s of joints and tool per section (3, K, n or n + 2)."""
     sections = []
     for low, high in pairwise(cuts):
         s = np.linspace(low, high, _FINE + 1)
@@ -246,7 +248,7 @@ def _bends(arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix) -> Matrix:
 
 
 def _caps(bend: Matrix, bounds: Matrix, share: float) -> Matrix:
-    """Bounds on the first three derivatives of the parameter in each section (K, 3)."""
+    """Return bounds on the first three derivatives of the parameter per section (K, 3)."""
     d1, d2, d3 = np.maximum(bend, _NOTHING)
     v, a, j = bounds
     fastest = np.minimum(v / d1, (share * a / d2) ** (1 / 2))

@@ -14,25 +14,25 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
 _NOTHING = 1e-9
-"""A phase so short that nothing happens in it [s]."""
+"""Longest duration of a phase that is ignored [s]."""
 
 
-class Leap:
-    """A motion from one state to another; for n coordinates or, with floats, for one."""
+class Transition:
+    """A motion of one or several coordinates from one state to another."""
 
     def __init__(self, plan: ruckig.Trajectory) -> None:
-        """Of what Ruckig planned."""
+        """Wrap a trajectory of Ruckig."""
         self._plan = plan
         self.duration = float(plan.duration)
         """[s]"""
 
     def at(self, time: float) -> Matrix:
-        """Position, velocity and acceleration at a time (3, n), or (3,) for one coordinate."""
+        """Return position, velocity and acceleration at a time (3, n); (3,) for one coordinate."""
         state = np.array(self._plan.at_time(time))
         return state[:, 0] if state.shape[1] == 1 else state
 
     def along(self, times: Vector) -> Matrix:
-        """Of one coordinate: position, velocity and acceleration at many times (N, 3)."""
+        """Return position, velocity and acceleration of the one coordinate at times (N, 3)."""
         profile = self._plan.profiles[0][0]
         phases = np.array([*profile.brake.t, *profile.t, *profile.accel.t])
         starts = np.concatenate([[0.0], np.cumsum(phases)[:-1]])[phases > 0.0]
@@ -47,7 +47,7 @@ class Leap:
 
     @property
     def reach(self) -> Matrix:
-        """Least and largest position of each coordinate on the way, between samples too (2, n).
+        """Least and largest position of each coordinate, between samples too (2, n).
 
         Where the speed is zero in phases of constant jerk; Ruckig's own extrema are not to be
         trusted (0.19.4: those of motions by speed are left at zero).
@@ -64,7 +64,7 @@ class Leap:
         return np.array(ends).T
 
     def _turns(self, i: int, start: float, phase: float) -> list[float]:
-        """Positions of a coordinate where it turns round within a phase."""
+        """Return the positions at which a coordinate reverses within a phase."""
         if phase <= _NOTHING:
             return []
         v, a = (self._plan.at_time(start)[order][i] for order in (1, 2))
@@ -72,14 +72,14 @@ class Leap:
         root = a * a - 2.0 * j * v
         if root < 0.0 or v == 0.0:
             return []
-        # v + a t + j t² / 2 = 0 by way of 1 / t, which does not mind a jerk of zero.
+        # v + a t + j t² / 2 = 0, solved for 1 / t, which allows a jerk of zero.
         slopes = (-a - sqrt(root), -a + sqrt(root))
         times = [2.0 * v / slope for slope in slopes if slope]
         return [self._plan.at_time(start + t)[0][i] for t in times if 0.0 < t < phase]
 
 
-def leap(length: float, v_start: float, v_goal: float, bounds: Vector) -> Leap:
-    """One coordinate from 0 to a length, without acceleration at both ends, time-optimal.
+def speed_change(length: float, v_start: float, v_goal: float, bounds: Vector) -> Transition:
+    """Plan one coordinate from 0 to a length, time-optimal, with no acceleration at both ends.
 
     Args:
         length: Positive.
@@ -104,8 +104,8 @@ def to_state(
     a_max: Vector,
     j_max: Vector,
     period: float | None = None,
-) -> Leap:
-    """Time-optimal motion of all coordinates from one state to another, ending together.
+) -> Transition:
+    """Plan the time-optimal motion from one state to another; all coordinates end together.
 
     Args:
         start: Position, velocity and acceleration now (3, n).
@@ -134,11 +134,11 @@ def to_state(
     except ruckig.RuckigError as error:
         expected = "one that Ruckig can plan"
         raise InvalidValueError("motion", f"{now} to {then} ({error})", expected) from error
-    return Leap(plan)
+    return Transition(plan)
 
 
-def to_rest(start: Matrix, a_max: Vector, j_max: Vector) -> Leap:
-    """Time-optimal from a state to rest, wherever that is, all coordinates ending together.
+def to_rest(start: Matrix, a_max: Vector, j_max: Vector) -> Transition:
+    """Plan the time-optimal motion from a state to rest at any position, ending together.
 
     Args:
         start: Position, velocity and acceleration now (3, n).
@@ -161,7 +161,7 @@ def to_rest(start: Matrix, a_max: Vector, j_max: Vector) -> Leap:
     except ruckig.RuckigError as error:
         expected = "one that Ruckig can stop"
         raise InvalidValueError("motion", f"{now} ({error})", expected) from error
-    return Leap(plan)
+    return Transition(plan)
 
 
 def s_curve(length: float, bounds: Vector, dt: float) -> Matrix:
@@ -180,29 +180,18 @@ def s_curve(length: float, bounds: Vector, dt: float) -> Matrix:
         InvalidValueError: A number is not finite, a bound or dt is not positive, or Ruckig
             finds no motion.
     """
+    goal = np.array([[length], [0.0], [0.0]])
     v_max, a_max, j_max = bounds[:, None]
-    check_motion(np.zeros(1), np.array([length]), v_max, a_max, j_max, dt)
-    request = ruckig.InputParameter(1)
-    request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    request.current_position, request.target_position = [0.0], [length]
-    request.max_velocity = [float(v_max[0])]
-    request.max_acceleration = [float(a_max[0])]
-    request.max_jerk = [float(j_max[0])]
-    plan = ruckig.Trajectory(1)
-    try:
-        ruckig.Ruckig(1, dt).calculate(request, plan)
-    except ruckig.RuckigError as error:
-        expected = "one that Ruckig can plan"
-        raise InvalidValueError("motion", f"0 to {length} ({error})", expected) from error
-    steps = round(plan.duration / dt)
-    rows = np.array([plan.at_time(k * dt) for k in range(steps)]).reshape(steps, 3)
-    return np.vstack([rows, [length, 0.0, 0.0]])
+    motion = to_state(np.zeros((3, 1)), goal, v_max, a_max, j_max, dt)
+    steps = round(motion.duration / dt)
+    rows = np.array([motion.at(k * dt) for k in range(steps)]).reshape(steps, 3)
+    return np.vstack([rows, goal.T])
 
 
 def check_motion(
     start: Vector, goal: Vector, v_max: Vector, a_max: Vector, j_max: Vector, dt: float
 ) -> None:
-    """Refuse numbers that make no motion.
+    """Check the numbers of a motion.
 
     Raises:
         InvalidValueError: A position is not finite, a bound or dt is not positive.

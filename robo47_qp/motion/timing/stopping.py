@@ -1,4 +1,4 @@
-"""Stopping: from a reference in motion to rest, wherever that is, as fast as the joints can."""
+"""Stopping: from a reference in motion to rest as fast as the joints can."""
 
 from collections.abc import Sequence
 
@@ -8,21 +8,21 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason, Rejection
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile
-from robo47_qp.motion.timing.state_to_state import Leap, to_rest, to_state
+from robo47_qp.motion.timing.state_to_state import Transition, to_rest, to_state
 from robo47_qp.motion.trajectory import Trajectory
 
 _STRAIGHT = 1e-9
-"""An acceleration this far beside the velocity, as a part of it, bends the path by rounding."""
+"""Share of the acceleration across the velocity that counts as a rounding error."""
 _ROUNDING = 1e-9
 _NEGLIGIBLE = 1e-10
-"""Part of the jerk that nobody sees."""
+"""Share of the jerk bound that is ignored."""
 _HALVINGS = 30
 
 
-class _Straight:
-    """One coordinate along a direction of the joint space."""
+class _LineStop:
+    """A stop along a straight line of the joint space."""
 
-    def __init__(self, q: Vector, way: Vector, along: Leap) -> None:
+    def __init__(self, q: Vector, way: Vector, along: Transition) -> None:
         self._q, self._way, self._along = q, way, along
         self.duration = along.duration
         ends = q + along.reach * way
@@ -33,20 +33,23 @@ class _Straight:
         return np.stack([self._q + s * self._way, ds * self._way, dds * self._way])
 
 
-class _Apart:
-    """Each joint on its own."""
+class _JointStops:
+    """A stop of each joint by itself."""
 
-    def __init__(self, leaps: Sequence[Leap]) -> None:
-        self._leaps = leaps
-        self.duration = max(leap.duration for leap in leaps)
-        self.reach: Matrix = np.hstack([leap.reach for leap in leaps])
+    def __init__(self, joints: Sequence[Transition]) -> None:
+        self._transitions = joints
+        self.duration = max(transition.duration for transition in joints)
+        self.reach: Matrix = np.hstack([transition.reach for transition in joints])
 
     def at(self, time: float) -> Matrix:
-        return np.stack([one.at(min(time, one.duration)) for one in self._leaps], axis=1)
+        return np.stack([one.at(min(time, one.duration)) for one in self._transitions], axis=1)
+
+
+_Stop = Transition | _LineStop | _JointStops
 
 
 def stop(arm: Arm, now: JointReference, profile: MotionProfile, dt: float) -> Trajectory:
-    """From a reference in motion to rest, acceleration and jerk bounded.
+    """Stop from a reference in motion, with bounded acceleration and jerk.
 
     The first sample is the reference itself. Three ways are tried, and the first that stays
     inside the joint limits is taken:
@@ -70,23 +73,21 @@ def stop(arm: Arm, now: JointReference, profile: MotionProfile, dt: float) -> Tr
     """
     if not (np.isfinite(dt) and dt > 0.0):
         raise InvalidValueError("dt", dt, "positive and finite [s]")
-    start = np.stack([arm.checked_q(f"{name} of the reference", x) for name, x in _named(now)])
+    names = ("position", "velocity", "acceleration")
+    checked = (arm.checked_q(f"{n} of the reference", x) for n, x in zip(names, now, strict=True))
+    start = np.stack(list(checked))
     low = np.minimum(arm.q_min, start[0]) - _ROUNDING
     high = np.maximum(arm.q_max, start[0]) + _ROUNDING
     together = _together(start, profile, dt)
     if _inside(together, low, high):
         return _sampled(together, start, dt)
-    apart = _Apart([_alone(start, i, profile, low[i], high[i]) for i in range(arm.n)])
+    apart = _JointStops([_alone(start, i, profile, low[i], high[i]) for i in range(arm.n)])
     if not _inside(apart, low, high):
         raise _refused(arm, _sampled(apart, start, dt), low, high)
     return _sampled(apart, start, dt)
 
 
-def _named(now: JointReference) -> list[tuple[str, Vector]]:
-    return list(zip(("position", "velocity", "acceleration"), now, strict=True))
-
-
-def _together(start: Matrix, profile: MotionProfile, dt: float) -> "Leap | _Straight":
+def _together(start: Matrix, profile: MotionProfile, dt: float) -> Transition | _LineStop:
     q, v, a = start
     way = v if v.any() else a
     size = float(np.abs(way).max())
@@ -98,26 +99,26 @@ def _together(start: Matrix, profile: MotionProfile, dt: float) -> "Leap | _Stra
     if beside.max() > _STRAIGHT * max(1.0, float(np.abs(a).max())):
         return to_rest(start, profile.a_max, profile.j_max)
     moving = np.abs(way) > _ROUNDING
-    # What lies beside goes within the first sample: that takes a little of the jerk.
+    # The acceleration across vanishes within the first sample, which takes some of the jerk.
     taken = beside / dt
     j_max = profile.j_max - np.where(taken > _NEGLIGIBLE * profile.j_max, taken, 0.0)
     bounds = [(b[moving] / np.abs(way[moving])).min() for b in (profile.a_max, j_max)]
     state = np.array([[0.0], [size if v.any() else 0.0], [along]])
-    return _Straight(q, way, to_rest(state, bounds[0][None], bounds[1][None]))
+    return _LineStop(q, way, to_rest(state, bounds[0][None], bounds[1][None]))
 
 
-def _alone(start: Matrix, i: int, profile: MotionProfile, low: float, high: float) -> Leap:
-    """The fastest stop of a joint; where that leaves its limits, one that comes back."""
+def _alone(start: Matrix, i: int, profile: MotionProfile, low: float, high: float) -> Transition:
+    """Return the fastest stop of a joint; where that leaves its limits, one that comes back."""
     state = start[:, i : i + 1]
     v_max, a_max, j_max = (b[i : i + 1] for b in (profile.v_max, profile.a_max, profile.j_max))
     fast = to_rest(state, a_max, j_max)
     over, under = fast.reach[1, 0] > high, fast.reach[0, 0] < low
     if not (over or under):
         return fast
-    # The further back it is to go, the harder it brakes: as little as keeps the limit.
+    # The further back the goal, the harder it brakes: no further than the limit requires.
     near, far = (high, low) if over else (low, high)
 
-    def back_to(goal: float) -> Leap:
+    def back_to(goal: float) -> Transition:
         return to_state(state, np.array([[goal], [0.0], [0.0]]), v_max, a_max, j_max)
 
     best = back_to(far)
@@ -131,16 +132,16 @@ def _alone(start: Matrix, i: int, profile: MotionProfile, low: float, high: floa
     return best
 
 
-def _inside(motion: "Leap | _Straight | _Apart", low: Vector | float, high: Vector | float) -> bool:
+def _inside(motion: _Stop, low: Vector | float, high: Vector | float) -> bool:
     return bool((motion.reach[0] >= low).all() and (motion.reach[1] <= high).all())
 
 
-def _sampled(leap: "Leap | _Straight | _Apart", start: Matrix, dt: float) -> Trajectory:
-    """The last sample falls on the first whole period after the stop."""
-    steps = int(np.ceil(leap.duration / dt - _ROUNDING))
+def _sampled(transition: _Stop, start: Matrix, dt: float) -> Trajectory:
+    """Return the samples; the last is at the first whole period after the stop."""
+    steps = int(np.ceil(transition.duration / dt - _ROUNDING))
     states = np.empty((steps + 1, 3, start.shape[1]))
     for k, state in enumerate(states):
-        state[:] = np.reshape(leap.at(min(k * dt, leap.duration)), state.shape)
+        state[:] = np.reshape(transition.at(min(k * dt, transition.duration)), state.shape)
     states[0] = start
     states[-1, 1:] = 0.0
     q, v, a = states.transpose(1, 0, 2).copy()
@@ -150,7 +151,7 @@ def _sampled(leap: "Leap | _Straight | _Apart", start: Matrix, dt: float) -> Tra
 def _refused(arm: Arm, motion: Trajectory, low: Vector, high: Vector) -> PlanError:
     excess = np.maximum(motion.q - high, low - motion.q)
     late = excess.max(axis=1) > 0.0
-    # A joint that is out between two samples alone is told at the nearest.
+    # A joint that is outside only between two samples is reported at the nearest.
     k = int(late.argmax()) if late.any() else int(excess.max(axis=1).argmax())
     joint, time = arm.robot.joints[int(excess[k].argmax())], k * motion.dt
     rejection = Rejection(

@@ -1,4 +1,4 @@
-"""Time laws: ways to run one coordinate from rest to rest."""
+"""Time laws of one coordinate from rest to rest."""
 
 from dataclasses import dataclass
 from math import cbrt, ceil, inf, sqrt
@@ -14,15 +14,15 @@ _ROUNDING = 1e-9
 
 
 class TimeLaw(Protocol):
-    """Runs a coordinate from 0 to a length, at rest at both ends."""
+    """Moves a coordinate from 0 to a length, at rest at both ends."""
 
     @property
     def bounds_jerk(self) -> bool:
-        """True where the jerk is kept within its bound too."""
+        """True where the jerk is bounded too."""
         ...
 
     def run(self, length: float, bounds: Vector, dt: float) -> Matrix:
-        """Position, velocity and acceleration every dt (N + 1, 3), as fast as the law can.
+        """Return position, velocity and acceleration every dt (N + 1, 3), in the least time.
 
         Args:
             length: Positive.
@@ -100,7 +100,7 @@ class Quintic:
 
 
 S_CURVE = SCurve()
-"""The law that is used unless another is asked for."""
+"""The default law."""
 
 
 def _polynomial(
@@ -130,7 +130,7 @@ def _instants(total: float, dt: float) -> Vector:
 
 
 def _ends(rows: Matrix, length: float) -> Matrix:
-    """At rest without acceleration before the first and after the last sample."""
+    """Set the first and the last sample to rest."""
     rows[0], rows[-1] = (0.0, 0.0, 0.0), (length, 0.0, 0.0)
     return rows
 

@@ -9,7 +9,7 @@ from robo47_qp.errors import PlanError
 from robo47_qp.ik.stream.stream import StreamIk
 from robo47_qp.model.arm import JOINT_MARGIN, Arm, JointReference, JointState
 from robo47_qp.motion.smooth_stream import SmoothStream
-from robo47_qp.motion.timing.state_to_state import Leap, to_state
+from robo47_qp.motion.timing.state_to_state import Transition, to_state
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.policy.policy import pose_of
@@ -29,7 +29,7 @@ class JointTargets:
         """Keep the loop to act with."""
         self._loop = loop
         self._goal: Vector = loop.reference.q
-        self._leap: Leap | None = None
+        self._transition: Transition | None = None
         self._left: JointReference | None = None
         self._done = 0
 
@@ -52,8 +52,8 @@ class JointTargets:
         arm, profile = self._loop.arm, self._loop.profile
         start, still = np.stack(self._loop.reference), np.zeros(arm.n)
         goal = np.stack([q_goal, still, still])
-        leap = to_state(start, goal, profile.v_max, profile.a_max, profile.j_max)
-        low, high = leap.reach
+        transition = to_state(start, goal, profile.v_max, profile.a_max, profile.j_max)
+        low, high = transition.reach
         beyond = np.maximum(arm.q_min - low, high - arm.q_max)
         if (beyond > _ROUNDING).any():
             i = int(np.argmax(beyond))
@@ -61,17 +61,17 @@ class JointTargets:
                 f"{arm.robot.joints[i]} is so fast that it leaves its limits by {beyond[i]:.4f}"
             )
             raise PlanError("joint target", reason)
-        self._leap, self._goal, self._done = leap, q_goal, 0
+        self._transition, self._goal, self._done = transition, q_goal, 0
 
     def _next(self, periods: int) -> Trajectory:
         """The next part of the motion; at rest at the goal after its end."""
-        arm, leap, first = self._loop.arm, self._leap, self._done
+        arm, transition, first = self._loop.arm, self._transition, self._done
         states = np.zeros((periods + 1, 3, arm.n))
         states[0] = np.stack(self._loop.reference)
         for k in range(1, periods + 1):
             time = (first + k) * TIMESTEP
-            if leap is not None and time < leap.duration:
-                states[k] = np.reshape(leap.at(time), (3, arm.n))
+            if transition is not None and time < transition.duration:
+                states[k] = np.reshape(transition.at(time), (3, arm.n))
             else:
                 states[k, 0] = self._goal
         self._done += periods

@@ -16,7 +16,14 @@ from robo47_qp.ik.solver import IkResult, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following import small_steps
-from robo47_qp.motion.following.small_steps import STRIDE, blocked, creep, nearby, one_start, rough
+from robo47_qp.motion.following.small_steps import (
+    STRIDE,
+    block_reason,
+    deviation_reason,
+    follow_in_small_steps,
+    single_start,
+    solve_nearby,
+)
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm
 from tests.robots import robot_named
@@ -57,20 +64,20 @@ def test_a_pose_next_to_it_is_reached_and_one_further_away_is_not(
     arm: Arm, plain: PlainArm
 ) -> None:
     target = moved(arm, arm.home, 0.05)
-    found = nearby(arm, target, arm.home, TIGHT, starts=0)
+    found = solve_nearby(arm, target, arm.home, TIGHT, starts=0)
     assert found is not None
     assert max(plain.errors(found, target)) <= 1e-6
     assert np.abs(found - arm.home).max() <= STRIDE
-    assert nearby(arm, shifted(arm.pose(arm.home), np.full(3, 0.1)), arm.home, TIGHT) is None
-    assert nearby(arm, turned(arm.pose(arm.home), 2, 0.6), arm.home, TIGHT) is None
+    assert solve_nearby(arm, shifted(arm.pose(arm.home), np.full(3, 0.1)), arm.home, TIGHT) is None
+    assert solve_nearby(arm, turned(arm.pose(arm.home), 2, 0.6), arm.home, TIGHT) is None
 
 
 def test_position_and_turn_are_held_to_their_own_tolerance() -> None:
     arm, q = PANDA_ARM, PANDA_ARM.home
     away, askew = shifted(arm.pose(q), np.full(3, 0.1)), turned(arm.pose(q), 2, 0.6)
-    assert nearby(arm, away, q, Tolerance(position=1.0, orientation=1.0)) is not None
-    assert nearby(arm, away, q, Tolerance(orientation=10.0), starts=0) is None
-    assert nearby(arm, askew, q, Tolerance(position=10.0), starts=0) is None
+    assert solve_nearby(arm, away, q, Tolerance(position=1.0, orientation=1.0)) is not None
+    assert solve_nearby(arm, away, q, Tolerance(orientation=10.0), starts=0) is None
+    assert solve_nearby(arm, askew, q, Tolerance(position=10.0), starts=0) is None
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -79,14 +86,14 @@ def test_limits_are_kept_unless_they_are_not_to_be(side: int) -> None:
     q[-1] = (arm.q_max if side > 0 else arm.q_min)[-1] - side * 0.02
     beyond = q + side * np.eye(arm.n)[-1] * 0.05
     target = arm.pose(beyond)
-    assert nearby(arm, target, q, TIGHT) is None
-    assert nearby(arm, target, q, TIGHT, limits=False) == pytest.approx(beyond, abs=1e-5)
+    assert solve_nearby(arm, target, q, TIGHT) is None
+    assert solve_nearby(arm, target, q, TIGHT, limits=False) == pytest.approx(beyond, abs=1e-5)
 
 
 def test_where_slopes_tell_nothing_it_starts_from_around_always_the_same() -> None:
     target = HINGED.pose(BENT)
-    assert nearby(HINGED, target, STRETCHED, TIGHT, starts=0) is None
-    found, again = (nearby(HINGED, target, STRETCHED, TIGHT) for _ in range(2))
+    assert solve_nearby(HINGED, target, STRETCHED, TIGHT, starts=0) is None
+    found, again = (solve_nearby(HINGED, target, STRETCHED, TIGHT) for _ in range(2))
     assert found is not None
     assert again is not None
     assert found.tobytes() == again.tobytes()
@@ -103,7 +110,7 @@ def test_a_solver_that_fails_or_lands_elsewhere_is_not_what_decides(converges: b
         asked.append(x)
         return PANDA_ARM.pose(q + 0.2 * x * way)
 
-    crept = creep(PANDA_ARM, ik, q, at)
+    crept = follow_in_small_steps(PANDA_ARM, ik, q, at)
     assert (crept.stuck, crept.at, max(asked)) == (None, 1.0, 1.0)
     assert max(PANDA_PLAIN.errors(crept.q, at(1.0))) <= 1e-6
     assert np.abs(crept.q - q).max() < 0.4
@@ -118,7 +125,7 @@ def test_it_tells_how_far_it_came_and_what_is_next() -> None:
     def at(x: float) -> SE3:
         return turned(start, 2, x)
 
-    crept = creep(HINGED, LmIk(), q, at)
+    crept = follow_in_small_steps(HINGED, LmIk(), q, at)
     assert crept.stuck is not None
     assert crept.at == pytest.approx(0.5, abs=0.05)
     assert max(HINGED_PLAIN.errors(crept.q, at(crept.at))) <= 2e-6
@@ -130,17 +137,17 @@ def test_before_it_is_stuck_it_looks_from_around(monkeypatch: pytest.MonkeyPatch
     def only_from_around(*_: object, starts: int, **__: object) -> Vector | None:
         return PANDA.home if starts else None
 
-    monkeypatch.setattr(small_steps, "nearby", only_from_around)
+    monkeypatch.setattr(small_steps, "solve_nearby", only_from_around)
     here, ik = PANDA_ARM.pose(PANDA.home), Stubborn(lambda q: q, False)
-    assert creep(PANDA_ARM, ik, PANDA.home, lambda _: here).stuck is None
+    assert follow_in_small_steps(PANDA_ARM, ik, PANDA.home, lambda _: here).stuck is None
 
 
 def test_of_a_solver_with_many_starts_the_patient_one_start_is_taken() -> None:
-    alone = one_start(MultiStart(solver=LmIk(max_iterations=5, stall=Stall())))
+    alone = single_start(MultiStart(solver=LmIk(max_iterations=5, stall=Stall())))
     assert isinstance(alone, LmIk)
     assert alone == LmIk(max_iterations=5, stall=Stall()).thorough()
     other = Stubborn(lambda q: q, True)
-    assert one_start(other) is other
+    assert single_start(other) is other
 
 
 # What blocks
@@ -152,20 +159,20 @@ def test_a_limit_is_told_with_its_joint(side: int, joint: int) -> None:
     arm, q = HINGED, HINGED.home.copy()
     q[joint] = (arm.q_max if side > 0 else arm.q_min)[joint] - side * 0.02
     target = arm.pose(q + side * np.eye(arm.n)[joint] * 0.05)
-    assert blocked(arm, q, target) == (RefusalReason.JOINT_LIMIT, arm.robot.joints[joint])
+    assert block_reason(arm, q, target) == (RefusalReason.JOINT_LIMIT, arm.robot.joints[joint])
 
 
 def test_reach_is_told() -> None:
     out = HINGED.pose(STRETCHED).translation() - [0.05, -0.02, 0.3]
     target = shifted(HINGED.pose(STRETCHED), 0.05 * out / np.linalg.norm(out))
-    assert blocked(HINGED, STRETCHED, target)[0] is RefusalReason.REACH
+    assert block_reason(HINGED, STRETCHED, target)[0] is RefusalReason.REACH
 
 
 def test_a_straight_wrist_is_a_singularity_of_its_two_parallel_joints() -> None:
     """It turns about one axis at once only after roll and twist have turned against each other."""
     q = np.array([0.3, 0.4, -1.2, 0.2, 0.0, 0.4])
     roll = HINGED.pose(q + np.array([0.0, 0.0, 0.0, 0.5 * np.pi, 0.02, -0.5 * np.pi]))
-    reason, joint = blocked(HINGED, q, roll)
+    reason, joint = block_reason(HINGED, q, roll)
     assert reason is RefusalReason.SINGULARITY
     assert joint in ("roll", "twist")
 
@@ -173,14 +180,14 @@ def test_a_straight_wrist_is_a_singularity_of_its_two_parallel_joints() -> None:
 def test_another_branch_is_told_with_the_joint_that_differs_most() -> None:
     q = HINGED.home
     target = HINGED.pose(q + 0.8 * np.eye(6)[0])
-    assert blocked(HINGED, q, target) == (RefusalReason.BRANCH, "waist")
+    assert block_reason(HINGED, q, target) == (RefusalReason.BRANCH, "waist")
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_rough_path_along_a_limit_is_told_where(side: int) -> None:
     knots = np.tile(PANDA_ARM.home, (5, 1))
     knots[2, 4] = (PANDA_ARM.q_max if side > 0 else PANDA_ARM.q_min)[4] - side * 5e-4
-    reason, joint, q = rough(PANDA_ARM, knots, PANDA_ARM.home)
+    reason, joint, q = deviation_reason(PANDA_ARM, knots, PANDA_ARM.home)
     assert (reason, joint, q.tolist()) == (RefusalReason.JOINT_LIMIT, "joint5", knots[2].tolist())
 
 
@@ -191,7 +198,7 @@ def test_a_rough_path_is_near_a_singularity_or_has_too_few_knots() -> None:
         (HINGED.home, RefusalReason.PRECISION),
     ):
         knots = np.tile(HINGED.home, (5, 1))
-        reason, joint, where = rough(HINGED, knots, q)
+        reason, joint, where = deviation_reason(HINGED, knots, q)
         assert (reason, where.tolist()) == (wanted, q.tolist())
         assert joint in HINGED.robot.joints
         if wanted is RefusalReason.SINGULARITY:

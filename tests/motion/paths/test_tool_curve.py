@@ -8,7 +8,7 @@ from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.paths.curves import BlendError, Through, ToolCurve
+from robo47_qp.motion.paths.curves import BlendError, PoseSpline, ToolCurve
 from robo47_qp.motion.paths.segments import Line, PathProfile, arc_through
 
 PROFILE = PathProfile()
@@ -36,13 +36,13 @@ def bent(rng: np.random.Generator, radii: tuple[float, ...]) -> ToolCurve:
     )
 
 
-def places(curve: ToolCurve | Through, s: Vector) -> tuple[Matrix, Rotation]:
+def places(curve: ToolCurve | PoseSpline, s: Vector) -> tuple[Matrix, Rotation]:
     visited = [curve.at(float(x)) for x in s]
     quats = np.array([np.roll(pose.rotation().wxyz, -1) for pose in visited])
     return np.array([pose.translation() for pose in visited]), Rotation.from_quat(quats)
 
 
-def rates(curve: ToolCurve | Through, at: float, h: float) -> Matrix:
+def rates(curve: ToolCurve | PoseSpline, at: float, h: float) -> Matrix:
     """Velocity and turn rate on a fine grid about a place (N, 6)."""
     p, R = places(curve, at + h * np.arange(-40.0, 41.0))
     turns = R[:-1].apply((R[:-1].inv() * R[1:]).as_rotvec())
@@ -118,7 +118,7 @@ def test_blends_that_do_not_fit_name_their_segment() -> None:
 @given(seed=st.integers(0, 1000))
 def test_poses_are_passed_exactly_on_a_smooth_way(seed: int) -> None:
     visited = poses(np.random.default_rng(seed), 4)
-    way = Through(visited, PROFILE)
+    way = PoseSpline(visited, PROFILE)
     for s, pose in zip(way.places, visited, strict=True):
         found = way.at(float(s))
         assert found.translation() == pytest.approx(pose.translation(), abs=1e-12)

@@ -6,7 +6,8 @@ from hypothesis.extra.numpy import arrays
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.motion.timing.rest_to_rest import Samples, rest_to_rest
+from robo47_qp.motion.timing.rest_to_rest import rest_to_rest
+from robo47_qp.motion.trajectory import Trajectory
 
 DT = 1e-3
 ONE = np.ones(1)
@@ -18,7 +19,7 @@ distances = st.floats(1e-4, 4.0) | st.floats(-4.0, -1e-4)
 dts = st.sampled_from([1e-3, 2e-3, 5e-3, 1 / 300])
 
 
-def move(distance: float, limits: Bounds, dt: float = DT) -> Samples:
+def move(distance: float, limits: Bounds, dt: float = DT) -> Trajectory:
     v, a, j = limits
     return rest_to_rest(0.0 * ONE, distance * ONE, v * ONE, a * ONE, j * ONE, dt)
 
@@ -35,11 +36,11 @@ def shortest(distance: float, limits: Bounds) -> float:
     return float(4 * np.cbrt(d / (2 * j)))
 
 
-def check_bounds(samples: Samples, v: Vector, a: Vector, j: Vector, dt: float) -> None:
+def check_bounds(samples: Trajectory, v: Vector, a: Vector, j: Vector, dt: float) -> None:
     """Differences of the positions alone: mean values over samples, so bounded as well."""
     for order, bound in enumerate((v, a, j), start=1):
-        derivative = np.abs(np.diff(samples.x, order, axis=0)) / dt**order
-        rounding = 1e-15 * (1.0 + np.abs(samples.x).max()) * 2**order / dt**order
+        derivative = np.abs(np.diff(samples.q, order, axis=0)) / dt**order
+        rounding = 1e-15 * (1.0 + np.abs(samples.q).max()) * 2**order / dt**order
         assert (derivative <= bound * (1 + 1e-6) + rounding).all(), order
 
 
@@ -47,7 +48,7 @@ def check_bounds(samples: Samples, v: Vector, a: Vector, j: Vector, dt: float) -
 def test_the_duration_is_the_shortest_possible_rounded_up_to_whole_periods(
     distance: float, limits: Bounds, dt: float
 ) -> None:
-    duration = (len(move(distance, limits, dt).x) - 1) * dt
+    duration = (len(move(distance, limits, dt).q) - 1) * dt
     best = shortest(distance, limits)
     assert best - 1e-9 <= duration <= best + dt + 1e-9
 
@@ -66,7 +67,8 @@ def test_the_position_keeps_all_bounds(distance: float, limits: Bounds, dt: floa
 def test_velocity_and_acceleration_are_those_of_the_position(
     distance: float, limits: Bounds
 ) -> None:
-    x, v, a = move(distance, limits)
+    motion = move(distance, limits)
+    x, v, a = motion.q, motion.v, motion.a
     j = limits[2]
     # Trapezoids of a piecewise linear acceleration: wrong by j dt³ / 12 where it bends.
     v_integrated = np.cumsum((a[1:] + a[:-1]) * DT / 2, axis=0)
@@ -81,13 +83,13 @@ def test_it_starts_and_ends_at_rest_at_the_asked_places(
     distance: float, limits: Bounds, dt: float
 ) -> None:
     samples = move(distance, limits, dt)
-    assert samples.x[0] == 0.0
-    assert samples.x[-1] == distance
+    assert samples.q[0] == 0.0
+    assert samples.q[-1] == distance
     for end in (0, -1):
         assert samples.v[end] == pytest.approx(0.0, abs=1e-12)
         assert samples.a[end] == pytest.approx(0.0, abs=1e-12)
     # It comes to rest, too: the last sample is not a jump to the goal.
-    assert abs(samples.x[-2] - distance) <= limits[2] * dt**3
+    assert abs(samples.q[-2] - distance) <= limits[2] * dt**3
     assert abs(samples.v[-2]) <= 2 * limits[2] * dt**2
 
 
@@ -95,7 +97,7 @@ def test_it_starts_and_ends_at_rest_at_the_asked_places(
 def test_it_never_turns_back(distance: float, limits: Bounds) -> None:
     samples = move(distance, limits)
     assert (samples.v * np.sign(distance) >= -1e-9).all()
-    assert (np.diff(samples.x, axis=0) * np.sign(distance) >= -1e-12).all()
+    assert (np.diff(samples.q, axis=0) * np.sign(distance) >= -1e-12).all()
 
 
 @given(
@@ -135,9 +137,9 @@ def check_straight(start: Vector, goal: Vector, v: Vector, a: Vector, j: Vector)
     if np.abs(way).max() < 1e-3:
         return
     samples = rest_to_rest(start, goal, v, a, j, DT)
-    s = (samples.x - start) @ way / (way @ way)
-    assert np.abs(samples.x - start - s[:, None] * way).max() < 1e-9
-    assert samples.x[-1].tolist() == goal.tolist()
+    s = (samples.q - start) @ way / (way @ way)
+    assert np.abs(samples.q - start - s[:, None] * way).max() < 1e-9
+    assert samples.q[-1].tolist() == goal.tolist()
     check_bounds(samples, v, a, j, DT)
     moving = np.abs(way) > 1e-9
     on_line = [float((bound[moving] / np.abs(way[moving])).min()) for bound in (v, a, j)]
@@ -150,7 +152,7 @@ def test_no_way_takes_no_time(n: int) -> None:
     here = np.linspace(-1.0, 1.0, n)
     bound = np.ones(n)
     samples = rest_to_rest(here, here, bound, bound, bound, DT)
-    assert samples.x.tolist() == [here.tolist()]
+    assert samples.q.tolist() == [here.tolist()]
     assert samples.v.tolist() == samples.a.tolist() == [[0.0] * n]
     samples.v[:] = 1.0
     assert not samples.a.any()
@@ -162,30 +164,30 @@ def test_a_tiny_way_is_gone_all_the_same(way: float, beside: float) -> None:
     """Rounding makes them: a goal that is the start but for the last bit."""
     goal, one = np.array([way, beside]), np.ones(2)
     samples = rest_to_rest(np.zeros(2), goal, one, one, one, DT)
-    assert samples.x[-1].tolist() == goal.tolist()
-    assert len(samples.x) <= 2 if beside == 0.0 else len(samples.x) > 1000
-    assert (samples.x[:, 0] <= way).all()
+    assert samples.q[-1].tolist() == goal.tolist()
+    assert len(samples.q) <= 2 if beside == 0.0 else len(samples.q) > 1000
+    assert (samples.q[:, 0] <= way).all()
 
 
 def test_one_bit_is_a_way(rng: np.random.Generator) -> None:
     start, one = rng.uniform(-2.0, 2.0, 7), np.ones(7)
     goal = np.nextafter(start, 9.0)
-    assert rest_to_rest(start, goal, one, one, one, DT).x[-1].tolist() == goal.tolist()
+    assert rest_to_rest(start, goal, one, one, one, DT).q[-1].tolist() == goal.tolist()
 
 
 def test_the_same_motion_is_the_same_bit_by_bit() -> None:
     first, again = (move(1.3, (1.0, 2.0, 10.0)) for _ in range(2))
-    kept = [part.tobytes() for part in first]
+    kept = [part.tobytes() for part in (first.q, first.v, first.a)]
     move(-0.4, (0.3, 1.0, 3.0))
-    for part, other, before in zip(first, again, kept, strict=True):
-        assert part.tobytes() == other.tobytes() == before
+    for name, before in zip("qva", kept, strict=True):
+        assert getattr(first, name).tobytes() == getattr(again, name).tobytes() == before
 
 
 def test_arguments_are_left_alone_and_samples_are_the_callers() -> None:
     arguments: list[Matrix] = [np.full(2, x) for x in (0.0, 1.0, 1.0, 2.0, 10.0)]
     kept = [argument.copy() for argument in arguments]
     samples = rest_to_rest(*arguments, DT)  # type: ignore[call-arg, arg-type]
-    samples.x[:] = samples.v[:] = samples.a[:] = 7.0
+    samples.q[:] = samples.v[:] = samples.a[:] = 7.0
     for argument, before in zip(arguments, kept, strict=True):
         assert argument.tolist() == before.tolist()
 

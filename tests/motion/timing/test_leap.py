@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robo47_qp.motion.timing.state_to_state import leap, to_rest, to_state
+from robo47_qp.motion.timing.state_to_state import speed_change, to_rest, to_state
 
 
 @given(seed=st.integers(0, 10_000), still=st.booleans())
@@ -27,7 +27,9 @@ def test_how_far_a_motion_reaches_is_what_its_samples_tell(seed: int, still: boo
 def test_many_instants_at_once_are_those_one_by_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     v0, v1 = rng.uniform(0.0, 0.5, 2)
-    motion = leap(rng.uniform(0.5, 3.0), v0, v1, rng.uniform((0.5, 1.0, 4.0), (2.0, 4.0, 40.0)))
+    motion = speed_change(
+        rng.uniform(0.5, 3.0), v0, v1, rng.uniform((0.5, 1.0, 4.0), (2.0, 4.0, 40.0))
+    )
     times = np.sort(rng.uniform(0.0, motion.duration, 50))
     times[0], times[-1] = 0.0, motion.duration
     one_by_one = np.array([motion.at(float(t)) for t in times])

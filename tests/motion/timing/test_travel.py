@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.motion.timing.lower_bound import least_time
-from robo47_qp.motion.timing.retiming import Travel
+from robo47_qp.motion.timing.retiming import SectionedProfile
 
 DT = 1e-3
 section = st.tuples(
@@ -13,9 +13,9 @@ section = st.tuples(
 )
 
 
-def planned(sections: list[tuple[float, ...]]) -> tuple[Travel, Vector, Matrix]:
+def planned(sections: list[tuple[float, ...]]) -> tuple[SectionedProfile, Vector, Matrix]:
     lengths, bounds = np.array([s[0] for s in sections]), np.array([s[1:] for s in sections])
-    return Travel(lengths, bounds), lengths, bounds
+    return SectionedProfile(lengths, bounds), lengths, bounds
 
 
 @given(sections=st.lists(section, min_size=1, max_size=5))
@@ -40,7 +40,7 @@ def test_every_section_keeps_its_bounds(sections: list[tuple[float, ...]]) -> No
     length=st.floats(1e-3, 3.0), v=st.floats(0.05, 2.0), a=st.floats(0.2, 5.0), j=st.floats(1, 99)
 )
 def test_one_section_takes_the_least_time(length: float, v: float, a: float, j: float) -> None:
-    travel = Travel(np.array([length]), np.array([[v, a, j]]))
+    travel = SectionedProfile(np.array([length]), np.array([[v, a, j]]))
     assert travel.duration == pytest.approx(least_time(length, v, a, j), rel=1e-6)
 
 
