@@ -16,7 +16,7 @@ from robo47_qp.motion.paths.segments import Line, PathProfile, ToolPath
 from robo47_qp.motion.refusals import PathError, check_limits
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
-from robo47_qp.motion.trajectory import Trajectory, along, hold
+from robo47_qp.motion.trajectory import Trajectory, hold
 
 _MAX_STRETCH = 1000.0
 """Largest factor by which time may be stretched before a path is refused."""
@@ -103,8 +103,7 @@ class Lin(Tracking):
         bounds = self.profile.along(line.length, line.angle, pace)
         stretch = 1.0
         while True:
-            rows = self.law.run(1.0, bounds / stretch ** np.arange(1, 4), dt)
-            trajectory = along(path, rows, dt)
+            trajectory = _along(path, bounds / stretch ** np.arange(1, 4), dt, self.law)
             excess = _excess(trajectory, joints, self.law)
             if excess <= 1.0:
                 break
@@ -122,6 +121,15 @@ class Lin(Tracking):
                 trajectory = uneven
         check_limits(arm, trajectory.q)
         return trajectory
+
+
+def _along(path: BSpline, bounds: Vector, dt: float, law: TimeLaw) -> Trajectory:
+    """Return the motion along the path under bounds on its parameter."""
+    s, ds, dds = law.run(1.0, bounds, dt).T[:, :, None]
+    s = s[:, 0]
+    # Derivative splines: the orders of one spline differ from them in the last digits.
+    dq, ddq = path.derivative(1)(s), path.derivative(2)(s)
+    return Trajectory(dt=dt, q=path(s), v=dq * ds, a=ddq * ds**2 + dq * dds)
 
 
 def _excess(trajectory: Trajectory, joints: MotionProfile, law: TimeLaw) -> float:
