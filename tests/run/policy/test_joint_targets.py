@@ -61,7 +61,7 @@ def goal(rng: np.random.Generator) -> Vector:
 def test_a_goal_that_changes_while_moving_leaves_no_jump(seed: int, every: int) -> None:
     rng, loop = np.random.default_rng(seed), Loop()
     targets = JointTargets(loop)  # type: ignore[arg-type]
-    for _ in range(0, 800, every):
+    for _ in range(0, min(800, 200 * every), every):
         targets.go(goal(rng), every)
     q, v, a = loop.states()
     assert (np.abs(v) <= PROFILE.v_max * (1 + 1e-6)).all()
