@@ -24,6 +24,7 @@ settings.load_profile("robo47")
 
 
 LONGEST = (
+    "test_wheel",
     "test_wipe",
     "test_command",
     "test_pick_place",

@@ -6,6 +6,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
+from os import walk
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
@@ -142,8 +143,6 @@ class PolicyEvaluation:
                 so that it says nothing about a policy.
         """
         episode = self._episode()
-        own = Path(__file__).resolve().parents[1]
-        tasks = Path(sys.modules[type(self.task).__module__].__file__ or "")
         stack = self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
         settings = {
             "task": plain(self.task),
@@ -152,7 +151,7 @@ class PolicyEvaluation:
             "perturbation": plain(self.perturbation),
             "speed": stack.pace,
             "timeout": self.timeout,
-            "code": code_digest([own, tasks.parent]),
+            "code": code_digest(_sources(self.task)),
             "versions": versions(),
         }
         return Evaluation(
@@ -211,12 +210,22 @@ def evaluate_policy(
     return chosen.evaluation.run(chosen.executor)
 
 
-def code_digest(folders: Sequence[Path]) -> str:
-    """Return the SHA-256 of all Python and model files in some folders."""
+def _sources(task: Task) -> list[Path]:
+    """Where the code of this package and of a task is: folders of packages, or a single file."""
+    names = {__name__.partition(".")[0], type(task).__module__.partition(".")[0]}
+    files = [Path(sys.modules[name].__file__ or "") for name in sorted(names)]
+    return [file.parent if file.name == "__init__.py" else file for file in files]
+
+
+def code_digest(places: Sequence[Path]) -> str:
+    """Return the SHA-256 of all Python and model files in some folders, links followed."""
     digest = sha256()
-    for folder in folders:
-        for path in sorted(folder.rglob("*")):
+    for place in places:
+        inside = [
+            Path(at, name) for at, _, names in walk(place, followlinks=True) for name in names
+        ]
+        for path in sorted(inside) or [place]:
             if path.suffix in (".py", ".xml"):
-                digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
+                digest.update(path.relative_to(place.parent).as_posix().encode() + b"\0")
                 digest.update(path.read_bytes())
     return digest.hexdigest()

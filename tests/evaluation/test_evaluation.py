@@ -15,11 +15,13 @@ import pytest
 
 from robo47_qp.errors import InvalidValueError, RecordingError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.evaluation import Evaluation, code_digest
+from robo47_qp.evaluation.evaluation import Evaluation, _sources, code_digest
 from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.replay import picked
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -259,3 +261,26 @@ def test_other_code_has_another_digest(tmp_path: Path) -> None:
     assert code_digest([tmp_path]) == before
     (tmp_path / "sub" / "a.py").write_text("x = 2")
     assert code_digest([tmp_path]) != before
+    one = tmp_path / "sub" / "a.py"
+    alone = code_digest([one])
+    one.write_text("x = 3")
+    assert code_digest([one]) != alone
+
+
+def test_code_behind_a_link_counts(tmp_path: Path) -> None:
+    """As the tasks of a checkout do, which the package holds as a link."""
+    inside, outside = tmp_path / "inside", tmp_path / "outside"
+    inside.mkdir()
+    outside.mkdir()
+    (inside / "linked").symlink_to(outside)
+    before = code_digest([inside])
+    (outside / "task.py").write_text("x = 1")
+    assert code_digest([inside]) != before
+
+
+def test_the_code_of_a_task_is_that_of_its_whole_package() -> None:
+    (folder,) = _sources(PickPlace())
+    assert (folder / "stack.py").is_file()
+    assert (folder / "tasks" / "item.py").is_file()
+    package, tests = _sources(Reach())
+    assert (package, tests) == (folder, ROOT / "tests")
