@@ -33,6 +33,7 @@ PLACEHOLDERS = {
     "SEED": "1",
     "file.py:Class": "tasks/reach/reach.py:Reach",
     "lift.py:Lift": "tasks/reach/reach.py:Reach",
+    "six_axis": "panda",
 }
 """What stands for a value in a command."""
 WRITTEN = re.compile(r"(logs|RETRO\.md)\b")
