@@ -25,6 +25,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits o
 def run_script(
     *arguments: str,
     cwd: Path,
+    script: Path = SCRIPT,
     file_limit: int | None = None,
     terminal: bool = False,
 ) -> subprocess.CompletedProcess[str]:
@@ -43,7 +44,7 @@ def run_script(
             "runpy.run_path(sys.argv[0], run_name='__main__')",
         ]
     return subprocess.run(
-        [sys.executable, *limited, str(SCRIPT), *arguments],
+        [sys.executable, *limited, str(script), *arguments],
         cwd=cwd,
         env=environment,
         capture_output=True,

@@ -27,7 +27,7 @@ def test_the_names_are_few() -> None:
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'robo47_qp' has no attribute 'Magic'"):
-        robo47_qp.Magic  # type: ignore[attr-defined]  # noqa: B018
+        robo47_qp.Magic  # noqa: B018
 
 
 def test_the_import_alone_loads_nothing_heavy() -> None:
