@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 PYTEST_FLAGS ?= -n 2 --dist loadfile --no-loadscope-reorder
+PYTHONS ?= $(PYTHON)
 LOCK_FLAGS ?=
 FRESH ?=
 # Named indirectly: `make -n` runs every line of a recipe that names MAKE itself.
@@ -13,7 +14,7 @@ INSTALLED := .venv/.installed
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install reproduce keep fresh-clone test lint types format lock clean distclean
+.PHONY: help install wheel reproduce keep fresh-clone test lint types format lock clean distclean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 14
@@ -46,6 +47,9 @@ fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRE
 
 test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscope-reorder")
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+
+wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3.13")
+	$(BIN)/python -m tests.wheel $(PYTHONS)
 
 lint: install ## Check style and formatting
 	$(BIN)/ruff check

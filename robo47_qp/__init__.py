@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from robo47_qp.model.robot import Robot
     from robo47_qp.model.robots import load_robot
     from robo47_qp.motion.planner import Planner
-    from robo47_qp.motion.waypoint import Waypoint, tool_down
+    from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
     from robo47_qp.report.audit.audit import audit
     from robo47_qp.report.metrics import metrics
     from robo47_qp.report.rerun.log import RerunLog
@@ -42,6 +42,7 @@ __all__ = [
     "DlsIk",
     "IkResult",
     "JointTarget",
+    "Motion",
     "MultiStart",
     "Observation",
     "Obstacle",
@@ -69,6 +70,7 @@ _HOMES = {
     "DlsIk": "robo47_qp.ik.dls",
     "IkResult": "robo47_qp.ik.solver",
     "JointTarget": "robo47_qp.run.policy.policy",
+    "Motion": "robo47_qp.motion.waypoint",
     "MultiStart": "robo47_qp.ik.multistart",
     "Observation": "robo47_qp.run.policy.policy",
     "Obstacle": "robo47_qp.model.obstacle",

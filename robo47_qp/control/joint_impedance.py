@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from enum import Enum
-from functools import lru_cache
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class JointImpedance(Checked):
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
-        K, D = _gains(arm, self.stiffness_scale, self.damping_ratio)
+        K, D = arm.derived(_gains, self.stiffness_scale, self.damping_ratio)
         if self.feed_forward is FeedForward.FULL:
             tau = arm.inverse_dynamics(state.q, state.v, reference.a)
         else:
@@ -69,7 +68,6 @@ def _feed_forward(arm: Arm, terms: FeedForward, state: JointState) -> Vector:
 _WITH_FRICTION = (FeedForward.CORIOLIS, FeedForward.FULL)
 
 
-@lru_cache(maxsize=16)
 def _gains(arm: Arm, stiffness_scale: float, damping_ratio: float) -> tuple[Vector, Vector]:
     K = stiffness_scale * arm.robot.stiffness
     return K, 2.0 * damping_ratio * np.sqrt(K * np.diag(arm.mass_matrix(arm.home)))

@@ -1,6 +1,5 @@
 """Tool space: the dynamics of an arm as its tool feels them."""
 
-from functools import lru_cache
 from math import inf
 from operator import mul
 
@@ -198,7 +197,6 @@ class _Rows:
         self.blocks = self.whole.reshape(2, 3, n)
 
 
-@lru_cache(maxsize=16)
 def tool_space(arm: Arm) -> ToolSpace:
-    """The tool space of an arm."""
-    return ToolSpace(arm)
+    """Return the tool space of an arm, one for all who ask."""
+    return arm.derived(ToolSpace)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -60,9 +59,12 @@ class _Points:
         return np.asarray(R.T @ (d.xanchor[-1] - d.site_xpos[self._tcp]))
 
 
-@lru_cache(maxsize=16)
 def find_reach(arm: Arm) -> Reach:
-    """Search the joint ranges: evenly spread samples, the best of them polished."""
+    """Search the joint ranges, once for an arm: evenly spread samples, the best polished."""
+    return arm.derived(_reach)
+
+
+def _reach(arm: Arm) -> Reach:
     points = _Points(arm)
     unit = qmc.Halton(arm.n, scramble=False).random(_SAMPLES)
     samples = arm.q_min + unit * (arm.q_max - arm.q_min)

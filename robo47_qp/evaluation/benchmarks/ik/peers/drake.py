@@ -1,7 +1,6 @@
 """Drake's nonlinear inverse kinematics, solved by SNOPT."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib import import_module
 from time import process_time
 from typing import Any
@@ -43,7 +42,7 @@ class DrakeIk:
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
-        found = _drake(arm, self.max_iterations).solve(T_world_target, q)
+        found = arm.derived(_Drake, self.max_iterations).solve(T_world_target, q)
         return judged(arm, T_world_target, found, self.tolerance, 0, started)
 
 
@@ -99,11 +98,6 @@ class _Drake:
         return own
 
 
-@lru_cache(maxsize=4)
-def _drake(arm: Arm, max_iterations: int) -> _Drake:
-    return _Drake(arm, max_iterations)
-
-
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
     """T_world_tcp (4, 4) by Drake, to see that it is the same arm."""
-    return _drake(arm, 1).pose(q)
+    return arm.derived(_Drake, 1).pose(q)

@@ -1,7 +1,6 @@
 """OptIK: nonlinear optimisation with restarts, compiled from Rust."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,14 +43,13 @@ class OptikIk:
         if not is_pose(T_world_target):
             return rejected(arm, q)
         error = min(self.tolerance.position, self.tolerance.orientation)
-        robot, config = _optik(arm, self.max_restarts, 0.5 * error**2)
+        robot, config = arm.derived(_optik, self.max_restarts, 0.5 * error**2)
         inside = np.clip(q, arm.q_min, arm.q_max).tolist()
         answer = robot.ik(config, T_world_target.as_matrix(), inside)
         found = inside if answer is None else answer[0]
         return judged(arm, T_world_target, found, self.tolerance, 0, started)
 
 
-@lru_cache(maxsize=4)
 def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:
     optik: Any = import_module("optik")
     with TemporaryDirectory() as folder:
@@ -67,4 +65,4 @@ def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
     """T_world_tcp (4, 4) by OptIK, to see that it is the same arm."""
-    return np.array(_optik(arm, 1, 1.0)[0].fk(q.tolist()), dtype=np.float64)
+    return np.array(arm.derived(_optik, 1, 1.0)[0].fk(q.tolist()), dtype=np.float64)

@@ -1,7 +1,6 @@
 """Pink: weighted tasks and limits as a QP, over Pinocchio."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib import import_module
 from time import process_time
 from typing import Any
@@ -44,7 +43,7 @@ class PinkIk:
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
-        problem = _pink(arm, self.lm_damping, self.posture_cost)
+        problem = arm.derived(_Pink, self.lm_damping, self.posture_cost)
         problem.start(T_world_target, np.clip(q, arm.q_min, arm.q_max))
         iterations = 0
         while iterations < self.max_iterations and not problem.reached(self.tolerance):
@@ -110,11 +109,6 @@ class _Pink:
         return True
 
 
-@lru_cache(maxsize=4)
-def _pink(arm: Arm, lm_damping: float, posture_cost: float) -> _Pink:
-    return _Pink(arm, lm_damping, posture_cost)
-
-
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
     """T_world_tcp (4, 4) by Pinocchio, to see that it is the same arm."""
-    return _pink(arm, 0.0, 1.0).pose(q)
+    return arm.derived(_Pink, 0.0, 1.0).pose(q)

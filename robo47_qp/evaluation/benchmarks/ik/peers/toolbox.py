@@ -1,7 +1,6 @@
 """Robotics Toolbox: its Levenberg-Marquardt in C++, with restarts."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib import import_module
 from time import process_time
 from typing import Any
@@ -41,7 +40,7 @@ class ToolboxIk:
         if not is_pose(T_world_target):
             return rejected(arm, q)
         error = min(self.tolerance.position, self.tolerance.orientation)
-        answer = _ets(arm).ik_LM(
+        answer = arm.derived(_ets).ik_LM(
             T_world_target.as_matrix(),
             q0=q,
             ilimit=self.max_iterations,
@@ -53,7 +52,6 @@ class ToolboxIk:
         return judged(arm, T_world_target, answer.q, self.tolerance, steps, started)
 
 
-@lru_cache(maxsize=4)
 def _ets(arm: Arm) -> Any:
     """Constant transforms and joints about their own z axes, in turn."""
     toolbox: Any = import_module("roboticstoolbox")
@@ -79,4 +77,4 @@ def _with_z(axis: Vector) -> Matrix:
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
     """T_world_tcp (4, 4) by Robotics Toolbox, to see that it is the same arm."""
-    return np.array(_ets(arm).eval(q), dtype=np.float64)
+    return np.array(arm.derived(_ets).eval(q), dtype=np.float64)
