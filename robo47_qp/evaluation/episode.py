@@ -30,13 +30,13 @@ class EpisodeResult:
     cause: str | None = None
     """Value of `Cause`; None for a success, and for an error."""
     evidence: str | None = None
-    """What was seen, with numbers."""
+    """Observation that shows the failure, with numbers."""
     step: str | None = None
-    """The step that failed, if it was one."""
+    """The failed step, if any."""
     condition: str | None = None
-    """The condition that did not hold, if it was one."""
+    """The violated condition, if any."""
     time: float | None = None
-    """When the failure was seen, in simulated time [s]; None if unknown."""
+    """Simulated time of the failure [s]; None if unknown."""
     measures: Mapping[str, Any] = field(default_factory=dict)
     """The task's own figures, by name with unit."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
@@ -48,11 +48,11 @@ class EpisodeResult:
     disturbance: Mapping[str, Any] = field(default_factory=dict)
     """How the simulated world differed from its model."""
     sha256: str | None = None
-    """Of the recorded rows."""
+    """SHA-256 of the recorded rows."""
     error: str | None = None
-    """Traceback of an internal error that ended the episode: it says nothing about the policy."""
+    """Traceback of an internal error, which says nothing about the policy."""
     timing: Mapping[str, float] = field(default_factory=dict)
-    """Figures of wall time: the only ones that may differ from run to run."""
+    """Figures of wall time, the only ones that may differ from run to run."""
 
     @property
     def failure(self) -> str | None:
@@ -66,11 +66,11 @@ class EpisodeResult:
 
     @property
     def timed_out(self) -> bool:
-        """True if wall time ended the episode: how far it got depends on the machine."""
+        """True if the limit of wall time ended the episode, which depends on the machine."""
         return self.cause == Cause.TIMEOUT.value and self.time is None
 
     def is_same(self, other: "EpisodeResult") -> bool:
-        """Return whether two results differ in nothing but wall time."""
+        """Return whether two results are equal except for wall time."""
         return replace(self, timing={}) == replace(other, timing={})
 
     def entry(self) -> dict[str, Any]:
@@ -91,12 +91,12 @@ class Episode(Protocol):
     """Runs episodes of one task under one policy; sent to worker processes by pickle.
 
     The outcome depends on the spec alone, not on earlier episodes. Errors of the policy are
-    failures in the result; whatever is raised is an internal error.
+    failures in the result; any exception is an internal error.
     """
 
     @property
     def foreign(self) -> bool:
-        """True if code from outside the package decides: its process dying is its failure."""
+        """True if the policy is from outside the package: if its process dies, it has failed."""
         ...
 
     def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
@@ -125,7 +125,7 @@ def errored(spec: EpisodeSpec, words: str) -> EpisodeResult:
 
 
 def overdue(spec: EpisodeSpec, seconds: float) -> EpisodeResult:
-    """Return the result of an episode whose worker process had to be killed."""
+    """Return the result of an episode whose process was killed after its time limit."""
     evidence = f"the episode took more than {seconds:g} s of wall time; its process was stopped"
     return failed(spec, Failure(cause=Cause.TIMEOUT, evidence=evidence))
 

@@ -46,12 +46,7 @@ class Job:
     """One policy on all seeds of an evaluation, and its files."""
 
     def __init__(self, task: Task, robot: Robot, options: EvaluateOptions) -> None:
-        """Load the policy.
-
-        Args:
-            task: What is to be done.
-            robot: Robot that does it.
-            options: Of a single policy.
+        """Load the policy; the options are those of a single one.
 
         Raises:
             ClassLoadError: The policy cannot be loaded.
@@ -71,7 +66,6 @@ class Job:
             report = self.evaluation.run(self.executor, files["journal"], bar.show, resume=True)
         if self.options.against is not None:
             report = replace(report, comparison=compare(report, _other(self.options.against)))
-        # Episodes take long; all else can be made again from the journal.
         write_json(files["report"], report.as_json())
         return report
 
@@ -94,18 +88,14 @@ class Job:
 def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Console) -> int:
     """Run an evaluation, or one episode of it, and write its files; returns the exit code.
 
-    Args:
-        task: What is to be done.
-        robot: Robot that does it.
-        options: All that was chosen; of several policies, the first is the baseline.
-        console: Where progress and the outcome are printed.
+    Of several policies, the first is the baseline.
 
     Returns:
         0 for a finished evaluation, whatever the success rate; 1 if an episode ended with an
-        internal error or differed when it was replayed; 130 for Ctrl-C.
+        internal error or its replay differed; 130 for Ctrl-C.
 
     Raises:
-        Robo47Error: Bad input, before anything runs, or a file that cannot be written.
+        Robo47Error: Invalid input, or a file that cannot be written.
     """
     jobs = [Job(task, robot, one) for one in options.each]
     if options.replay is not None:
@@ -122,7 +112,7 @@ def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Consol
     except KeyboardInterrupt:
         console.print("interrupted; the finished episodes are kept: continue with --resume")
         return INTERRUPTED
-    # Only now: a resumed evaluation of several policies does not record the first ones again.
+    # At the end: a resumed evaluation of several policies records the first ones only once.
     reports = [job.finish(report) for job, report in zip(jobs, reports, strict=True)]
     for report in reports:
         _print_unsound(report, console)
@@ -136,11 +126,11 @@ def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Consol
 
 
 def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
-    """Refuse what would fail later before anything runs, and open every journal.
+    """Check files and pairing before anything runs, and create every journal.
 
-    With --resume, all journals are read before one is opened: a refused evaluation leaves none
-    with settings that the right one would be refused for. Without, all old ones are put aside
-    now: after an interruption, --resume finds none of an earlier evaluation.
+    With --resume, all journals are read before one is opened, so that a refused evaluation leaves
+    none with its settings. Without, all old ones are renamed now, so that a later --resume finds
+    none of an earlier evaluation.
     """
     evaluations = [job.evaluation for job in jobs]
     if options.against is not None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import CheckedOptions, Count, CountOrZero
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.perturbation import Perturbation
@@ -31,26 +31,15 @@ Show = Callable[[Sequence[EpisodeResult]], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
+class Evaluation(CheckedOptions):
     """Episodes to run, and their seeds."""
 
     episode: Episode
     settings: Mapping[str, Any]
     """All that the results depend on, as JSON."""
-    episodes: int
-    seed: int = 0
+    episodes: Count
+    seed: CountOrZero = 0
     """Episode i has the seed `seed + i`."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: There are no episodes, or seeds below 0.
-        """
-        if self.episodes < 1:
-            raise InvalidValueError("--episodes", self.episodes, "1 or more")
-        if self.seed < 0:
-            raise InvalidValueError("--seed", self.seed, "0 or more")
 
     @property
     def specs(self) -> list[EpisodeSpec]:
@@ -68,8 +57,8 @@ class Evaluation:
         """Run the episodes that are not in the journal yet.
 
         Args:
-            executor: Where the episodes run.
-            path: Journal of the finished episodes; None keeps none.
+            executor: Runs the episodes.
+            path: Journal of the finished episodes, if one is kept.
             show: Called with all results so far, at the start and after each episode.
             resume: Continue the journal, if there is one.
 
@@ -110,21 +99,21 @@ def _generator(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolicyEvaluation:
-    """A task done by one policy in perturbed worlds, on consecutive seeds."""
+    """A task under one policy in perturbed worlds, on consecutive seeds."""
 
     task: Task
     robot: Robot
     policy: ClassicalStack | PolicyReference = ClassicalStack()
     name: str | None = None
-    """Of the policy in reports; by default "classical", or the place of its class."""
+    """Name of the policy in reports; by default "classical", or its reference."""
     perturbation: Perturbation = Perturbation()
     episodes: int = 100
     seed: int = 0
     """Episode i has the seed `seed + i`."""
     workers: int = field(default_factory=cores)
-    """Processes at once."""
+    """Number of worker processes."""
     timeout: float = 300.0
-    """Wall time of an episode, after which its process is killed and replaced [s]."""
+    """Wall time limit of an episode [s]; its process is then killed and replaced."""
     cluster: Literal["local", "ray"] = "local"
 
     @property
@@ -139,8 +128,7 @@ class PolicyEvaluation:
 
         Raises:
             ClassLoadError: The policy cannot be loaded.
-            InvalidValueError: A number is out of range, or the task is done before it begins,
-                so that it says nothing about a policy.
+            InvalidValueError: A number is out of range, or the task is done before it begins.
         """
         episode = self._episode()
         stack = self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
@@ -154,9 +142,8 @@ class PolicyEvaluation:
             "code": code_digest(_sources(self.task)),
             "versions": versions(),
         }
-        return Evaluation(
-            episode=episode, settings=settings, episodes=self.episodes, seed=self.seed
-        )
+        n, seed = self.episodes, self.seed
+        return Evaluation(episode=episode, settings=settings, episodes=n, seed=seed)
 
     def _episode(self) -> Episode:
         policy, robot, task = self.policy, self.robot, self.task
@@ -181,17 +168,16 @@ def evaluate_policy(
 ) -> EvaluationReport:
     """Run episodes of a task under one policy in worker processes; writes no files.
 
-    Workers import the script that calls this, which therefore belongs under
-    `if __name__ == "__main__":`.
+    Workers import the calling script: call this under `if __name__ == "__main__":`.
 
     Args:
-        task: What is to be done.
-        robot: The robot that does it.
-        policy: The classical stack (None takes the default one), or a policy from elsewhere.
+        task: The task.
+        robot: The robot.
+        policy: By default the classical stack.
         episodes: Number of episodes; episode i has the seed `seed + i`.
         seed: Seed of the first episode.
-        workers: Processes at once; None for one per processor.
-        perturbation: How far the world may differ from its model; None for not at all.
+        workers: Number of processes; by default one per processor.
+        perturbation: Ranges of the disturbances; by default none.
 
     Raises:
         ClassLoadError: The policy cannot be loaded.

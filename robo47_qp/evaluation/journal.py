@@ -18,20 +18,15 @@ class Journal:
     """A file of JSON lines: the settings, then the results in the order they arrive."""
 
     def __init__(self, path: Path, settings: Mapping[str, Any], *, resume: bool) -> None:
-        """Open the file.
-
-        Args:
-            path: The file. Without `resume`, an existing one is renamed to .old.
-            settings: All that the results depend on.
-            resume: Continue the file, if there is one.
+        """Open the file; `resume` continues it, otherwise an existing one is renamed to .old.
 
         Raises:
-            JournalError: The file belongs to other settings, or is not a journal.
+            JournalError: The file has other settings, or is not a journal.
             RecordingError: It cannot be read or written.
         """
         self.path = path
         self.results: dict[int, EpisodeResult] = {}
-        """Finished episodes by their seeds."""
+        """Results by seed."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() and not resume:
@@ -48,7 +43,7 @@ class Journal:
 
     @staticmethod
     def read(path: Path, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
-        """Return the results in a file by their seeds; none if there is no file.
+        """Return the results in a file by seed; none if there is no file.
 
         Raises:
             JournalError: See `Journal`.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Suffix
 from robo47_qp.cli import LOGS, StackOptions, option_group
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
@@ -12,7 +13,7 @@ from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
 from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
-from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.policy.drivers import DecisionRate, PolicyTiming
 from robo47_qp.run.task import Task
 
 _PERTURBATIONS = {
@@ -21,8 +22,8 @@ _PERTURBATIONS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(StackOptions):
-    """What can be chosen for an evaluation."""
+class EvaluateOptions(CheckedOptions, StackOptions):
+    """Options of an evaluation on the command line."""
 
     task: str = "pick_place"
     """Name of a task."""
@@ -31,36 +32,36 @@ class EvaluateOptions(StackOptions):
     :dls, :qp-single, :lm-single or :dls-single. Or module:Class or file.py:Class of a policy: a
     class with reset(observation) and act(observation). Given more than once, each one runs on
     the same seeds, and the first is the baseline that each other one is compared with."""
-    rate: float = PolicyTiming.rate
+    rate: DecisionRate = PolicyTiming.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
-    time_limit: float = PolicyTiming.seconds
-    """Simulated time of an episode of another policy, if it does not end it before [s]."""
-    episodes: int = 100
-    """How many; episode i has the seed `seed` + i."""
-    seed: int = 0
+    time_limit: Positive = PolicyTiming.seconds
+    """Longest simulated time of an episode of another policy [s]."""
+    episodes: Count = 100
+    """Number of episodes; episode i has the seed `seed` + i."""
+    seed: CountOrZero = 0
     """Seed of the first episode."""
-    workers: int = field(default_factory=cores)
+    workers: Count = field(default_factory=cores)
     """Processes at once; all processors by default."""
-    timeout: float = 300.0
+    timeout: Positive = 300.0
     """Wall time of an episode, after which its process is killed and replaced [s]."""
     cluster: Literal["local", "ray"] = "local"
     """Where episodes run: processes of this machine, or a Ray cluster (needs the extra "ray")."""
     perturb: Literal["none", "moderate", "severe"] = "none"
-    """How far the world is from what the controller believes: moderate is 5 mm of camera noise,
+    """How much the world differs from the controller's models: moderate is 5 mm of camera noise,
     30 % of mass and friction, 2 ms of latency."""
     perturbations: Annotated[Mapping[str, float], option_group(_PERTURBATIONS)] = field(
         default_factory=dict
     )
     """Single perturbations by the names of their options, in place of those of --perturb."""
-    failures: int = 5
-    """Failed episodes at most that are recorded to look at; 0 records none."""
+    failures: CountOrZero = 5
+    """Largest number of failed episodes that are recorded."""
     resume: bool = False
-    """Go on with an evaluation that was interrupted."""
-    replay: int | None = None
+    """Continue an interrupted evaluation."""
+    replay: CountOrZero | None = None
     """Run only the episode with this seed, and record it."""
     against: Path | None = None
     """Report (.json) of another evaluation on the same seeds to compare with."""
-    log: Path = LOGS / "eval.rrd"
+    log: Annotated[Path, Suffix(".rrd")] = LOGS / "eval.rrd"
     """Recording of the failures; the other files go beside it: report (.json and .md), journal
     (.jsonl), picture (.png). Of several policies, each has files of its own (eval.NAME.json and
     so on), and eval.json and eval.md hold the comparison."""
@@ -68,36 +69,15 @@ class EvaluateOptions(StackOptions):
     """Print the report as JSON on the standard output and nothing else."""
 
     def __post_init__(self) -> None:
-        """Check what no type can.
+        """Check every option, and those that depend on the policies.
 
         Raises:
-            InvalidValueError: A number is out of range, or a file has the wrong ending.
+            InvalidValueError: A value is out of range, or options contradict each other.
         """
-        for name, least in (("episodes", 1), ("seed", 0), ("workers", 1), ("failures", 0)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
-        for name in ("timeout", "time_limit"):
-            found = getattr(self, name)
-            if not 0.0 < found < float("inf"):
-                option = f"--{name.replace('_', '-')}"
-                raise InvalidValueError(option, found, "above 0 and finite")
-        try:
-            PolicyTiming(rate=self.rate)
-        except InvalidValueError as error:
-            raise InvalidValueError("--rate", self.rate, error.expected) from error
-        self._check_policies()
-        if self.replay is not None and self.replay < 0:
-            raise InvalidValueError("--replay", self.replay, "0 or more")
-        if self.log.suffix != ".rrd":
-            raise InvalidValueError("--log", self.log, "a file that ends with .rrd")
-
-    def _check_policies(self) -> None:
+        super().__post_init__()
         contenders = self.contenders
         check_different(contenders)
-        if (
-            all(contender.ik is not None for contender in contenders)
-            and self.timing != PolicyTiming()
-        ):
+        if all(c.ik is not None for c in contenders) and self.timing != PolicyTiming():
             found = f"{self.rate:g} and {self.time_limit:g}"
             expected = f"left out with --policy {CLASSICAL}, which has no use for them"
             raise InvalidValueError("--rate and --time-limit", found, expected)
@@ -113,19 +93,19 @@ class EvaluateOptions(StackOptions):
         """The policies, in their order.
 
         Raises:
-            UnknownNameError: One names an IK that nobody knows.
+            UnknownNameError: One has an unknown IK.
         """
         names = self.policy if self.policy else (CLASSICAL,)
         return [Contender.of(name, self.ik) for name in names]
 
     @property
     def contender(self) -> Contender:
-        """The policy, where there is one."""
+        """The first policy."""
         return self.contenders[0]
 
     @property
     def each(self) -> "list[EvaluateOptions]":
-        """The same for each policy alone, with files of its own where there are several."""
+        """The options of each policy alone; with several policies, each has its own files."""
         contenders = self.contenders
         if len(contenders) == 1:
             return [self]
@@ -143,12 +123,12 @@ class EvaluateOptions(StackOptions):
 
     @property
     def timing(self) -> PolicyTiming:
-        """How often and for how long a policy other than the classical stack decides."""
+        """Rate and time limit of a policy other than the classical stack."""
         return PolicyTiming(rate=self.rate, seconds=self.time_limit)
 
     @property
     def perturbation(self) -> Perturbation:
-        """The ranges that were chosen.
+        """The chosen ranges.
 
         Raises:
             InvalidValueError: A number is out of range.
@@ -156,7 +136,7 @@ class EvaluateOptions(StackOptions):
         return PRESETS[self.perturb].with_options(self.perturbations)
 
     def evaluation(self, task: Task, robot: Robot) -> PolicyEvaluation:
-        """Return what is to be run, of a single policy.
+        """Return the evaluation of a single policy.
 
         Raises:
             InvalidValueError: A number is out of range.
@@ -181,7 +161,7 @@ class EvaluateOptions(StackOptions):
 
     @property
     def files(self) -> dict[str, Path]:
-        """What is written, by name."""
+        """Files that are written, by name."""
         endings = {"report": ".json", "text": ".md", "journal": ".jsonl", "plot": ".png"}
         files = {name: self.log.with_suffix(ending) for name, ending in endings.items()}
         return {**files, "recording": self.log}

@@ -1,4 +1,4 @@
-"""Perturbation: how far the world of an episode may be from what the controller believes."""
+"""Perturbation: how much the world of an episode may differ from the controller's models."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -12,7 +12,7 @@ from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.sim.disturbance import Disturbance, Push
 
 PUSHES = 3
-"""Pushes that are drawn for every episode, whether or not it uses them."""
+"""Pushes that are drawn for every episode, used or not."""
 _Share = Annotated[float, Range(at_least=0.0, below=1.0)]
 
 
@@ -22,18 +22,18 @@ class About:
 
     text: str
     unit: str
-    """Of the option."""
+    """Unit of the option."""
     option: str | None = None
     """By default the name of the field."""
     scale: float = 1
-    """Value of the field for an option of 1."""
+    """Value of the field if the option is 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Perturbation(Checked):
     """Ranges that the disturbance of an episode is drawn from; by default nothing is perturbed.
 
-    Each field states its range and what it means here and nowhere else; units are SI.
+    Each field states its range and meaning; units are SI.
     """
 
     pose_noise: Annotated[
@@ -76,8 +76,9 @@ class Perturbation(Checked):
     def draw(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode.
 
-        The same numbers are drawn whatever the ranges are: episodes with the same seed differ
-        in nothing but what was asked for. What a disturbance has under the same name is passed on.
+        The same random numbers are drawn for any ranges, so that episodes with the same seed
+        differ in the chosen perturbations only. Fields with the name of one of `Disturbance` are
+        passed on.
         """
         mass, friction = rng.uniform(-1.0, 1.0, 2)
         directions, sizes = rng.standard_normal((PUSHES, 3)), rng.uniform(0.0, 1.0, PUSHES)
@@ -142,5 +143,5 @@ PRESETS: Mapping[str, Perturbation] = {
         push_force=10.0,
     ),
 }
-"""Named levels. Moderate is a calibrated cell with a depth camera; severe is below what alone makes
-every run fail: with a latency of 5 ms, stiff joints are unstable."""
+"""Named levels. Moderate is a calibrated cell with a depth camera; severe is below what
+makes every run fail, such as a latency of 5 ms, with which stiff joints are unstable."""

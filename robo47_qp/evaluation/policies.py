@@ -1,4 +1,4 @@
-"""Policies of an evaluation: the classical stack by name, and classes from other packages."""
+"""Policies of an evaluation: the classical stack by name, and classes from elsewhere."""
 
 import re
 import sys
@@ -17,26 +17,26 @@ CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
 
 
-class PolicyFailed(Robo47Error):  # noqa: N818  # what it tells is a failure, as StepFailed does
-    """A policy raised an exception of its own."""
+class PolicyFailed(Robo47Error):  # noqa: N818  # a failure, like StepFailed
+    """A policy raised an exception."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyReference:
-    """A policy from outside the package, by the place of its class."""
+    """A policy from outside the package, by its module or file and class."""
 
     text: str
     """module:Class or path/to/file.py:Class."""
     timing: PolicyTiming = PolicyTiming()
-    """How often it decides, and for how long."""
+    """Rate of its decisions and length of an episode."""
     stack: ClassicalStack = ClassicalStack()
-    """Controller, and planner whose limits bound all motions."""
+    """Controller, and planner with the limits of all motions."""
 
     def load(self) -> Callable[[], Any]:
         """Return the class.
 
         Raises:
-            ClassLoadError: There is no such module, file or class, or it is not a policy.
+            ClassLoadError: See `load_class`.
         """
         known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
         return load_class("policy", self.text, ("reset", "act"), known)
@@ -48,12 +48,12 @@ class PolicyReference:
             ClassLoadError: See `load`.
             PolicyFailed: Its class raised an exception.
         """
-        maker = self.load()
+        policy = self.load()
         with Guard() as guard:
-            return maker()
+            return policy()
         error = guard.error
-        words = f"the policy raised {type(error).__name__} as it was made: {error}"
-        raise PolicyFailed(words) from error
+        text = f"the policy raised {type(error).__name__} in its constructor: {error}"
+        raise PolicyFailed(text) from error
 
     def driver(self) -> PolicyDriver:
         """Return a driver with a new policy.
@@ -65,7 +65,7 @@ class PolicyReference:
 
     @property
     def absolute(self) -> "PolicyReference":
-        """The same policy for a process in another folder."""
+        """The same policy, for a process in another folder."""
         return replace(self, text=absolute(self.text))
 
     @property
@@ -79,12 +79,12 @@ IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)
 NAMES = (CLASSICAL, *(f"{CLASSICAL}:{ik}" for ik in IK_NAMES))
 """Names of the classical stack; without a suffix, it takes the IK of --ik."""
 _LONGEST = 60
-"""Characters of a label; of a longer name, the end is kept."""
+"""Characters of a label; a longer name keeps its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contender:
-    """A policy by its name: the classical stack with an IK, or a class from elsewhere."""
+    """A policy by name: the classical stack with an IK, or a class from elsewhere."""
 
     name: str
     """As given on the command line."""
@@ -93,7 +93,7 @@ class Contender:
 
     @classmethod
     def of(cls, name: str, ik: str) -> "Contender":
-        """Return the policy of a name; `ik` is for a classical stack that names none.
+        """Return the policy of a name; `ik` is that of a classical stack without a suffix.
 
         Raises:
             UnknownNameError: It is a classical stack with an unknown IK.
@@ -114,15 +114,15 @@ class Contender:
 
     @property
     def identity(self) -> str:
-        """Text that is equal for two names of the same policy."""
+        """Text that is the same for two names of one policy."""
         return f"{CLASSICAL}:{self.ik}" if self.reference is None else self.reference.text
 
 
 def check_different(contenders: Sequence[Contender]) -> None:
-    """Check that no policy is named twice, even under different names.
+    """Check that no policy occurs twice, even under different names.
 
     Raises:
-        InvalidValueError: One is.
+        InvalidValueError: One does.
     """
     seen: dict[str, str] = {}
     for contender in contenders:
@@ -134,21 +134,18 @@ def check_different(contenders: Sequence[Contender]) -> None:
 
 
 def labels(contenders: Sequence[Contender]) -> list[str]:
-    """Return a part of a file name for each policy, all different, also if case is ignored."""
+    """Return a part of a file name for each policy, all different even if case is ignored."""
     plain = [re.sub(r"[^A-Za-z0-9_]+", "-", c.name)[-_LONGEST:].strip("-") for c in contenders]
     lower = [label.lower() for label in plain]
+    digests = [sha256(contender.name.encode()).hexdigest()[:8] for contender in contenders]
     return [
-        label if lower.count(label.lower()) == 1 else f"{label}-{_digest(contender.name)}"
-        for label, contender in zip(plain, contenders, strict=True)
+        label if lower.count(label.lower()) == 1 else f"{label}-{digest}"
+        for label, digest in zip(plain, digests, strict=True)
     ]
 
 
-def _digest(name: str) -> str:
-    return sha256(name.encode()).hexdigest()[:8]
-
-
 def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) -> dict[str, Any]:
-    """Return all of a policy that results depend on, as JSON."""
+    """Return the settings of a policy that results depend on, as JSON."""
     if isinstance(policy, ClassicalStack):
         settings: dict[str, Any] = {"name": name or CLASSICAL, "ik": policy.ik}
         settings |= {"speed": policy.pace, "qp_solver": policy.qp_solver}

@@ -1,4 +1,4 @@
-"""Replay: episodes of an evaluation run again and recorded."""
+"""Replay: runs episodes of an evaluation again and records them."""
 
 import subprocess
 import sys
@@ -19,8 +19,8 @@ def replay(
     """Run the episode of a seed again and record it.
 
     Returns:
-        The result, and whether it is the one in the journal, bit by bit; None if the journal
-        does not have it, or is of another evaluation.
+        The result, and whether it equals the one in the journal; None if the journal does not
+        have it, or is of another evaluation.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -37,7 +37,7 @@ def replay(
 
 
 def picked(results: Sequence[EpisodeResult], most: int) -> list[EpisodeResult]:
-    """Return at most so many failures: one of each cause, then a second of each, and so on."""
+    """Return up to `most` failures: one of each cause, then a second of each, and so on."""
     by_cause: dict[str, list[EpisodeResult]] = {}
     for result in results:
         if not result.success and result.error is None and result.cause is not None:

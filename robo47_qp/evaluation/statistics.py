@@ -43,18 +43,12 @@ def paired_difference(only_a: int, only_b: int, n: int) -> tuple[float, float]:
     Bonett and Price's adjusted Wald interval (J. Educ. Behav. Stat. 37, 2012, eq. 4),
     which adds one discordant trial of each kind.
 
-    Args:
-        only_a: Trials that a alone solved.
-        only_b: Trials that b alone solved.
-        n: All trials.
-
     Raises:
-        InvalidValueError: There are no trials, or more that differ than there are.
+        InvalidValueError: There are no trials, or more that only one solved than n.
     """
     if n < 1 or min(only_a, only_b) < 0 or only_a + only_b > n:
-        raise InvalidValueError(
-            "trials that differ", f"{only_a} and {only_b} of {n}", "0 or more, together at most n"
-        )
+        found = f"{only_a} and {only_b} of {n}"
+        raise InvalidValueError("trials that differ", found, "0 or more, together at most n")
     a, b = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
     z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
     half = z * float(np.sqrt((a + b - (a - b) ** 2) / (n + 2)))

@@ -26,7 +26,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 
 WALL = ("step_us", "real_time_factor")
-"""Metrics of wall time."""
+"""Metrics that depend on wall time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,7 @@ class TaskEpisode:
     """Inverse kinematics, controller and pace."""
     perturbation: Perturbation = Perturbation()
     driver: Callable[[], Driver] = ProgramDriver
-    """Makes what moves the arm in an episode; sent to worker processes by pickle."""
+    """Returns the driver of an episode; sent to worker processes by pickle."""
     foreign: bool = False
     """See `Episode.foreign`."""
 

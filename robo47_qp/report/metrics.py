@@ -10,11 +10,11 @@ from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
 
 _STILL = 1e-3
-"""Peak speed below which the tool counts as at rest [m/s]."""
+"""Peak speed below which the tool is at rest [m/s]."""
 
 
 def smoothness(v: Matrix, jerk: Matrix, period: float) -> float | None:
-    """Return the log dimensionless jerk [-]: higher is smoother, whatever the path and duration.
+    """Return the log dimensionless jerk [-], higher for smoother motions; None without motion.
 
     LDLJ = -ln(T³ / v_peak² ∫ |jerk|² dt), with T the duration and v_peak the highest speed: the
     dimensionless jerk of Hogan and Sternad (J. Motor Behavior 41(6), 2009) and its logarithm
@@ -25,13 +25,8 @@ def smoothness(v: Matrix, jerk: Matrix, period: float) -> float | None:
         v: Velocities (N, 3) [m/s].
         jerk: Jerks at the same instants (N, 3) [m/s³].
         period: Time between them [s].
-
-    Returns:
-        None if nothing moves.
     """
-    if not len(v):
-        return None
-    peak = float(np.linalg.norm(v, axis=1).max())
+    peak = float(np.linalg.norm(v, axis=1).max(initial=0.0))
     if peak < _STILL:
         return None
     squares = float((jerk**2).sum() * period)
@@ -43,17 +38,13 @@ SETTLED = 0.1e-3
 
 
 def metrics(run: Run) -> dict[str, float]:
-    """Return the metrics of a run and the task's own figures.
+    """Return the metrics of a run and the task's own figures, by name with unit.
 
-    Returns:
-        By name with unit; the README explains each. Without a motion of the tool, there is no
-        smoothness.
+    The README explains each. Smoothness is missing if the tool does not move.
     """
-    rows = run.rows
+    rows, motion, stiff = run.rows, _tool(run), _stiff(run)
     simulated = len(rows) * TIMESTEP
-    motion = _tool(run)
     force = np.linalg.norm(rows["contact/tool"], axis=1)
-    stiff = _stiff(run)
     error = rows["errors/tool_position"][stiff]
     return {
         **run.measures,
@@ -74,7 +65,7 @@ def metrics(run: Run) -> dict[str, float]:
 
 
 def _stiff(run: Run) -> NDArray[np.bool_]:
-    """Return the rows (N,) in which the tool had to follow its reference, and not to comply."""
+    """Return True for the rows (N,) in which the arm was stiff."""
     stiff = np.ones(len(run.rows), dtype=np.bool_)
     for phase, rows in run.spans():
         stiff[rows] = not phase.compliant
@@ -82,7 +73,7 @@ def _stiff(run: Run) -> NDArray[np.bool_]:
 
 
 def _tool(run: Run) -> ToolMotion:
-    """Return the motion of the tool that follows from that of the joints."""
+    """Return the motion of the tool from that of the joints."""
     q, v, a = (run.rows[f"joints/{name}"] for name in "qva")
     jerk = np.diff(a, axis=0, append=a[-1:]) / TIMESTEP
     return tool_motion(Arm(run.scenario.robot), q, v, a, jerk)
@@ -90,8 +81,7 @@ def _tool(run: Run) -> ToolMotion:
 
 def _smoothness(run: Run, motion: ToolMotion) -> dict[str, float]:
     """Return the mean smoothness of the motions from rest to rest."""
-    found = []
-    start = None
+    found, start = [], None
     for phase, rows in run.spans():
         if phase.leg is None:
             continue

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,8 +34,7 @@ def plot_run(run: Run, path: Path) -> None:
     axes["above"].legend(loc="upper right", frameon=False)
     for i, joint in enumerate(robot.joints):
         axes["joint"].plot(t, 1e3 * rows["errors/q"][:, i], lw=0.8, label=joint)
-        use = rows["joints/tau"][:, i] / robot.tau_max[i]
-        axes["torque"].plot(t, 100 * use, lw=0.8)
+        axes["torque"].plot(t, 100 * rows["joints/tau"][:, i] / robot.tau_max[i], lw=0.8)
     axes["joint"].set_ylabel(f"joint error [{robot.unit('mrad', 'mm')}]")
     axes["joint"].legend(
         ncols=len(robot.joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
@@ -51,16 +51,12 @@ def plot_run(run: Run, path: Path) -> None:
         for phase in run.phases[1:]:
             axes[name].axvline(float(t[phase.start]), color=_GREY, lw=0.5, ls=":")
     outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
-    figure.suptitle(f"{run.scenario.task.name} on {run.scenario.robot.name}: {outcome}")
+    figure.suptitle(f"{run.scenario.task.name} on {robot.name}: {outcome}")
     _save(figure, path)
 
 
 def plot_curves(panels: Mapping[str, Mapping[str, tuple[Vector, Vector]]], path: Path) -> None:
-    """Write a PNG with one panel per quantity and in it one curve over time per name.
-
-    Args:
-        panels: By label of the quantity and name of the curve: times [s] and values.
-        path: The file.
+    """Write a PNG with a panel per label, and in it a curve per name: times [s] and values.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -109,10 +105,5 @@ def _mark_phases(axes: Axes, run: Run) -> None:
     for phase, rows in run.spans():
         if rows.stop - rows.start > 0.05 * len(t):
             middle = float(np.mean(t[[rows.start, rows.stop - 1]]))
-            axes.text(
-                *(middle, 0.96, phase.name),
-                transform=axes.get_xaxis_transform(),
-                ha="center",
-                va="top",
-                fontsize=8,
-            )
+            place: Any = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
+            axes.text(middle, 0.96, phase.name, fontsize=8, **place)

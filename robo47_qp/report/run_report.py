@@ -64,8 +64,7 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
     lines += ["|---|--:|--:|---|--:|---|"]
     lines += [
         f"| {f['signal']} | {f['limit']:.4g} | {f['extreme']:.4g} | {f['unit']} | "
-        f"{f['time']:.3f} | "
-        f"{'yes' if f['ok'] else 'NO'} |"
+        f"{f['time']:.3f} | {'yes' if f['ok'] else 'NO'} |"
         for f in summary["audit"]
     ]
     return "\n".join(lines)

@@ -18,12 +18,7 @@ class ProgressBar(Observer):
     """Bar over simulated time; with retries, a run takes longer than expected."""
 
     def __init__(self, console: Console, expected: float) -> None:
-        """Show an empty bar.
-
-        Args:
-            console: Where to draw.
-            expected: Expected duration of the run [s].
-        """
+        """Show an empty bar for a run with an expected duration [s]."""
         self._progress = Progress(
             TextColumn("{task.description:<14}"),
             BarColumn(bar_width=40),
@@ -67,10 +62,8 @@ def print_summary(
     if run.failure is None:
         console.print("[bold green]success[/]")
     else:
-        console.print(
-            f"[bold red]failed: {run.failure.cause.value}[/]  {escape(run.failure.evidence)}",
-            highlight=False,
-        )
+        cause, evidence = run.failure.cause.value, escape(run.failure.evidence)
+        console.print(f"[bold red]failed: {cause}[/]  {evidence}", highlight=False)
     if "place_error_m" in metrics:
         console.print(f"  place error      {1e3 * metrics['place_error_m']:.2f} mm")
     console.print(
@@ -90,11 +83,8 @@ def print_summary(
     for name, path in files.items():
         console.print(f"  {name:<16} {path}", highlight=False, soft_wrap=True)
     if "recording" in files:
-        console.print(
-            f"Open the recording with: [bold]rerun {files['recording']}[/]",
-            highlight=False,
-            soft_wrap=True,
-        )
+        command = f"[bold]rerun {files['recording']}[/]"
+        console.print(f"Open the recording with: {command}", highlight=False, soft_wrap=True)
 
 
 def _smooth(metrics: Mapping[str, float]) -> str:
@@ -104,11 +94,16 @@ def _smooth(metrics: Mapping[str, float]) -> str:
     return f"  smoothness       {value:.2f} (log dimensionless jerk; minimum jerk has -5.32)\n"
 
 
+def _table(title: str, headings: Sequence[str], texts: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", header_style="", box=None)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in texts else "right")
+    return table
+
+
 def _waypoints(run: Run) -> Table:
-    table = Table(title="Waypoints", title_justify="left", header_style="", box=None)
-    for heading in ("waypoint", "motion", "time s", "IK its", "starts", "IK ms", "left µm"):
-        table.add_column(heading, justify="left" if heading in ("waypoint", "motion") else "right")
-    table.add_column("to limit rad", justify="right")
+    numbers = ("time s", "IK its", "starts", "IK ms", "left µm", "to limit rad")
+    table = _table("Waypoints", ("waypoint", "motion", *numbers), ("waypoint", "motion"))
     for leg in run.legs:
         ik = leg.ik
         table.add_row(
@@ -125,10 +120,8 @@ def _waypoints(run: Run) -> Table:
 
 
 def _audit(findings: Sequence[Finding]) -> Table:
-    table = Table(title="Audit", title_justify="left", header_style="", box=None)
-    for heading in ("signal", "limit", "extreme", "at s", "unit", "kept"):
-        left = heading in ("signal", "unit", "kept")
-        table.add_column(heading, justify="left" if left else "right")
+    texts = ("signal", "unit", "kept")
+    table = _table("Audit", ("signal", "limit", "extreme", "at s", "unit", "kept"), texts)
     for finding in findings:
         table.add_row(
             finding.signal,

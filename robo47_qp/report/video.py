@@ -23,16 +23,10 @@ class OffscreenCamera:
     """Renders pictures of a simulation."""
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
-        """Open an offscreen context.
-
-        Args:
-            model: The scene, as simulated.
-            camera: Name of a camera of the scene.
-            width: [pixel]
-            height: [pixel]
+        """Open an offscreen context for a named camera, with a picture size [pixel].
 
         Raises:
-            RenderingError: The machine lacks what OpenGL needs.
+            RenderingError: OpenGL does not work on this machine.
         """
         self._camera = camera
         model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
@@ -65,7 +59,7 @@ class Video(Observer):
 
         Raises:
             MissingExtraError: The encoder is not installed.
-            RenderingError: The machine cannot draw.
+            RenderingError: See `OffscreenCamera`.
             RecordingError: The file cannot be written.
         """
         try:
@@ -73,8 +67,7 @@ class Video(Observer):
             import_module("imageio_ffmpeg")
         except ImportError as error:
             raise MissingExtraError("--video", "imageio-ffmpeg", "video") from error
-        self._path = path
-        self._frames = 0
+        self._path, self._frames = path, 0
         # Shadows would take three quarters of the time: 8 instead of 34 frames a second.
         simulation.model.vis.quality.shadowsize = 0
         self._camera = OffscreenCamera(simulation.model, "overview", _WIDTH, _HEIGHT)
@@ -95,9 +88,8 @@ class Video(Observer):
             try:
                 self._writer.append_data(self._camera.picture(simulation.data))
             except OSError as error:
-                raise RecordingError(
-                    f"The video {self._path} could not be written: {error}."
-                ) from error
+                reason = f"The video {self._path} could not be written: {error}."
+                raise RecordingError(reason) from error
             self._frames += 1
 
     def close(self) -> None:

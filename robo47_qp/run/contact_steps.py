@@ -1,4 +1,4 @@
-"""Steps that look for contact or keep it."""
+"""Steps that seek contact or keep it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,27 +18,27 @@ from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMon
 from robo47_qp.run.step_executor import Step, StepExecutor
 
 _TICK_ROWS = 2
-"""Control periods between two checks of the world while something may be touched."""
+"""Control periods between two checks of the world while contact is expected."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Guarded(Checked, Step):
-    """Move on a straight line until something is touched, and stop there."""
+    """Move on a straight line until contact, and stop there."""
 
     waypoint: Waypoint
-    """Where the line ends; the tool moves at its pace, or slower: see `speed`."""
+    """End of the line; its pace and `speed` both limit the tool."""
     force: Positive
-    """Change of the contact force on the tool that counts as touching [N]."""
+    """Change of the contact force on the tool that counts as contact [N]."""
     speed: Positive = 0.02
     """Largest speed of the tool [m/s]."""
     missing: Cause | None = Cause.TIMEOUT
-    """Why the run failed if nothing was touched up to the end; None where that is fine."""
+    """Cause of the failure without contact up to the end; None if that is allowed."""
 
     def __post_init__(self) -> None:
-        """Check motion and force.
+        """Check motion and numbers.
 
         Raises:
-            InvalidValueError: The motion is not LIN, or force or speed are not positive.
+            InvalidValueError: The motion is not LIN, or a number is out of range.
         """
         if not self.waypoint.motion.type.straight:
             raise InvalidValueError("guarded motion", self.waypoint.motion.name, "LIN")
@@ -65,7 +65,7 @@ class Guarded(Checked, Step):
             change = loop.sim.felt_force() - before
             return float(np.sqrt(change.dot(change))) >= self.force
 
-        # What is touched pushes the tool off its line before the arm stops.
+        # Contact pushes the tool off its line before the arm stops.
         loop.begin(self.name, leg, compliant=True)
         if loop.track(leg.trajectory, touched, block=_TICK_ROWS):
             loop.halt()
@@ -76,51 +76,50 @@ class Guarded(Checked, Step):
 
 @dataclass(frozen=True, kw_only=True)
 class Comply(Checked, Step):
-    """Move the tool along waypoints on springs, pressing where that is asked for.
+    """Move the compliant tool along waypoints, pressing if the compliance has a force.
 
-    The tool starts from where it is and may end elsewhere than at its last waypoint.
+    The tool need not end at its last waypoint.
     """
 
     waypoints: tuple[Waypoint, ...]
-    """LIN and CIRC waypoints; none where the tool only presses, see `seconds`."""
+    """LIN and CIRC waypoints; none to stay in place for `seconds`."""
     compliance: Compliance
     carried: Payload | None = None
-    """What the tool holds from now on; None keeps the payload that was set before."""
+    """Payload of the tool from now on; None keeps the one that was set before."""
     speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
-    """Largest speed along the waypoints, beside their own pace [m/s]."""
+    """Speed limit along the waypoints, besides their own pace [m/s]."""
     seconds: NotNegative = 0.0
-    """How long to stay at the last waypoint, at most [s]."""
+    """Longest time at the last waypoint [s]."""
     until: Condition | None = None
-    """What ends the step at once; it fails with the condition's cause if that does not hold at
-    the end. None goes on to the end."""
+    """Ends the step once it holds; the step fails with its cause if it never does. None: the step
+    runs to its end."""
     during: tuple[Condition, ...] = ()
-    """What has to hold all the time: where it is violated, the arm stops and the step fails."""
+    """Conditions that must hold all the time: on a violation the arm stops and the step fails."""
     observe: Callable[[], None] | None = None
-    """Called every few periods, to take notes of the world."""
+    """Called every few control periods to observe the world."""
     stay: bool = False
-    """True: stay compliant for the next step, if that is a `Comply`, too. It then starts from the
-    reference of this one, and with the same compliance nothing changes in between."""
+    """True: stay compliant if the next step is a `Comply`; it then starts from the reference of
+    this one."""
     renew: bool = False
-    """After a step that stays compliant: True starts from where the tool is, its springs without
-    load, instead of from the reference of that step."""
+    """True, after a step that stays compliant: start from the measured pose, with unloaded springs,
+    instead of from the reference of that step."""
     name: str = "comply"
     starts_stiff: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check that there is something to do.
+        """Check waypoints and numbers.
 
         Raises:
-            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or the
-                step is over at once.
+            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or there is
+                neither a waypoint nor a time.
         """
         ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
         if ptp:
             raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
         super().__post_init__()
         if not self.waypoints and self.seconds == 0.0:
-            raise InvalidValueError(
-                self.name, "no waypoint and 0 s", "waypoints, or a time to stay"
-            )
+            found = "no waypoint and 0 s"
+            raise InvalidValueError(self.name, found, "waypoints, or a time to stay")
 
     @property
     def path(self) -> tuple[Waypoint, ...]:
@@ -150,7 +149,7 @@ class Comply(Checked, Step):
         for leg in legs:
             loop.begin(leg.waypoint.name, leg, compliant=True)
             if loop.track(leg.trajectory, monitor, block=_TICK_ROWS):
-                # A violation ends the compliance at once: an arm that presses would run on.
+                # A violation stiffens the arm at once: while it presses, it would slide on.
                 if monitor.error is None:
                     loop.halt()
                 return

@@ -25,13 +25,13 @@ from robo47_qp.sim.simulation import Simulation
 TICK_ROWS = 20
 """Control periods between two checks of the world while a motion runs."""
 
-LOAD_CHANGES = 0.02
-"""How long the torque takes to change with the payload [s]: at once, a heavy load would ask for
-more than the motors' rate."""
+PAYLOAD_RAMP = 0.02
+"""Time over which the torque changes with the payload [s]: a step of a heavy load would exceed
+the torque rate of the motors."""
 
 
 class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never shown
-    """The run cannot go on."""
+    """The run cannot continue."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.evidence)
@@ -40,7 +40,7 @@ class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Phase:
-    """A stretch of the run under one reference."""
+    """A part of the run with one name and at most one planned motion."""
 
     name: str
     start: int
@@ -48,9 +48,9 @@ class Phase:
     leg: Leg | None
     """The planned motion; None while the arm holds still."""
     compliant: bool = False
-    """True where the tool gives way: it need not be where its reference is."""
+    """True where the tool is compliant: it may leave its reference."""
     streamed: bool = False
-    """True where the reference follows a moving target tick by tick: its jerk is not bounded."""
+    """True where the reference follows a moving target: its jerk is not bounded."""
 
 
 class ControlLoop:
@@ -65,7 +65,7 @@ class ControlLoop:
         profile: MotionProfile | None = None,
         check: Callable[["ControlLoop"], None] | None = None,
     ) -> None:
-        """Stand still at home.
+        """Start at rest at home.
 
         Args:
             arm: The controller's model while nothing is held.
@@ -89,21 +89,21 @@ class ControlLoop:
 
     @property
     def reference(self) -> JointReference:
-        """What the joints should do at this instant."""
+        """Joint reference of this instant."""
         return self._reference
 
     def take_over(self, reference: JointReference) -> None:
-        """Go on from another reference than the one that was tracked last."""
+        """Continue from a reference other than the last one that was tracked."""
         self._reference = reference
 
     def rest(self, q: Vector) -> None:
-        """Go on from q, at rest."""
+        """Continue at rest from joint positions q (n,) [rad]."""
         still = np.zeros(self.arm.n)
         self.take_over(JointReference(q, still, still))
 
     @property
     def resting(self) -> bool:
-        """True where the reference does not move."""
+        """True if the reference does not move."""
         return not (self._reference.v.any() or self._reference.a.any())
 
     def begin(
@@ -115,7 +115,7 @@ class ControlLoop:
         streamed: bool = False,
         afresh: bool = True,
     ) -> None:
-        """Start a phase; with `afresh` False continue the last one, if it has this name."""
+        """Start a phase; if `afresh` is False and the last one has this name, continue that one."""
         if not afresh and self.phases and self.phases[-1].name == name:
             return
         start = len(self.recording)
@@ -139,15 +139,15 @@ class ControlLoop:
         """Track a trajectory from its first to before its last sample.
 
         Args:
-            trajectory: Starts with the reference of now.
-            until: Called after every block; ends the tracking where it returns True.
+            trajectory: Starts at the current reference.
+            until: Called after every block; True ends the tracking.
             block: Control periods in a block.
 
         Returns:
-            True where `until` ended it, with the reference still in motion.
+            True if `until` ended it, with the reference still in motion.
 
         Raises:
-            Aborted: The run cannot go on.
+            Aborted: The run cannot continue.
         """
         references = self._references(trajectory)
         done, ended = 0, False
@@ -166,29 +166,29 @@ class ControlLoop:
         return ended
 
     def hold(self, seconds: float) -> None:
-        """Stay at the reference, which is at rest."""
+        """Hold the joint positions of the reference, which is at rest."""
         self.track(hold(self.reference.q, round(seconds / TIMESTEP), TIMESTEP))
 
     def halt(self) -> None:
-        """Bring a moving reference to rest, as fast as the profile allows."""
+        """Bring a moving reference to rest as fast as the profile allows."""
         if not self.resting:
             braking = stop(self.arm, self.reference, self.profile, TIMESTEP)
             self.begin("stop", compliant=self.phases[-1].compliant)
             self.track(braking)
 
     def set_payload(self, payload: Payload | None) -> None:
-        """Tell the controller what the tool holds; None is nothing."""
+        """Set the payload that the controller assumes in the tool; None is nothing."""
         if payload is not self.control.arm.payload:
             arm = self.arm if payload is None else self.arm.with_payload(payload)
-            self.control.set_arm(arm, seconds=LOAD_CHANGES)
+            self.control.set_arm(arm, seconds=PAYLOAD_RAMP)
 
     def note(self, text: str, failure: Failure | None = None) -> None:
-        """Tell the observers."""
+        """Report an event to the observers, as an error if there is a failure."""
         for observer in self.observers:
             observer.note(self.sim.time, text, "INFO" if failure is None else "ERROR")
 
     def _advance(self, trajectory: Trajectory, references: Matrix, first: int, count: int) -> None:
-        """The control loop: `count` periods, one row of the recording each."""
+        """Run `count` control periods, one row of the recording each."""
         started = perf_counter()
         sim, control = self.sim, self.control
         now, command, last = self._columns.now, self._columns.command, self._columns.last

@@ -1,4 +1,4 @@
-"""The step that follows a pose that moves."""
+"""The step that follows a moving pose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,24 +20,23 @@ from robo47_qp.run.step_executor import Step, StepExecutor
 
 @dataclass(frozen=True, kw_only=True)
 class Follow(Step):
-    """Keep the tool at a pose that moves, by differential inverse kinematics."""
+    """Keep the tool at a moving pose by differential inverse kinematics."""
 
     target: Callable[[float], SE3 | None]
-    """Returns the T_world_tcp wanted at a time [s]; called for every control period, a few of them
-    ahead. None brakes."""
+    """Return T_world_tcp at a time [s], up to a few control periods ahead; None brakes."""
     until: Condition
-    """What ends the step; it fails with the condition's cause if that does not hold in time."""
+    """Ends the step once it holds; the step fails with its cause if it does not hold in time."""
     seconds: float
-    """How long at most [s]."""
+    """Time limit [s]."""
     grip: Grip | None = None
-    """What the fingers begin to do as the step begins."""
+    """Command to the gripper at the start of the step."""
     carried: Payload | None = None
-    """What the tool holds meanwhile."""
+    """Payload of the tool."""
     name: str = "follow"
     starts_at_rest: ClassVar[bool] = False
 
     def carry_out(self, executor: StepExecutor) -> None:
-        """See `Step.carry_out`; several of these steps go on from each other."""
+        """See `Step.carry_out`; a step continues the stream of the one before it."""
         loop, stream = executor.loop, executor.stream
         now = loop.reference
         if not (np.array_equal(stream.q, now.q) and np.array_equal(stream.v, now.v)):
@@ -53,10 +52,10 @@ class Follow(Step):
             loop.track(self._block(loop, stream))
 
     def _block(self, loop: ControlLoop, stream: StreamSolver) -> Trajectory:
-        """Return the next few periods, towards where the target will be then."""
+        """Return the references of the next few control periods."""
         time, states = loop.sim.time, [loop.reference]
         for k in range(TICK_ROWS):
-            # A tick starts from where the target is now: steady motion then has no lead or lag.
+            # The target at the start of each period: steady motion then has no lead or lag.
             tick = stream.tick(self.target(time + k * TIMESTEP))
             states.append(JointReference(tick.q, tick.v, tick.a))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))

@@ -15,17 +15,17 @@ from robo47_qp.errors import Robo47Error
 
 
 class Guard:
-    """Catches whatever is raised inside a `with` block, `SystemExit` included.
+    """Catches exceptions of code from outside the package in a `with` block.
 
-    It is for calls of code from outside the package only. KeyboardInterrupt passes through.
+    `SystemExit` is caught, too; KeyboardInterrupt passes through.
     """
 
     def __init__(self) -> None:
         self.error: Exception | SystemExit | None = None
-        """What was raised; None where nothing was."""
+        """The exception; None without one."""
 
     def __enter__(self) -> "Guard":
-        """Begin."""
+        """Return the guard."""
         return self
 
     def __exit__(
@@ -34,7 +34,7 @@ class Guard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> bool:
-        """Keep an exception."""
+        """Keep the exception."""
         if isinstance(error, Exception | SystemExit):
             self.error = error
         return self.error is not None
@@ -47,10 +47,10 @@ class Guard:
 
 
 class ClassLoadError(Robo47Error):
-    """A class that was named by its place and cannot be loaded."""
+    """A class that cannot be loaded from its module or file."""
 
     def __init__(self, kind: str, reference: str, why: str, known: Sequence[str] = ()) -> None:
-        """Say what was asked for, why it cannot be loaded, and what would work."""
+        """Name the reference, why it cannot be loaded, and what else is known."""
         names = f", or {', '.join(known)}" if known else ""
         super().__init__(
             f"The {kind} {reference!r} cannot be loaded: {why}. Name it module:Class or "
@@ -65,10 +65,10 @@ def load_class(
     """Load a class of a module or of a file.
 
     Args:
-        kind: What the class is to be, for messages: "policy".
+        kind: For messages, such as "policy".
         reference: module:Class, or path/to/file.py:Class.
         methods: Methods that the class must have.
-        known: What else can be named, for messages.
+        known: Other names that would work, for messages.
 
     Raises:
         ClassLoadError: There is no such module, file or class, or it lacks a method, or it
@@ -105,7 +105,7 @@ def absolute(reference: str) -> str:
 
 
 def _file_module(path: Path) -> ModuleType:
-    """The module in a file, the same one every time in a process."""
+    """Return the module of a file, the same one every time in a process."""
     path = path.resolve(strict=True)
     name = f"file_{sha256(str(path).encode()).hexdigest()[:16]}"
     if name not in sys.modules:

@@ -11,7 +11,7 @@ from robo47_qp.sim.simulation import Simulation
 
 
 class Observer:
-    """Base of observers: each method does nothing until it is overridden."""
+    """Base class of observers of a run; its methods do nothing."""
 
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
         """A leg starts; its reference tool positions are (N, 3) [m]."""
@@ -20,17 +20,17 @@ class Observer:
         """A phase starts."""
 
     def note(self, time: float, text: str, level: str) -> None:
-        """Something worth telling happened; level is INFO, WARN or ERROR."""
+        """An event is reported; level is INFO, WARN or ERROR."""
 
     def tick(self, simulation: Simulation) -> None:
-        """Called every few periods of the control loop; may wait to keep a pace."""
+        """Called every few control periods; may sleep to slow the run down."""
 
     def close(self) -> None:
         """The run is over, however it ended."""
 
 
 class RealTime(Observer):
-    """Lets simulated time pass no faster than the clock."""
+    """Keeps simulated time from running ahead of the clock."""
 
     def __init__(self) -> None:
         """Start the clock at the first tick."""
@@ -46,7 +46,7 @@ class RealTime(Observer):
 
 
 class ViewerWindow(Observer):
-    """MuJoCo's interactive viewer; closing it lets the run go on without it."""
+    """MuJoCo's interactive viewer; if it is closed, the run continues."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Open the window.
@@ -69,7 +69,7 @@ class ViewerWindow(Observer):
             raise RenderingError(f"--viewer cannot open its window: {error}") from error
 
     def tick(self, simulation: Simulation) -> None:
-        """Show the present state."""
+        """Show the current state."""
         if self._handle.is_running():
             self._handle.sync()
 

@@ -16,13 +16,13 @@ from robo47_qp.sim.signal import Signal
 
 
 class Sink(Protocol):
-    """Takes a recording as it grows."""
+    """Receives a recording while it is made."""
 
     def write(self, rows: "Rows") -> None:
-        """Take the next rows; they do not change any more.
+        """Receive the next rows, which are final.
 
         Raises:
-            RecordingError: The rows cannot be kept.
+            RecordingError: The rows cannot be written.
         """
         ...
 
@@ -37,11 +37,11 @@ class Rows:
         self._slices = slices(signals)
 
     def __len__(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return len(self.values)
 
     def __getitem__(self, name: str) -> Matrix:
-        """Columns of one signal, shape (rows, columns): a view.
+        """Return a view of the columns of a signal, (rows, columns).
 
         Raises:
             UnknownNameError: No signal has this name.
@@ -52,7 +52,7 @@ class Rows:
 
 
 def slices(signals: Iterable[Signal]) -> dict[str, slice]:
-    """Where each signal's columns are."""
+    """Return the columns of each signal by its name."""
     found, start = {}, 0
     for signal in signals:
         found[signal.name] = slice(start, start + len(signal.labels))
@@ -73,36 +73,35 @@ class Recording:
 
         Args:
             signals: The columns, in order.
-            chunk_rows: Rows that are handed on at once; a run that is killed loses no more.
-            sinks: See `sinks`.
+            chunk_rows: Rows that go to the sinks at once; a killed run loses at most as many.
+            sinks: Receive the chunks.
         """
         self.signals = tuple(signals)
         self._width = sum(len(signal.labels) for signal in signals)
         self._chunk_rows = chunk_rows
         self.sinks = tuple(sinks)
-        """Who gets the chunks."""
         self._chunks: list[Matrix] = []
         self._chunk = self._empty()
         self._filled = 0
 
     def __len__(self) -> int:
-        """Number of rows that are closed."""
+        """Return the number of closed rows."""
         return len(self._chunks) * self._chunk_rows + self._filled
 
     @property
     def room(self) -> int:
-        """Rows that can be opened at once."""
+        """Number of rows that can be opened at once."""
         return self._chunk_rows - self._filled
 
     def open_rows(self, count: int) -> Matrix:
-        """The next rows to fill, shape (count, columns), a view; count <= room."""
+        """Return a view of the next rows to fill, (count, columns); count <= room."""
         return self._chunk[self._filled : self._filled + count]
 
     def close_rows(self, count: int) -> None:
         """Add the rows that were filled; a full chunk goes to the sinks.
 
         Raises:
-            RecordingError: A sink could not keep them.
+            RecordingError: A sink could not write them.
         """
         self._filled += count
         if self._filled == self._chunk_rows:
@@ -111,16 +110,16 @@ class Recording:
             self._hand_on(full)
 
     def flush(self) -> None:
-        """Hand the rows of an unfinished chunk to the sinks; call once, at the end.
+        """Send the rows of an unfinished chunk to the sinks; call once, at the end.
 
         Raises:
-            RecordingError: A sink could not keep them.
+            RecordingError: A sink could not write them.
         """
         if self._filled:
             self._hand_on(self._chunk[: self._filled])
 
     def rows(self) -> Rows:
-        """All closed rows, copied together."""
+        """Return a copy of all closed rows."""
         return Rows(self.signals, np.concatenate([*self._chunks, self._chunk[: self._filled]]))
 
     def _hand_on(self, values: Matrix) -> None:

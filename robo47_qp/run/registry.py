@@ -1,4 +1,4 @@
-"""Registry of tasks: those of installed packages by name, any other by the place of its class."""
+"""Registry of tasks: those of installed packages by name, others by module:Class."""
 
 from importlib.metadata import EntryPoint, entry_points
 from typing import cast
@@ -15,14 +15,11 @@ def task_names() -> tuple[str, ...]:
 
 
 def load_task(name: str) -> type[Task]:
-    """Return the class of a task.
-
-    Args:
-        name: Name of a task of an installed package, or module:Class, or file.py:Class.
+    """Return the class of a task named as in `task_names`, or module:Class, or file.py:Class.
 
     Raises:
         UnknownNameError: No task has this name.
-        ClassLoadError: The class cannot be loaded, or it is no task.
+        ClassLoadError: The class cannot be loaded, or it is not a task.
     """
     offered = _offered()
     if ":" in name:

@@ -1,4 +1,4 @@
-"""Runner: the one place that sees the whole path from task to recording."""
+"""Runner: connects task, planner, control loop and recording in one run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,17 +21,17 @@ from robo47_qp.run.steps import as_step
 from robo47_qp.sim.simulation import Simulation
 
 _LAST_HOLD = 0.3
-"""Time at rest before the end is judged [s]."""
+"""Time at rest before the task judges the world [s]."""
 
 
 class Driver(Protocol):
-    """Decides what the arm does in a run: a program, a policy, or whoever calls."""
+    """Decides what the arm does in a run: a program, a policy, or the caller."""
 
     def drive(self, runner: "Runner") -> Failure | None:
-        """Move the arm to the end of the run; return why it gave up, if so.
+        """Move the arm until the run is over; return why it gave up, or None.
 
         Raises:
-            Aborted: The run cannot go on.
+            Aborted: The run cannot continue.
         """
         ...
 
@@ -41,13 +41,12 @@ class ProgramDriver:
 
     def drive(self, runner: "Runner") -> Failure | None:
         """See `Driver.drive`."""
-        failure = self._carried_out(runner)
+        failure = self._run_program(runner)
         runner.executor.compliance.stiffen()
         return failure
 
-    def _carried_out(self, runner: "Runner") -> Failure | None:
-        loop = runner.loop
-        program = runner.scenario.task.program(loop.sim)
+    def _run_program(self, runner: "Runner") -> Failure | None:
+        loop, program = runner.loop, runner.scenario.task.program(runner.loop.sim)
         failed: StepFailed | None = None
         try:
             while True:
@@ -66,12 +65,12 @@ class ProgramDriver:
 
 
 class Runner:
-    """Runs a scenario, once: a driver moves the arm, then the task judges the world."""
+    """Runs a scenario once: a driver moves the arm, then the task judges the world."""
 
     def __init__(
         self, scenario: Scenario, simulation: Simulation, driver: Driver | None = None
     ) -> None:
-        """Put the world at the start of the scenario.
+        """Reset the world to the start of the scenario.
 
         Args:
             scenario: What to run.
@@ -95,11 +94,11 @@ class Runner:
         scenario.task.reset(simulation, None if seed is None else np.random.default_rng(seed))
 
     def rehearse(self) -> list[Leg]:
-        """Plan the motions through the waypoints that the task foresees; nothing moves.
+        """Plan the task's preview without moving, and return its legs.
 
         Raises:
-            PlanError: One of them cannot be reached.
-            NoGripperError: One of them needs a gripper and the robot has none.
+            PlanError: A waypoint cannot be reached.
+            NoGripperError: A step needs a gripper and the robot has none.
         """
         legs: list[Leg] = []
         q, robot = self.loop.reference.q, self.scenario.robot
@@ -113,14 +112,10 @@ class Runner:
         return legs
 
     def run(self, sinks: Sequence[Sink] = (), observers: Sequence[Observer] = ()) -> Run:
-        """Carry out the task, from the start of the scenario; call it once.
-
-        Args:
-            sinks: Who gets the rows of the recording.
-            observers: Who is told what happens.
+        """Run to the end; sinks get the rows, observers the events. Call it once.
 
         Raises:
-            RecordingError: A sink could not keep the recording.
+            RecordingError: A sink could not write the recording.
         """
         loop, task = self.loop, self.scenario.task
         loop.recording.sinks = (_Derive(self.scenario.robot), *sinks)
@@ -143,7 +138,7 @@ class Runner:
         )
 
     def finish(self) -> Failure | None:
-        """Let the driver go on to its end, come to rest and judge the world; call it once."""
+        """Let the driver finish, come to rest and judge the world; call it once."""
         loop = self.loop
         try:
             failure = self._driver.drive(self)
@@ -157,10 +152,10 @@ class Runner:
         return failure or self.scenario.task.verdict(self._sim)
 
     def _check(self, loop: ControlLoop) -> None:
-        """Let the task note what it needs, and end the run where the watchdog says so."""
+        """Call the task's monitor, and abort the run if the watchdog finds a failure."""
         scenario = self.scenario
         scenario.task.monitor(loop.sim)
-        failure = scenario.watchdog.seen(
+        failure = scenario.watchdog.check(
             loop.sim,
             loop.arm,
             loop.reference,
@@ -172,7 +167,7 @@ class Runner:
 
 
 class _Derive:
-    """Sink that fills the derived columns for those after it; in chunks it costs a tenth."""
+    """Fills the derived columns for the sinks after it: per chunk at a tenth of the cost."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot

@@ -22,32 +22,31 @@ class Scenario:
     planner: Planner
     controller: Controller
     seed: int | None = None
-    """Seed of the task's random start; None takes the task's default start."""
+    """Seed of the task's random start; None for its default start."""
     watchdog: Watchdog = Watchdog()
-    """What ends the run at once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """What happened."""
+    """What happened in a run of a scenario."""
 
     scenario: Scenario
     rows: Rows
     phases: Sequence[Phase]
     failure: Failure | None
     measures: dict[str, float]
-    """Figures of the task."""
+    """The task's figures of the final state, by name with unit."""
     loop_seconds: float
-    """Wall time of the control loop with its recording, without planning and observers."""
+    """Wall time of the control loop with its recording, without planning and observers [s]."""
     objects: Sequence[str]
     """Bodies that move freely."""
 
     @property
     def legs(self) -> list[Leg]:
-        """The motions that were begun, in order."""
+        """The motions that were started, in order."""
         return [phase.leg for phase in self.phases if phase.leg is not None]
 
     def spans(self) -> list[tuple[Phase, slice]]:
-        """Return every phase with the rows that it lasts."""
+        """Return every phase with its rows."""
         starts = [*(phase.start for phase in self.phases), len(self.rows)]
         return [(p, slice(p.start, end)) for p, end in zip(self.phases, starts[1:], strict=True)]

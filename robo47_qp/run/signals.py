@@ -1,8 +1,8 @@
-"""Which signals a run records, and where the values of each come from.
+"""The signals that a run records, and how each is computed.
 
 A row has, in this order: time and phase; the references for t_k; the state at t_k; the command at
-t_k; the effects from t_k to t_k+1; what is derived from all these. State and effects are the
-simulation's own (`Simulation.signals_now`, `signals_last`). Every signal is one entry of its group.
+t_k; the effects from t_k to t_k+1; what is derived from these. The simulation defines state and
+effects (`Simulation.signals_now`, `signals_last`). Each signal is one entry of its group.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,7 +19,7 @@ from robo47_qp.sim.simulation import Simulation
 
 
 def references(robot: Robot) -> dict[Signal, Callable[[Arm, Trajectory], Matrix]]:
-    """Return the signals of what the planner wants, with functions of all samples (N, size)."""
+    """Return the reference signals, with functions of the samples of a trajectory (N, size)."""
     joints, unit = robot.joints, robot.unit
     return {
         Signal(name="joints/q_ref", labels=joints, unit=unit("rad", "m")): lambda _, t: t.q,
@@ -31,7 +31,7 @@ def references(robot: Robot) -> dict[Signal, Callable[[Arm, Trajectory], Matrix]
 
 
 def command(robot: Robot) -> Signal:
-    """Return the signal of what the controller commands, before the limits of the motors."""
+    """Return the signal of the controller's command, before the limits of the motors."""
     return Signal(name="joints/tau_command", labels=robot.joints, unit=robot.unit("N·m", "N"))
 
 
@@ -66,8 +66,8 @@ def all_signals(simulation: Simulation) -> tuple[Signal, ...]:
     """Return every signal of a run, in the order of its columns."""
     robot = simulation.robot
     return (
-        Signal(name="time", labels=("t",), unit="s"),
-        Signal(name="phase", labels=("index",), unit="count"),
+        Signal(name="time", labels=("t",), unit="s", shown=False),
+        Signal(name="phase", labels=("index",), unit="count", shown=False),
         *references(robot),
         *simulation.signals_now,
         command(robot),
@@ -83,10 +83,10 @@ def derive(rows: Rows, robot: Robot) -> None:
 
 
 class Columns:
-    """Where the groups of signals stand in a row."""
+    """The columns of the groups of signals in a row."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Find them."""
+        """Look them up."""
         found = slices(all_signals(simulation))
 
         def span(group: Iterable[Signal]) -> slice:

@@ -1,4 +1,4 @@
-"""StepExecutor: carries out the steps of a program, each from where the last one has ended."""
+"""StepExecutor: carries out the steps of a program, each from where the last one ended."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, refusal, require
 
 _GAIN = 15.0
-"""Rate at which a stream removes a short remaining distance [1/s]. The target's own velocity is
-known, so that this only acts on the rest; a higher one would ask too much of the motors."""
+"""Rate at which a stream removes the remaining error [1/s]; the velocity of the target is fed
+forward. A higher rate would exceed the limits of the motors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,15 +29,15 @@ class Step(ABC):
     """One step of a program: what it needs, and how it is carried out."""
 
     before: tuple[Condition, ...] = ()
-    """What has to hold before the step starts."""
+    """Conditions that must hold before the step starts."""
     after: tuple[Condition, ...] = ()
-    """What has to hold at its end, or the step has failed."""
+    """Conditions that must hold at its end."""
     starts_stiff: ClassVar[bool] = True
-    """False: an arm that the last step left compliant stays so."""
+    """False: if the last step left the arm compliant, it stays compliant."""
     starts_at_rest: ClassVar[bool] = True
-    """False: a reference that the last step left in motion goes on moving."""
+    """False: if the last step left the reference in motion, it keeps moving."""
     grips: ClassVar[bool] = False
-    """True: it needs a gripper, whatever its waypoints ask for."""
+    """True: it needs a gripper, whether or not its waypoints do."""
 
     @property
     @abstractmethod
@@ -46,7 +46,7 @@ class Step(ABC):
 
     @property
     def path(self) -> tuple[Waypoint, ...]:
-        """The waypoints that it visits, as far as they are known before."""
+        """The waypoints that it visits, as far as they are known in advance."""
         return ()
 
     @abstractmethod
@@ -60,21 +60,19 @@ class Step(ABC):
 
 
 class StepExecutor:
-    """Carries out steps, and offers them what they share: plans, a stream, compliance."""
+    """Carries out steps, and provides planning, a stream and compliance to them."""
 
     def __init__(self, loop: ControlLoop, planner: Planner) -> None:
-        """Keep the loop to act with, and what plans its motions."""
-        self.loop, self.compliance = loop, CompliantMode(loop)
-        self._planner = planner
+        """Use a control loop and a planner."""
+        self.loop, self.compliance, self._planner = loop, CompliantMode(loop), planner
         inner = Arm(loop.arm.robot, obstacles=loop.arm.obstacles, margin=JOINT_MARGIN)
         self._inner = loop.arm if inner.limit_margin(inner.home) < 0.0 else inner
 
     def perform(self, step: Step) -> None:
-        """Carry out one step.
+        """Check the conditions before a step, carry it out, and check those after it.
 
         Raises:
-            StepFailed: It cannot be planned, or one of its conditions is violated.
-            Aborted: See `ControlLoop.track`.
+            StepFailed, Aborted: See `Step.carry_out`.
         """
         require(step.name, step.before)
         if step.starts_stiff:
@@ -85,14 +83,14 @@ class StepExecutor:
         require(step.name, step.after)
 
     def plan(self, waypoints: Sequence[Waypoint], speed: float = inf) -> list[Leg]:
-        """Return motions through waypoints that are known together, from the reference at rest.
+        """Plan through one or more waypoints from the reference, which is at rest.
 
         Args:
-            waypoints: At least one.
-            speed: Largest speed of the tool on LIN and CIRC, beside that of the planner [m/s].
+            waypoints: At least one; several are planned as one motion.
+            speed: Speed limit of the tool on LIN and CIRC, besides that of the planner [m/s].
 
         Raises:
-            StepFailed: There are none.
+            StepFailed: The plan is refused.
         """
         planner = self._planner if speed == inf else _limited(self._planner, speed)
         try:
@@ -101,10 +99,10 @@ class StepExecutor:
             raise StepFailed(refusal(error)) from error
 
     def rehearse(self, waypoints: Sequence[Waypoint], q_start: Vector) -> list[Leg]:
-        """Return motions through waypoints from rest at q_start, as `plan` would.
+        """Plan through waypoints from rest at q_start (n,) [rad], as `plan` would.
 
         Raises:
-            PlanError: There are none.
+            PlanError: The plan is refused.
         """
         return self._planned(self._planner, waypoints, q_start)
 
@@ -115,10 +113,7 @@ class StepExecutor:
         return settings.build(self.loop.arm)
 
     def planning_arm(self, q: Vector) -> Arm:
-        """Return the arm that motions from q are planned with: its joint limits have a margin.
-
-        Where q or home is inside that margin, it is the one with the whole range.
-        """
+        """Return the arm with a margin at its joint limits, unless q or home is inside it."""
         return self.loop.arm if self._inner.limit_margin(q) < 0.0 else self._inner
 
     def _planned(self, planner: Planner, waypoints: Sequence[Waypoint], q: Vector) -> list[Leg]:
@@ -129,7 +124,7 @@ class StepExecutor:
 
 
 def _limited(planner: Planner, speed: float) -> Planner:
-    """Return the planner with the speed of the tool bounded; accelerations stay."""
+    """Return the planner with a lower speed limit of the tool and the same accelerations."""
 
     def bounded(profile: PathProfile) -> PathProfile:
         v, a, j = profile.linear

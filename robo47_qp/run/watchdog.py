@@ -1,4 +1,4 @@
-"""Watch: what ends a run at once, wherever its program is."""
+"""Watchdog: bounds that end a run at once."""
 
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
@@ -15,16 +15,16 @@ Bound: TypeAlias = Annotated[float, Range(above=0.0, infinite=True)]
 
 @dataclass(frozen=True, kw_only=True)
 class Watchdog(Checked):
-    """Bounds that are looked at every few control periods. Going on beyond them helps nobody."""
+    """Bounds that are checked every few control periods; a violation ends the run."""
 
     joint_error_max: Bound = 0.2
-    """How far a joint may be from its reference while the arm is stiff [rad or m]."""
+    """Largest distance of a joint from its reference while the arm is stiff [rad or m]."""
     links_force_max: Bound = 1.0
-    """Contact force on the links before the tool at most [N]."""
+    """Largest contact force on the links before the tool [N]."""
     time_limit: Bound = 600.0
-    """How long a run may take [s]."""
+    """Largest duration of a run [s]."""
 
-    def seen(
+    def check(
         self,
         simulation: Simulation,
         arm: Arm,
@@ -33,14 +33,14 @@ class Watchdog(Checked):
         stiff: bool,
         force_max: float,
     ) -> Failure | None:
-        """What is beyond a bound now; None while all is well.
+        """Return the failure if a bound is violated now; None otherwise.
 
         Args:
             simulation: The world.
-            arm: Whose limits are to be kept.
-            reference: What the joints should do now.
-            stiff: Whether the arm is to be where its reference is.
-            force_max: Contact force on the tool at most [N].
+            arm: The arm with its joint limits.
+            reference: Joint reference of this instant.
+            stiff: Whether the arm has to follow its reference.
+            force_max: Largest contact force on the tool [N].
         """
         touched = self._touched(simulation, force_max)
         if touched is not None:
@@ -74,10 +74,10 @@ class Watchdog(Checked):
         force = simulation.last_links_force()
         if force > self.links_force_max:
             return (
-                f"the links before the tool are touched with {force:.1f} N; "
+                f"the contact force on the links before the tool is {force:.1f} N; "
                 f"allowed are {self.links_force_max:.1f} N"
             )
         force = float(np.linalg.norm(simulation.last_tool_force()))
         if force > force_max:
-            return f"the tool is pressed with {force:.1f} N; allowed are {force_max:.1f} N"
+            return f"the contact force on the tool is {force:.1f} N; allowed are {force_max:.1f} N"
         return None

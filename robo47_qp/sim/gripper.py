@@ -25,14 +25,14 @@ class SimulatedGripper:
         self._forces = [data.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
         servo = data.ctrl[self._servo : self._servo + 1]
         self.signals_now = {
-            Signal(name="gripper/fingers", labels=gripper.joints, unit="m"): (
+            Signal(name="gripper/fingers", labels=gripper.joints, unit="m", shown=False): (
                 self._left[:1],
                 self._right[:1],
             ),
             Signal(name="gripper/width_command", labels=("width",), unit="m"): (servo,),
         }
         self.signals_last = {
-            Signal(name=f"gripper/{finger}_contact", labels=XYZ, unit="N"): (force,)
+            Signal(name=f"gripper/{finger}_contact", labels=XYZ, unit="N", shown=False): (force,)
             for finger, force in zip(gripper.fingers, self._forces, strict=True)
         }
         self._open = Grip(width=gripper.width_max, force=gripper.force_max)

@@ -17,3 +17,5 @@ class Signal:
     labels: tuple[str, ...]
     """One per column."""
     unit: str
+    shown: bool = True
+    """False: it only serves to compute others, and the Rerun recording leaves it out."""

@@ -230,11 +230,11 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"episodes": 0}, "--episodes must be 1 or more; found 0"),
-        ({"seed": -1}, "--seed must be 0 or more"),
-        ({"workers": 0}, "--workers must be 1 or more"),
-        ({"failures": -1}, "--failures must be 0 or more"),
-        ({"replay": -1}, "--replay must be 0 or more"),
+        ({"episodes": 0}, "--episodes must be a whole number, 1 or more; found 0"),
+        ({"seed": -1}, "--seed must be a whole number, 0 or more"),
+        ({"workers": 0}, "--workers must be a whole number, 1 or more"),
+        ({"failures": -1}, "--failures must be a whole number, 0 or more"),
+        ({"replay": -1}, "--replay must be a whole number, 0 or more"),
         ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
         ({"time_limit": float("nan")}, "--time-limit must be above 0 and finite"),
         ({"log": Path("eval.json")}, r"--log must be a file that ends with \.rrd"),

@@ -245,7 +245,7 @@ def test_a_file_that_raises_is_told(tmp_path: Path) -> None:
 
 def test_a_policy_that_cannot_be_made_fails_its_episode() -> None:
     unmakeable = PolicyReference(text=f"{TOYS}:UnmakeablePolicy")
-    with pytest.raises(PolicyFailed, match="raised OSError as it was made: no weights"):
+    with pytest.raises(PolicyFailed, match="raised OSError in its constructor: no weights"):
         unmakeable.make()
     result = episode(driver=unmakeable.driver, foreign=True)(SPEC)
     assert (result.cause, result.error) == ("limit", None)

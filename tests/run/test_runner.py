@@ -13,7 +13,7 @@ from robo47_qp.model.arm import JOINT_MARGIN, Arm, JointReference, JointState
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place
-from robo47_qp.run.control_loop import LOAD_CHANGES, TICK_ROWS
+from robo47_qp.run.control_loop import PAYLOAD_RAMP, TICK_ROWS
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Rows
@@ -160,7 +160,7 @@ def test_torques_follow_from_the_belief_the_reference_and_the_state_of_the_row()
             continue
         arm = belief(run, phase.start)
         loaded += arm.payload is not None
-        settled = phase.start + round(LOAD_CHANGES / TIMESTEP)
+        settled = phase.start + round(PAYLOAD_RAMP / TIMESTEP)
         for k in (settled, (phase.start + end) // 2, end - 1):
             q, v, a = (rows[f"joints/{s}_ref"][k] for s in "qva")
             tau = arm.inverse_dynamics(q, v, a)

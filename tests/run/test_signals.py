@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.rerun.reading import read_recording
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows
-from robo47_qp.sim.signal import Signal
+from robo47_qp.sim.signal import POSE_UNIT, Signal
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
@@ -228,18 +230,40 @@ def test_every_recorded_column_is_known_by_name_and_place() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "signal",
-    signals.all_signals(Simulation(PANDA, PickPlace().build_scene)),
-    ids=lambda signal: signal.name,
-)
-def test_every_signal_of_a_run_is_finite_and_has_its_shape(signal: Signal) -> None:
-    """That each comes back from the Rerun file is tested there."""
+WORLD = Simulation(PANDA, PickPlace().build_scene)
+UNITS = {"rad", "m", "s", "N", "N·m", "count"}
+UNITS |= {f"rad/{time}" for time in ("s", "s²")} | {POSE_UNIT}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+    """The rows of a run, read from its Rerun file."""
+    path = tmp_path_factory.mktemp("signals") / "run.rrd"
+    log = RerunLog(path, WORLD.model, PANDA, picked_and_placed().rows.signals)
+    log.write(picked_and_placed().rows)
+    log.finish("done")
+    return read_recording(path).rows
+
+
+def test_a_run_records_every_signal_in_order_and_its_file_those_that_are_shown(
+    recorded: Rows,
+) -> None:
+    every = signals.all_signals(WORLD)
+    assert picked_and_placed().rows.signals == every
+    assert {s.name for s in recorded.signals} == {"time", *(s.name for s in every if s.shown)}
+
+
+@pytest.mark.parametrize("signal", signals.all_signals(WORLD), ids=lambda signal: signal.name)
+def test_every_signal_of_a_run_is_finite_and_has_its_shape(signal: Signal, recorded: Rows) -> None:
     run = picked_and_placed()
-    assert signal in run.rows.signals
     values = run.rows[signal.name]
     assert values.shape == (len(run.rows), len(signal.labels))
+    assert len(set(signal.labels)) == len(signal.labels)
+    assert signal.unit in UNITS
     assert np.isfinite(values).all()
+    if signal.shown:
+        assert signal in recorded.signals
+        np.testing.assert_array_equal(recorded[signal.name], values)
     # No link touches anything, and no motor is at its limit.
     if signal.name not in ("contact/links", "joints/saturated"):
         assert len(np.unique(values)) > 1, "it is never filled"

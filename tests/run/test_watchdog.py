@@ -84,7 +84,10 @@ def test_a_free_way_is_no_collision() -> None:
 
 @pytest.mark.parametrize(
     ("where", "found"),
-    [((0.3, 0.2, 0.45), "the tool is pressed with"), ((0.2, 0.1, 0.85), "the links before")],
+    [
+        ((0.3, 0.2, 0.45), "contact force on the tool is"),
+        ((0.2, 0.1, 0.85), "the links before"),
+    ],
 )
 def test_touching_is_a_collision(where: tuple[float, float, float], found: str) -> None:
     run = carry_out(Past(where=where, force_max=5.0))

@@ -21,16 +21,16 @@ from robo47_qp.stack import ClassicalStack
 
 _Base: TypeAlias = gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]
 _CONFIRMED = 0.3
-"""How long the world must be as the task wants it before an episode ends with success [s]."""
+"""Time for which the verdict must be success before an episode ends with it [s]."""
 _WIDTH, _HEIGHT = 640, 480
 
 
 class TaskEnv(_Base):
-    """A task. The reward is 1 at the end of an episode that succeeded, and 0 otherwise.
+    """A task. The reward is 1 at the end of a successful episode, and 0 otherwise.
 
-    An episode is terminated once the task's verdict has been success for a while, or by a failure:
-    the watch, or an action that cannot be carried out. It is truncated when its time is over. Then
-    the arm comes to rest and the verdict judges, as it judges every other policy. `info` has
+    An episode is terminated once the task's verdict has been success for 0.3 s, or by a failure:
+    the watchdog, or an action that cannot be carried out. It is truncated when its time is over.
+    Then the arm comes to rest and the verdict judges the world, as for every policy. `info` has
     `success`, and at the end `cause` and `evidence` of a failure and the task's `measures`.
     """
 
@@ -52,17 +52,15 @@ class TaskEnv(_Base):
         """Build the scene.
 
         Args:
-            task: What is to be done, or its name; see `load_task`.
-            mode: What actions are: joint positions, tool poses or torques, each with the width;
-                see `ActionScale`.
+            task: The task, or its name; see `load_task`.
+            mode: Kind of actions; see `ActionScale`.
             timing: Actions per second and length of an episode.
-            vary: Whether every episode has a scene of its own (`Task.variant`), as in evaluations.
-            robot: Who does it.
+            vary: Whether every episode has its own scene (`Task.variant`), as in evaluations.
+            robot: The robot.
             render_mode: "rgb_array" for pictures, which need OpenGL.
 
         Raises:
-            InvalidValueError: There is no such mode, or the task is done before it is begun.
-            RenderingError: Pictures are wanted, and the machine cannot draw.
+            InvalidValueError: There is no such mode, or the task is done before it begins.
         """
         self._task: Task = load_task(task)() if isinstance(task, str) else task
         self._timing, self._vary, self._robot = timing or PolicyTiming(), vary, robot
@@ -75,7 +73,7 @@ class TaskEnv(_Base):
         self._build(self._task)
         check_judged(self._task, self._simulation)
         self.scale = ActionScale(self._arm, mode)
-        """Between actions in SI units and vectors of the action space."""
+        """Converts between actions in SI units and vectors of the action space."""
         self.action_space = self.scale.space
         sizes = len(self._simulation.objects), len(self._simulation.markers)
         self._space = observation_space(self._arm, *sizes, self._timing.seconds)
@@ -85,7 +83,7 @@ class TaskEnv(_Base):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Single], dict[str, Any]]:
-        """Start an episode: with a seed, the world that an evaluation has for this seed."""
+        """Start an episode; with a seed, in the world of an evaluation with this seed."""
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
         task = self._task
@@ -116,7 +114,7 @@ class TaskEnv(_Base):
         return self._observed(episode), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture of the scene (480, 640, 3); None without a render mode."""
+        """Return a picture of the scene (480, 640, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         if self._camera is None:
@@ -124,7 +122,7 @@ class TaskEnv(_Base):
         return self._camera.picture(self._simulation.data)
 
     def close(self) -> None:
-        """Free what draws."""
+        """Close the camera."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None

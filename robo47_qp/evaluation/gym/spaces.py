@@ -1,4 +1,4 @@
-"""Spaces of observations and actions for Gymnasium, and the way between them and the policy's."""
+"""Spaces of observations and actions for Gymnasium, and conversions to those of policies."""
 
 from typing import Literal, TypeAlias
 
@@ -12,14 +12,14 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.run.policy.policy import Action, JointTarget, Observation, ToolTarget, Torques
 
 Mode: TypeAlias = Literal["joints", "tool", "torques"]
-"""What the numbers of an action are."""
+"""Kind of an action."""
 Single: TypeAlias = NDArray[np.float32]
 _REACH, _FAR = 1.5, 10.0
-"""Where tool targets may lie, and where things may be seen, from the base along each axis [m]."""
+"""Range of tool targets, and of observed positions, from the base along each axis [m]."""
 _FORCE = 500.0
-"""Where the readings of the force saturate [N]."""
+"""Saturation of the observed force [N]."""
 _SPEEDS = 5.0
-"""Where the readings of the velocities saturate, in rated velocities [-]."""
+"""Saturation of the observed velocities, in rated velocities [-]."""
 
 
 class ActionScale:
@@ -28,11 +28,9 @@ class ActionScale:
     def __init__(self, arm: Arm, mode: Mode) -> None:
         """Set the scale.
 
-        Args:
-            arm: -1 and 1 are its limits; for a tool pose, 1.5 m from the base along each axis,
-                and the quaternion as it is, made a unit one.
-            mode: What the first numbers are. The last is the width, if there is a gripper: -1
-                for closed, 1 for fully open.
+        -1 and 1 are the limits of the arm; for a tool pose, 1.5 m from the base along each axis,
+        with a quaternion that is normalised. If there is a gripper, the last number is its width:
+        -1 for closed, 1 for fully open.
 
         Raises:
             InvalidValueError: There is no such mode.
@@ -54,15 +52,15 @@ class ActionScale:
         self.space = spaces.Box(-1.0, 1.0, shape=(len(low),), dtype=np.float32)
 
     def numbers(self, vector: ArrayLike) -> Single:
-        """The vector of the space that stands for quantities in SI units, with the width."""
+        """Return the vector of the space for quantities in SI units, with the width."""
         numbers: Single = ((np.asarray(vector) - self._middle) / self._half).astype(np.float32)
         return numbers
 
     def action(self, numbers: ArrayLike) -> Action:
-        """The action that a vector of the space stands for; its numbers are not checked.
+        """Return the action for a vector of the space; its numbers are not checked.
 
         Raises:
-            InvalidValueError: The shape is another one.
+            InvalidValueError: The shape is wrong.
         """
         if np.shape(numbers) != self.space.shape:
             raise InvalidValueError("shape of an action", np.shape(numbers), str(self.space.shape))
@@ -81,7 +79,7 @@ class ActionScale:
 
 
 def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
-    """The fields of `Observation`; objects and markers are rows in the order of the scene."""
+    """Return the space of `Observation`, with objects and markers as rows in the scene's order."""
     robot = arm.robot
     room = 0.1 * (arm.q_max - arm.q_min)
     v_max = _SPEEDS * robot.rated.v_max
@@ -107,7 +105,7 @@ def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> s
 
 
 def numbers_of(observation: Observation, space: spaces.Dict) -> dict[str, Single]:
-    """The observation as an element of the space; readings saturate at its bounds.
+    """Return an observation as an element of the space, clipped to its bounds.
 
     Raises:
         InvalidValueError: The scene has another number of objects or markers.

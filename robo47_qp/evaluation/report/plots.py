@@ -70,10 +70,8 @@ def _spread(axes: Axes, results: Sequence[EpisodeResult], metric: str, label: st
     """Plot the distribution of a metric over successful and failed episodes."""
     groups = {}
     for success, name in ((True, "succeeded"), (False, "failed")):
-        values = [
-            r.metrics[metric] for r in results if r.success is success and metric in r.metrics
-        ]
-        if values:
+        held = [r.metrics for r in results if r.success is success]
+        if values := [figures[metric] for figures in held if metric in figures]:
             groups[name] = values
     if groups:
         colours = [_GOOD if name == "succeeded" else _BAD for name in groups]

@@ -1,4 +1,4 @@
-"""EvaluationReport: what an evaluation found, and comparisons of policies on the same seeds."""
+"""EvaluationReport: results of an evaluation, and comparisons of policies on the same seeds."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,9 @@ from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_di
 from robo47_qp.report.run_report import versions
 
 CYCLE = "cycle_time_s"
-"""The metric that comparisons look at."""
+"""The metric of comparisons."""
 PAIRED = ("task", "robot", "perturbation")
-"""Settings that two evaluations must share, or their episodes are not pairs."""
+"""Settings that paired evaluations share."""
 _SHARED = (*PAIRED, "code")
 
 
@@ -83,7 +83,7 @@ class UnequalEpisode:
     evidence: str
     step: str | None
     time: float | None
-    """When the failure was seen, in simulated time [s]."""
+    """Simulated time of the failure [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,9 +341,8 @@ def check_paired(
     """
     for name in PAIRED:
         if settings.get(name) != other.settings.get(name):
-            raise InvalidValueError(
-                "--against", f"one with another {name}", "a result of the same task and world"
-            )
+            found, expected = f"one with another {name}", "a result of the same task and world"
+            raise InvalidValueError("--against", found, expected)
     if not {result.seed for result in other.results}.intersection(seeds):
         raise InvalidValueError("--against", "one without any of these seeds", "of the same seeds")
 
@@ -354,9 +353,8 @@ def _cycle_times(pairs: Sequence[tuple[EpisodeResult, EpisodeResult]]) -> CycleT
         for x, y in pairs
         if x.success and y.success and CYCLE in x.metrics and CYCLE in y.metrics
     ]
-    return CycleTimes(
-        episodes=len(both), median_difference=float(np.median(both)) if both else None
-    )
+    median = float(np.median(both)) if both else None
+    return CycleTimes(episodes=len(both), median_difference=median)
 
 
 def _unequal(a: EpisodeResult, b: EpisodeResult) -> UnequalEpisode:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Protocol
 
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import CheckedOptions, Count, Positive
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
 from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for
 
 _START_TIMEOUT = 300.0
-"""How long a worker may take to get ready, for instance to load a large policy [s]."""
+"""Time limit until a worker is ready, for instance with a large policy [s]."""
 
 
 def cores() -> int:
@@ -24,17 +24,17 @@ def cores() -> int:
 
 
 class Executor(Protocol):
-    """Runs episodes somewhere."""
+    """Runs episodes in parallel."""
 
     @property
     def workers(self) -> int:
-        """Episodes that run at once."""
+        """Number of episodes at once."""
         ...
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         """Run episodes, in any order, and yield one result for each.
 
-        An episode that takes too long, or whose process dies, has a result that says so.
+        An episode that takes too long, or whose process dies, has a failure as its result.
 
         Raises:
             WorkerError: No worker can be started.
@@ -43,24 +43,13 @@ class Executor(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalProcesses:
+class LocalProcesses(CheckedOptions):
     """Worker processes of this machine, single-threaded, each with an interpreter of its own."""
 
-    workers: int
-    """Processes at once."""
-    timeout: float
-    """Wall time of an episode, after which its process is killed and replaced [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidValueError: One is not positive.
-        """
-        if self.workers < 1:
-            raise InvalidValueError("--workers", self.workers, "1 or more")
-        if not self.timeout > 0.0:
-            raise InvalidValueError("--timeout", self.timeout, "above 0")
+    workers: Count
+    """Number of processes."""
+    timeout: Positive
+    """Wall time limit of an episode [s]; its process is then killed and replaced."""
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         """See `Executor.run`; the workers end when the iterator is closed."""

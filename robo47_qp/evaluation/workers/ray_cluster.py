@@ -10,24 +10,25 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from robo47_qp.errors import InvalidValueError, MissingExtraError
+from robo47_qp.arrays import CheckedOptions, Count, Positive
+from robo47_qp.errors import MissingExtraError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
 from robo47_qp.evaluation.workers.worker import ENVIRONMENT, WorkerError, run_guarded
 
 _START_TIMEOUT = 300.0
-"""How long an actor may take to get ready [s]."""
-_LOOK = 0.5
-"""How often episodes that take too long are looked for [s]."""
+"""Time limit until an actor is ready [s]."""
+_POLL = 0.5
+"""Period of the check for episodes that take too long [s]."""
 
 
 class _Actor:
-    """One process, one episode after the other."""
+    """A process that runs one episode after the other."""
 
     def __init__(self, episode: Episode) -> None:
         self._episode = episode
 
     def ready(self) -> None:
-        """Answers once the actor is there."""
+        """Return once the actor has started."""
 
     def run(self, spec: EpisodeSpec) -> EpisodeResult:
         return run_guarded(self._episode, spec)
@@ -35,7 +36,7 @@ class _Actor:
 
 @dataclass(kw_only=True)
 class _Job:
-    """What an actor is at."""
+    """What an actor does now."""
 
     actor: Any
     spec: EpisodeSpec | None
@@ -44,36 +45,34 @@ class _Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RayCluster:
+class RayCluster(CheckedOptions):
     """Actors of the Ray cluster that RAY_ADDRESS names, or of one started on this machine."""
 
-    workers: int
-    """Actors at once, each with a processor of its own."""
-    timeout: float
-    """Wall time of an episode, after which its actor is killed and replaced [s]."""
+    workers: Count
+    """Number of actors, each with a processor of its own."""
+    timeout: Positive
+    """Wall time limit of an episode [s]; its actor is then killed and replaced."""
 
     def __post_init__(self) -> None:
-        """Check that Ray is there.
+        """Check the numbers, and that Ray is installed.
 
         Raises:
             MissingExtraError: It is not.
-            InvalidValueError: There are no workers.
+            InvalidValueError: A number is out of range.
         """
-        if self.workers < 1:
-            raise InvalidValueError("--workers", self.workers, "1 or more")
+        super().__post_init__()
         _ray()
 
     def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
         """See `Executor.run`."""
         ray = _ray()
-        path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
         joined = "RAY_ADDRESS" in os.environ
+        path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
+        # Nodes of a real cluster have the package installed in places of their own.
+        variables = ENVIRONMENT if joined else {**ENVIRONMENT, "PYTHONPATH": path}
         ray.init(
             num_cpus=None if joined else self.workers,
-            # Nodes of a real cluster have the package installed in places of their own.
-            runtime_env={
-                "env_vars": ENVIRONMENT if joined else {**ENVIRONMENT, "PYTHONPATH": path}
-            },
+            runtime_env={"env_vars": variables},
             include_dashboard=None if joined else False,
             log_to_driver=False,
             logging_level="ERROR",
@@ -99,7 +98,7 @@ class _Pool:
 
     def results(self) -> Iterator[EpisodeResult]:
         while self._jobs:
-            done, _ = self._ray.wait(list(self._jobs), num_returns=1, timeout=_LOOK)
+            done, _ = self._ray.wait(list(self._jobs), num_returns=1, timeout=_POLL)
             now = monotonic()
             late = [r for r, job in self._jobs.items() if r not in done and now > job.deadline]
             for reference in (*done, *late):

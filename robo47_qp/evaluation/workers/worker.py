@@ -17,15 +17,13 @@ from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, er
 from robo47_qp.run.foreign_code import Guard
 
 READY = "ready"
-"""Message of a worker that is ready; any other message is why it cannot start."""
+"""Message of a worker that is ready; any other one says why it cannot start."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 ENVIRONMENT = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
 """Environment of workers: numerical libraries use one thread, and glibc returns large blocks at
 once. Otherwise MuJoCo's arenas of 14 MB fragment the heap, which grows beyond 1 GB."""
 _ABANDONED = 3
 """Exit code of a worker whose parent has died."""
-Died = str
-"""How a worker died."""
 
 
 class WorkerError(Robo47Error):
@@ -60,7 +58,7 @@ class Worker:
         """The episode; None while the process starts or is idle."""
         self.ready = False
         self.deadline = monotonic() + start_timeout
-        """When its time is over, by `time.monotonic`."""
+        """End of its time limit, by `time.monotonic`."""
 
     @property
     def signs(self) -> tuple[Connection, int]:
@@ -76,8 +74,8 @@ class Worker:
         except OSError:
             return
 
-    def heard(self) -> EpisodeResult | Died | None:
-        """Return a result, how the process died, or None if there is no news.
+    def heard(self) -> EpisodeResult | str | None:
+        """Return a result, or how the process died, or None if there is nothing new.
 
         Raises:
             WorkerError: The process could not start.
@@ -106,7 +104,7 @@ class Worker:
         self._process.join()
         self.connection.close()
 
-    def _death(self) -> Died:
+    def _death(self) -> str:
         self._process.join()
         code = self._process.exitcode or 0
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
@@ -116,7 +114,7 @@ class Worker:
 
 
 def wait_for(workers: list[Worker]) -> None:
-    """Wait until one of them has a message, or its time is over."""
+    """Wait until one of them has a message, has died, or is out of time."""
     left = min(worker.deadline for worker in workers) - monotonic()
     signs: list[Any] = [sign for worker in workers for sign in worker.signs]
     connection.wait(signs, timeout=max(0.0, left))
@@ -124,7 +122,7 @@ def wait_for(workers: list[Worker]) -> None:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Give processes that are started inside the environment of workers."""
+    """Start processes in the environment of workers."""
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     try:
@@ -138,7 +136,7 @@ def _environment() -> Iterator[None]:
 
 
 def _work(link: Connection, payload: bytes) -> None:
-    """Run in the process: an episode for every spec, until the parent ends."""
+    """Run an episode for every spec that arrives, until the parent process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
     # Policies may print, but the standard output belongs to the parent, which writes JSON to it.

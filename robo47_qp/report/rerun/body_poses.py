@@ -14,21 +14,15 @@ class BodyPoses:
     """Forward kinematics of a scene for the rows of a recording."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Look up the addresses of the recorded signals in `qpos`.
-
-        Args:
-            model: The scene.
-            robot: The robot in it.
-        """
+        """Look up the addresses of the recorded signals in the `qpos` of a scene."""
         self._model, self._data = model, mujoco.MjData(model)
-        objects = free_bodies(model)
         self._sources: list[tuple[str, list[int]]] = [
             ("joints/q", [_address(model, name) for name in robot.joints])
         ]
         if robot.gripper is not None:
             fingers = [_address(model, name) for name in robot.gripper.joints]
             self._sources.append(("gripper/fingers", fingers))
-        for name in objects:
+        for name in free_bodies(model):
             first = int(model.jnt_qposadr[model.body(name).jntadr[0]])
             self._sources.append((f"objects/{name}", list(range(first, first + 7))))
         self.fixed = tuple(np.flatnonzero(model.body_weldid == 0).tolist())
@@ -44,11 +38,7 @@ class BodyPoses:
         return d.xpos[bodies], d.xquat[bodies]
 
     def of_moving(self, rows: Rows, picked: NDArray[np.intp]) -> tuple[Matrix, Matrix]:
-        """Return the poses of the moving bodies in some of the rows.
-
-        Args:
-            rows: Rows of all signals.
-            picked: Indices of the N rows.
+        """Return the poses of the moving bodies in the rows with the indices `picked` (N,).
 
         Returns:
             Positions (N, moving, 3) [m] and quaternions wxyz (N, moving, 4).

@@ -24,7 +24,7 @@ class SignalColumn:
     """Converts a signal to a column: signal "joints/q" becomes component "joints:q"."""
 
     def __init__(self, signal: Signal) -> None:
-        """Prepare what does not change from chunk to chunk."""
+        """Prepare the descriptor of the column."""
         self._name, self._width = signal.name, len(signal.labels)
         self._descriptor = _descriptor(signal.name)
 

@@ -28,10 +28,10 @@ from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 FRAME_RATE = 60.0
-"""Pictures of the scene per second [1/s]."""
+"""Poses of the scene per second [1/s]."""
 FLUSH_INTERVAL = 1.0
-"""Time between two checks that the file is still being written [s]. Rerun writes in the background;
-flushing only finds errors, and costs as much as half a chunk."""
+"""Time between two checks for write errors [s]. Rerun writes in the background; flushing only finds
+errors, and costs as much as half a chunk."""
 _ROOT = "tf#/"
 """Rerun's name of the world frame, in which the 3-D view is drawn."""
 _AXES = np.eye(3) * 0.06
@@ -62,7 +62,7 @@ class RerunLog(Observer):
             model: The scene.
             robot: The robot in it.
             signals: The signals of the rows.
-            live: Also show the recording in a viewer on this machine.
+            live: Also show the recording in a local viewer.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -72,7 +72,7 @@ class RerunLog(Observer):
         page = layout.blueprint(robot)
         self._stream = RerunStream(path, f"robo47_qp {robot.name}", page, viewer)
         self._poses = BodyPoses(model, robot)
-        self._columns = [SignalColumn(signal) for signal in signals if _is_shown(signal.name)]
+        self._columns = [SignalColumn(signal) for signal in signals if signal.shown]
         self._limits = limit_columns(model, robot)
         self._unit = robot.unit("rad", "m")
         self._markers: dict[str, Vector] = {}
@@ -97,7 +97,7 @@ class RerunLog(Observer):
         if self._now >= self._next_flush:
             self._next_flush = self._now + FLUSH_INTERVAL
             self._draw_limits(times[[0, -1]])
-            # The previous chunk has been written by now: there is nothing to wait for.
+            # The previous chunk has been written by now: flushing does not wait.
             if not self._stream.flush(self._now):
                 self.note(self._now, "the viewer was closed; the recording continues", "WARN")
         self._stream.send(layout.SIGNALS, times, [column.of(rows) for column in self._columns])
@@ -105,13 +105,7 @@ class RerunLog(Observer):
         self._now = float(times[-1])
 
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        """Draw a leg that starts now, and note how it was planned.
-
-        Args:
-            time: Now [s].
-            leg: The leg.
-            tool_path: Its tool positions (N, 3) [m].
-        """
+        """Draw a leg with its tool positions (N, 3) [m], and log how it was planned."""
         waypoint, ik = leg.waypoint, leg.ik
         colour = waypoint.motion.type.colour
         # Dashed and thick, so that the thin line of the tool is visible in between.
@@ -222,11 +216,6 @@ class RerunLog(Observer):
             strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
             lines = rr.LineStrips3D.columns(strips=strips)
             self._stream.send(layout.PATH, times[-len(strips) :], list(lines))
-
-
-def _is_shown(signal: str) -> bool:
-    """Return whether a signal is recorded: those that only serve to compute others are not."""
-    return signal not in {"time", "phase", "gripper/fingers"} and not signal.endswith("_contact")
 
 
 def _frame(T: Matrix) -> rr.Arrows3D:

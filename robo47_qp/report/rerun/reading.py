@@ -88,20 +88,13 @@ def _run(path: Path, chunks: Sequence[Chunk]) -> RecordedRun:
     signals, phases, events, summary = found.values()
     texts = _listed(summary, "TextDocument:text")
     starts = zip(_times(phases).tolist(), _listed(phases, "StateChange:state"), strict=True)
-    lines = zip(
-        _times(events).tolist(),
-        _listed(events, "TextLog:level"),
-        _listed(events, "TextLog:text"),
-        strict=True,
-    )
+    levels, lines = (_listed(events, f"TextLog:{name}") for name in ("level", "text"))
+    told = zip(_times(events).tolist(), levels, lines, strict=True)
     # Rerun's own tools may change the order of chunks.
     return RecordedRun(
         rows=_rows(path, signals),
         phases=sorted(starts, key=itemgetter(0)),
-        notes=[
-            Note(time=t, level=level, text=text)
-            for t, level, text in sorted(lines, key=itemgetter(0))
-        ],
+        notes=[Note(time=t, level=s, text=line) for t, s, line in sorted(told, key=itemgetter(0))],
         summary=texts[0] if texts else None,
     )
 

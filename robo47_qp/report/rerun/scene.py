@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
@@ -63,8 +63,14 @@ def _colours(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
     return colours
 
 
-def _quaternions(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
-    return xyzw(model.geom_quat[geoms])
+def _placed(model: mujoco.MjModel, geoms: _Ids) -> dict[str, Any]:
+    """Return the arguments that archetypes of solids share."""
+    return {
+        "centers": model.geom_pos[geoms],
+        "quaternions": xyzw(model.geom_quat[geoms]),
+        "colors": _colours(model, geoms),
+        "fill_mode": "solid",
+    }
 
 
 def _z_axes(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
@@ -74,13 +80,7 @@ def _z_axes(model: mujoco.MjModel, geoms: _Ids) -> Matrix:
 
 
 def _boxes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
-    return rr.Boxes3D(
-        half_sizes=model.geom_size[geoms],
-        centers=model.geom_pos[geoms],
-        quaternions=_quaternions(model, geoms),
-        colors=_colours(model, geoms),
-        fill_mode="solid",
-    )
+    return rr.Boxes3D(half_sizes=model.geom_size[geoms], **_placed(model, geoms))
 
 
 def _planes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
@@ -88,37 +88,20 @@ def _planes(model: mujoco.MjModel, geoms: _Ids) -> Shape:
     half_sizes = model.geom_size[geoms].astype(np.float64)
     half_sizes[half_sizes == 0.0] = _ENDLESS
     half_sizes[:, 2] = _THICKNESS / 2
-    return rr.Boxes3D(
-        half_sizes=half_sizes,
-        centers=model.geom_pos[geoms] - _z_axes(model, geoms) * _THICKNESS / 2,
-        quaternions=_quaternions(model, geoms),
-        colors=_colours(model, geoms),
-        fill_mode="solid",
-    )
+    below = model.geom_pos[geoms] - _z_axes(model, geoms) * _THICKNESS / 2
+    return rr.Boxes3D(half_sizes=half_sizes, **{**_placed(model, geoms), "centers": below})
 
 
 def _ellipsoids(model: mujoco.MjModel, geoms: _Ids) -> Shape:
     half_sizes = model.geom_size[geoms].astype(np.float64)
     spheres = model.geom_type[geoms] == _Kind.mjGEOM_SPHERE
     half_sizes[spheres] = half_sizes[spheres, :1]
-    return rr.Ellipsoids3D(
-        half_sizes=half_sizes,
-        centers=model.geom_pos[geoms],
-        quaternions=_quaternions(model, geoms),
-        colors=_colours(model, geoms),
-        fill_mode="solid",
-    )
+    return rr.Ellipsoids3D(half_sizes=half_sizes, **_placed(model, geoms))
 
 
 def _cylinders(model: mujoco.MjModel, geoms: _Ids) -> Shape:
-    return rr.Cylinders3D(
-        lengths=2 * model.geom_size[geoms, 1],
-        radii=model.geom_size[geoms, 0],
-        centers=model.geom_pos[geoms],
-        quaternions=_quaternions(model, geoms),
-        colors=_colours(model, geoms),
-        fill_mode="solid",
-    )
+    radii, lengths = model.geom_size[geoms, 0], 2 * model.geom_size[geoms, 1]
+    return rr.Cylinders3D(lengths=lengths, radii=radii, **_placed(model, geoms))
 
 
 def _capsules(model: mujoco.MjModel, geoms: _Ids) -> Shape:
@@ -128,7 +111,7 @@ def _capsules(model: mujoco.MjModel, geoms: _Ids) -> Shape:
         lengths=2 * half[:, 0],
         radii=model.geom_size[geoms, 0],
         translations=model.geom_pos[geoms] - _z_axes(model, geoms) * half,
-        quaternions=_quaternions(model, geoms),
+        quaternions=xyzw(model.geom_quat[geoms]),
         colors=_colours(model, geoms),
         fill_mode="solid",
     )

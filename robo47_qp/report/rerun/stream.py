@@ -39,9 +39,9 @@ class RerunStream:
 
         Args:
             path: The file; its folders are created, an existing file is replaced.
-            application: Recordings of the same application share a layout in the viewer.
-            blueprint: The layout that the recording opens with.
-            viewer: URL of a viewer that gets the same data.
+            application: Recordings of one application share their layout in the viewer.
+            blueprint: The layout.
+            viewer: URL of a viewer that receives the same data.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -87,12 +87,7 @@ class RerunStream:
             stream.log(entity, *archetypes, static=time is None)
 
     def send(self, entity: str, times: Vector, columns: Sequence[rr.ComponentColumn]) -> None:
-        """Log many instants at once.
-
-        Args:
-            entity: Where.
-            times: The instants (N,) [s].
-            columns: Columns of N entries.
+        """Log columns of N entries at N times [s].
 
         Raises:
             RecordingError: The recording is closed.
@@ -113,15 +108,12 @@ class RerunStream:
             stream.send_columns(entity, [index], columns)
 
     def require_room(self, until: float) -> None:
-        """Close the file while this is still possible, if disk space runs out.
+        """Close the file if disk space runs out: on a full disk, a message would be cut off.
 
-        On a full disk the SDK stops in the middle of a message.
-
-        Args:
-            until: The instant up to which there are rows [s], for messages.
+        `until` is the time of the last row [s], for messages, here and below.
 
         Raises:
-            RecordingError: There is hardly any disk space left.
+            RecordingError: Hardly any disk space is left.
         """
         left = free_space(self.path)
         if left < _RESERVE:
@@ -133,13 +125,7 @@ class RerunStream:
             )
 
     def flush(self, until: float) -> bool:
-        """Wait until all data is in the file.
-
-        Args:
-            until: The instant up to which there are rows [s], for messages.
-
-        Returns:
-            False if the viewer was dropped now.
+        """Wait until all data is in the file; return False if the viewer was dropped now.
 
         Raises:
             RecordingError: Some data could not be written.
@@ -160,9 +146,6 @@ class RerunStream:
 
     def finish(self, until: float) -> None:
         """Write the end of the file and check that it is there.
-
-        Args:
-            until: The instant up to which there are rows [s], for messages.
 
         Raises:
             RecordingError: The file is not complete.
@@ -186,7 +169,7 @@ class RerunStream:
             stream.disconnect()
 
     def _streams(self) -> list[rr.RecordingStream]:
-        """The file and, while there is one, the viewer."""
+        """Return the file and, if there is one, the viewer."""
         if self._file is None:
             raise RecordingError(f"{self.path} is closed; nothing more can be recorded in it.")
         return [self._file] if self._viewer is None else [self._file, self._viewer]
@@ -215,8 +198,8 @@ class RerunStream:
 def _abandon(stream: rr.RecordingStream) -> None:
     """Keep a failed stream alive and untouched until the process ends.
 
-    Closing it, deleting it, and the shutdown of the SDK at exit may wait forever for the writer
-    thread, which died of the error, or for a viewer that hangs (rerun-sdk 0.41).
+    Closing or deleting it, and the shutdown of the SDK at exit, may wait forever for the writer
+    thread, which the error ended, or for a viewer that hangs (rerun-sdk 0.41).
     """
     atexit.unregister(rr.rerun_shutdown)
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))

@@ -1,4 +1,4 @@
-"""A Rerun viewer on this machine, reachable from this machine only."""
+"""A local Rerun viewer, which listens to this machine only."""
 
 import os
 import signal
@@ -8,23 +8,21 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import IO
 
 from robo47_qp.errors import RecordingError, RenderingError
 
 _HOST, _PORT = "127.0.0.1", 9876
 _PATIENCE = 10.0
-"""How long a viewer may take to open its port [s]."""
+"""Time limit until a viewer opens its port [s]."""
 _SETTLED, _PAUSE = 1.0, 0.05
-"""How long a viewer must listen to count as there, and time between two looks [s]."""
+"""Time a viewer must listen before it counts as started, and period of the check [s]."""
 _STARTED: list[subprocess.Popen[bytes]] = []
-"""Viewers that run on: Python complains of a running process that nothing refers to."""
+"""Started viewers: Python warns of a running process without a reference."""
 
 
 def viewer_url(port: int = _PORT) -> str:
-    """Where to send data for a viewer, which is started if none listens.
-
-    Args:
-        port: Port of the viewer.
+    """Return the URL of a viewer at a port; one is started if none listens.
 
     Raises:
         RenderingError: No viewer listens and none can be started.
@@ -49,9 +47,7 @@ def open_recording(path: Path) -> None:
         except OSError as error:
             raise _failed(f"{_program()} cannot be started ({error.strerror})") from error
         if done.returncode not in (0, -signal.SIGINT):
-            log.seek(0)
-            words = _last_words(log.read().decode(errors="replace"))
-            raise _failed(f"it ended with code {done.returncode}{words}")
+            raise _ended(done.returncode, log)
 
 
 def _program() -> str:
@@ -83,9 +79,7 @@ def _start(port: int) -> None:
         deadline, listening = time.monotonic() + _PATIENCE, 0.0
         while time.monotonic() < deadline:
             if viewer.poll() is not None:
-                log.seek(0)
-                words = _last_words(log.read().decode(errors="replace"))
-                raise _failed(f"it ended with code {viewer.returncode}{words}")
+                raise _ended(viewer.returncode, log)
             # It opens its port before its window, and ends if there can be no window.
             listening = listening + _PAUSE if _listens(port) else 0.0
             if listening >= _SETTLED:
@@ -97,9 +91,11 @@ def _start(port: int) -> None:
     raise _failed(f"it did not open port {port} within {_PATIENCE:.0f} s")
 
 
-def _last_words(log: str) -> str:
-    lines = log.strip().splitlines()
-    return f": {lines[-1].rsplit(': ')[-1].rstrip('.')}" if lines else ""
+def _ended(code: int, log: IO[bytes]) -> RenderingError:
+    log.seek(0)
+    lines = log.read().decode(errors="replace").strip().splitlines()
+    reason = f": {lines[-1].rsplit(': ')[-1].rstrip('.')}" if lines else ""
+    return _failed(f"it ended with code {code}{reason}")
 
 
 def _failed(reason: str) -> RenderingError:

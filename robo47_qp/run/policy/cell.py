@@ -1,4 +1,4 @@
-"""PolicyCell: what a policy sees of a scenario, and what becomes of its actions."""
+"""PolicyCell: observations for a policy, and its actions carried out."""
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
@@ -11,24 +11,23 @@ from robo47_qp.run.policy.policy import (
     Observation,
     ToolTarget,
     Torques,
-    checked_action,
     grip_of,
     vector_of,
 )
 
 
 class PolicyCell:
-    """A control loop seen from a policy: observations out, actions in."""
+    """A control loop as a policy sees it: observations out, actions in."""
 
     def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
+        """Use a control loop."""
         self._loop = loop
         self._joints, self._tool = JointTargets(loop), ToolTargets(loop)
         self._torques = OwnTorques(loop)
         self._grip: Grip | None = None
 
     def observe(self) -> Observation:
-        """What the policy may know now: sensors and camera, not the truth."""
+        """Return the current readings of sensors and camera."""
         sim, arm = self._loop.sim, self._loop.arm
         state = sim.state()
         return Observation(
@@ -42,15 +41,11 @@ class PolicyCell:
             markers={name: vector_of(sim.marker_pose(name)) for name in sim.markers},
         )
 
-    def checked(self, action: object) -> Action:
-        """See `checked_action`."""
-        return checked_action(action, self._loop.arm)
-
     def carry_out(self, action: Action, periods: int) -> None:
-        """Do what a checked action asks for a number of control periods.
+        """Carry out a checked action for a number of control periods.
 
         Raises:
-            PlanError, InvalidValueError: The arm cannot go there from how it moves now.
+            PlanError, InvalidValueError: The arm cannot get there from its current motion.
             Aborted: See `ControlLoop.track`.
         """
         self._move_fingers(action)
@@ -70,14 +65,14 @@ class PolicyCell:
         except PlanError:
             if not self._tool.leads:
                 raise
-            # Too fast to turn round within the limits and the jerk: the stream brakes first.
+            # Too fast to reverse within the limits and the jerk: the stream brakes first.
             self._tool.go(None, periods)
 
     def rest(self) -> None:
-        """Come to rest, under the controller.
+        """Come to rest under the controller.
 
         Raises:
-            PlanError: The arm is so fast that it leaves its limits however it brakes.
+            PlanError: The arm is too fast to stop inside its limits.
             Aborted: See `ControlLoop.track`.
         """
         self._torques.leave()

@@ -1,7 +1,7 @@
 """Drivers of a run in place of the task's program: a policy, or one action at a time."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from robo47_qp.arrays import Checked, Positive, Range
 from robo47_qp.constants import TIMESTEP
@@ -10,33 +10,35 @@ from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import Guard
 from robo47_qp.run.policy.cell import PolicyCell
-from robo47_qp.run.policy.policy import Action, Observation, Policy
+from robo47_qp.run.policy.policy import Action, Observation, Policy, checked_action
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
+DecisionRate: TypeAlias = Annotated[float, Range(above=0.0, at_most=1.0 / TIMESTEP)]
+
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyTiming(Checked):
-    """How often a policy decides, and for how long."""
+    """Rate of a policy's decisions, and length of an episode."""
 
-    rate: Annotated[float, Range(above=0.0, at_most=1.0 / TIMESTEP)] = 30.0
-    """Decisions per second, at most one in every control period [1/s]."""
+    rate: DecisionRate = 30.0
+    """Decisions per second, at most one per control period [1/s]."""
     seconds: Positive = 30.0
-    """Simulated time of an episode, if the policy does not end it before [s]."""
+    """Longest simulated time of an episode [s]."""
 
     def decision(self, k: int) -> int:
-        """Control period at which decision k (from 0) is due; at most that of the end."""
+        """Return the control period of decision k (from 0), at most that of the end."""
         return min(round(k / (self.rate * TIMESTEP)), round(self.seconds / TIMESTEP))
 
 
 def check_judged(task: Task, simulation: Simulation) -> None:
-    """Check that a task is to be done: not all is well at its start, where this puts the world.
+    """Reset the world, and check that the task is not already done at its start.
 
     Raises:
-        InvalidValueError: The verdict is success before anything has moved. What counts may be a
-            condition of the task's own program: `Task.monitor` is where to judge it for everybody.
+        InvalidValueError: The verdict is success before anything has moved. Conditions of the
+            task's own program that a policy must meet, too, belong in `Task.monitor`.
     """
     simulation.reset()
     task.reset(simulation, None)
@@ -46,21 +48,15 @@ def check_judged(task: Task, simulation: Simulation) -> None:
 
 
 class PolicyDriver:
-    """Lets a policy move the arm. What comes of it is a run like any other.
+    """Lets a policy move the arm, in a run like any other.
 
-    The episode ends when the policy says so, when its time is over, when the policy does what no
-    policy may (it raises, or its answer is not a valid action), or when the watchdog ends it. Then
-    the arm comes to rest, and the task's own verdict judges the world: what the task asks for at
-    the end, an arm at home or an open gripper, it asks of a policy, too.
+    The episode ends when the policy returns None, when its time is over, when the policy raises
+    or returns an invalid action, or when the watchdog ends it. Then the arm comes to rest and the
+    task's own verdict judges the world, including its demands on arm and gripper at the end.
     """
 
     def __init__(self, policy: Policy, timing: PolicyTiming | None = None) -> None:
-        """Keep what decides.
-
-        Args:
-            policy: Chooses the actions; the scenario's planner gives the limits of all motions.
-            timing: How often and for how long; by default `PolicyTiming()`.
-        """
+        """Use a policy; the scenario's planner gives the limits of all motions."""
         self._policy, self._timing = policy, PolicyTiming() if timing is None else timing
 
     def drive(self, runner: Runner) -> Failure | None:
@@ -83,7 +79,7 @@ class PolicyDriver:
         while now < end:
             answer = self._answer(loop, cell)
             if answer is None:
-                loop.note("the policy says that all is done")
+                loop.note("the policy ended the episode")
                 return None
             if isinstance(answer, Failure):
                 return answer
@@ -98,12 +94,12 @@ class PolicyDriver:
         return None
 
     def _answer(self, loop: ControlLoop, cell: PolicyCell) -> Action | Failure | None:
-        """Return the policy's answer, checked; a failure where it cannot be carried out."""
+        """Return the policy's checked action, or why it is invalid; None ends the episode."""
         observation = cell.observe()
         with Guard() as guard:
             answer = self._policy.act(observation)
-            # What is no number may raise anything when it is taken for one.
-            return None if answer is None else cell.checked(answer)
+            # Converting an object of a foreign type to numbers may raise anything.
+            return None if answer is None else checked_action(answer, loop.arm)
         error = guard.error
         if isinstance(error, InvalidValueError):
             return _fault(loop, str(error))
@@ -111,10 +107,10 @@ class PolicyDriver:
 
 
 class StepwiseDriver:
-    """A scenario under actions from outside, one at a time; judged as every run is."""
+    """Runs a scenario with actions from a caller, one at a time."""
 
     def __init__(self, scenario: Scenario, simulation: Simulation, timing: PolicyTiming) -> None:
-        """Put the world at the start of the scenario."""
+        """Reset the world to the start of the scenario."""
         self._runner = Runner(scenario, simulation, self)
         self._cell = PolicyCell(self._runner.loop)
         self._task, self._sim = scenario.task, simulation
@@ -127,19 +123,20 @@ class StepwiseDriver:
 
     @property
     def done(self) -> bool:
-        """True while the world is as the task wants it at the end."""
+        """True if the task's verdict is success now."""
         return self._task.verdict(self._sim) is None
 
     def observe(self) -> Observation:
-        """Return what can be known now."""
+        """Return the current observation."""
         return self._cell.observe()
 
     def step(self, action: object) -> Failure | None:
-        """Carry out an action until the next one is due; return what ended the episode, if so."""
+        """Carry out an action until the next one is due; a failure ends the episode."""
         self._decisions += 1
         due = self._timing.decision(self._decisions)
         try:
-            self._cell.carry_out(self._cell.checked(action), due - self._periods)
+            action = checked_action(action, self._runner.loop.arm)
+            self._cell.carry_out(action, due - self._periods)
         except (PlanError, InvalidValueError) as error:
             return Failure(cause=Cause.LIMIT, evidence=str(error), time=self._sim.time)
         except Aborted as aborted:
@@ -152,7 +149,7 @@ class StepwiseDriver:
         return self._runner.finish()
 
     def measures(self) -> dict[str, float]:
-        """Return the task's figures of the world now."""
+        """Return the task's figures of the current state."""
         return self._task.measures(self._sim)
 
     def drive(self, runner: Runner) -> Failure | None:
@@ -164,8 +161,8 @@ class StepwiseDriver:
         return None
 
 
-def _raised(loop: ControlLoop, where: str, error: Exception | SystemExit | None) -> Failure:
-    return _fault(loop, f"it raised {type(error).__name__} in {where}: {error}")
+def _raised(loop: ControlLoop, method: str, error: Exception | SystemExit | None) -> Failure:
+    return _fault(loop, f"it raised {type(error).__name__} in {method}: {error}")
 
 
 def _fault(loop: ControlLoop, what: str) -> Failure:

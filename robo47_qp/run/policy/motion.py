@@ -1,4 +1,4 @@
-"""What the three kinds of actions do with the control loop, for the time until the next one."""
+"""Motions of the three kinds of actions: joint targets, tool targets and torques."""
 
 import numpy as np
 
@@ -15,18 +15,18 @@ from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.policy.policy import pose_of
 
 _ROUNDING = 1e-9
-"""How far rounding may take a position beyond its limit [rad]; it is brought back."""
+"""Rounding error of a position at its limit [rad]; it is clipped."""
 _SMOOTHED = 40
-"""Ticks over which streamed commands are averaged: the lag is 20 ms."""
+"""Control periods over which streamed commands are averaged: a lag of 20 ms."""
 _TAKEOVER = 0.1
-"""How long the controller takes over for, after torques of the policy's own [s]."""
+"""Time over which the controller takes over after torques of the policy [s]."""
 
 
 class JointTargets:
-    """Goes to joint positions that may change at any time, time-optimal with bounded jerk."""
+    """Moves to joint positions that may change at any time, time-optimal with bounded jerk."""
 
     def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
+        """Use a control loop."""
         self._loop = loop
         self._goal: Vector = loop.reference.q
         self._transition: Transition | None = None
@@ -34,10 +34,10 @@ class JointTargets:
         self._done = 0
 
     def go(self, q_goal: Vector, periods: int) -> None:
-        """Go towards joint positions inside the limits (n,) [rad], as fast as the profile allows.
+        """Move towards joint positions inside the limits (n,) [rad] as fast as the profile allows.
 
         Raises:
-            PlanError: The arm is so fast that it leaves its limits however it brakes.
+            PlanError: The arm is too fast to stop inside its limits.
             InvalidValueError: Ruckig finds no motion.
             Aborted: See `ControlLoop.track`.
         """
@@ -57,14 +57,13 @@ class JointTargets:
         beyond = np.maximum(arm.q_min - low, high - arm.q_max)
         if (beyond > _ROUNDING).any():
             i = int(np.argmax(beyond))
-            reason = (
-                f"{arm.robot.joints[i]} is so fast that it leaves its limits by {beyond[i]:.4f}"
-            )
+            joint = arm.robot.joints[i]
+            reason = f"{joint} is so fast that it leaves its limits by {beyond[i]:.4f}"
             raise PlanError("joint target", reason)
         self._transition, self._goal, self._done = transition, q_goal, 0
 
     def _next(self, periods: int) -> Trajectory:
-        """The next part of the motion; at rest at the goal after its end."""
+        """Return the next part of the motion; at rest at the goal after its end."""
         arm, transition, first = self._loop.arm, self._transition, self._done
         states = np.zeros((periods + 1, 3, arm.n))
         states[0] = np.stack(self._loop.reference)
@@ -75,21 +74,21 @@ class JointTargets:
             else:
                 states[k, 0] = self._goal
         self._done += periods
-        q = np.clip(states[:, 0], arm.q_min, arm.q_max)  # of its rounding
+        q = np.clip(states[:, 0], arm.q_min, arm.q_max)  # rounding
         return Trajectory(dt=TIMESTEP, q=q, v=states[:, 1], a=states[:, 2])
 
 
 class ToolTargets:
-    """Goes to tool poses that change whenever they like, by differential inverse kinematics."""
+    """Moves to tool poses that may change at any time, by differential inverse kinematics."""
 
     def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
+        """Use a control loop."""
         self._loop = loop
         self._stream: SmoothStream | None = None
         self._left: JointReference | None = None
 
     def go(self, pose: Vector | None, periods: int) -> None:
-        """Go towards a pose (7,), as in `Observation`; None brakes.
+        """Move towards a pose (7,) as in `Observation`; None brakes.
 
         Raises:
             Aborted: See `ControlLoop.track`.
@@ -104,7 +103,7 @@ class ToolTargets:
 
     @property
     def leads(self) -> bool:
-        """True where the last thing that moved the reference was this."""
+        """True if this moved the reference last."""
         return self._loop.reference is self._left
 
     def _built(self) -> SmoothStream:
@@ -115,10 +114,10 @@ class ToolTargets:
 
 
 class OwnTorques:
-    """Torques of the policy's own. The reference is the state: nothing pulls anywhere."""
+    """Applies torques of the policy; the reference follows the measured state."""
 
     def __init__(self, loop: ControlLoop) -> None:
-        """Keep the loop to act with."""
+        """Use a control loop."""
         self._loop = loop
         self._torque = _RateLimited(loop.arm)
         self._usual: Controller | None = None
@@ -144,20 +143,20 @@ class OwnTorques:
         self._refer_to_state()
 
     def leave(self) -> None:
-        """Let the controller take over where the arm is, if it has not."""
+        """Return control to the usual controller, at the current reference."""
         if self._usual is not None:
             self._loop.control.switch(self._usual, seconds=_TAKEOVER)
             self._usual = None
 
     def _refer_to_state(self) -> None:
         arm, state = self._loop.arm, self._loop.sim.state()
-        # Sensors with noise may say that a joint at its limit is outside.
+        # With noise, a joint at its limit may be measured outside.
         q = np.clip(state.q, arm.q_min, arm.q_max)
         self._loop.take_over(JointReference(q, state.v, np.zeros(arm.n)))
 
 
 class _RateLimited:
-    """A controller that knows nothing but the torque that is wanted, and how fast motors are."""
+    """A controller that applies a given torque within the torque rate of the motors."""
 
     def __init__(self, arm: Arm) -> None:
         self._limit, self._step = arm.robot.tau_max, arm.robot.tau_rate_max * TIMESTEP
@@ -165,7 +164,7 @@ class _RateLimited:
         self._last: Vector = np.zeros(arm.n)
 
     def start(self, tau: Vector) -> None:
-        """Go on from a torque (n,) [N·m]."""
+        """Start from a torque (n,) [N·m]."""
         self._last = np.clip(tau, -self._limit, self._limit)
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:

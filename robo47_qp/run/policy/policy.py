@@ -1,4 +1,4 @@
-"""Check of what a policy answers: every number from outside passes here before anything moves."""
+"""Observations and actions of a policy, and the check of every action before the arm moves."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from robo47_qp.model.robot import Robot
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What a policy may know: plain numbers, copies of its own.
+    """Sensor readings for a policy, as copies.
 
     A pose is a vector (7,): position x, y, z [m], then the quaternion qw, qx, qy, qz, in the
     world, whose origin is the robot's base; `pose_of` makes an SE3 of it.
@@ -29,24 +29,23 @@ class Observation:
     v: Vector
     """Measured joint velocities (n,) [rad/s]."""
     tool: Vector
-    """Pose of the tool by the measured joint positions (7,)."""
+    """Pose of the tool from the measured joint positions (7,)."""
     width: float | None
-    """Opening width of the gripper [m]; None where the robot has none."""
+    """Opening width of the gripper [m]; None without a gripper."""
     force: Vector
-    """Net contact force on the tool as a sensor at the wrist feels it, in the world (3,) [N]."""
+    """Net contact force on the tool as a wrist sensor measures it, in the world (3,) [N]."""
     objects: Mapping[str, Vector]
-    """Poses of the movable objects as the camera sees them, each (7,)."""
+    """Measured poses of the movable objects from the camera, each (7,)."""
     markers: Mapping[str, Vector]
-    """Poses of goals and other marks, each (7,); one that is done with has gone out of sight, to
-    a metre below the base."""
+    """Poses of goals and other markers, each (7,); completed ones are hidden 1 m below the base."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _WithGrip:
     width: float | None = None
-    """Opening width for the fingers to move to [m]; None leaves them at what they do."""
+    """Opening width to move the fingers to [m]; None keeps the last command."""
     grip_force: float | None = None
-    """Force of a finger at most [N]; None for half of what the gripper can."""
+    """Largest force of a finger [N]; None for half the gripper's largest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +58,7 @@ class JointTarget(_WithGrip):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ToolTarget(_WithGrip):
-    """A pose for the tool to go to, by differential inverse kinematics: straight, no planning."""
+    """A tool pose to go to directly, by differential inverse kinematics without planning."""
 
     pose: Vector
     """T_world_tcp as in `Observation` (7,)."""
@@ -67,49 +66,49 @@ class ToolTarget(_WithGrip):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Torques(_WithGrip):
-    """Torques for the motors, without a controller: what holds the arm against gravity, too."""
+    """Motor torques without a controller; they include gravity compensation."""
 
     tau: Vector
-    """(n,), within the motors' limits; reached as fast as the motors can [N·m]."""
+    """(n,), within the motors' limits, and reached at their torque rate [N·m]."""
 
 
 Action: TypeAlias = JointTarget | ToolTarget | Torques
 
 
 class Policy(Protocol):
-    """Decides at a fixed rate. A class that needs no arguments and has these two methods."""
+    """Chooses actions at a fixed rate. Its class is constructed without arguments."""
 
     def reset(self, observation: Observation) -> None:
-        """An episode begins; what was learned of the last one is over."""
+        """Start an episode, and discard the state of the last one."""
         ...
 
     def act(self, observation: Observation) -> Action | None:
-        """What to do until the next time; None where all is done."""
+        """Return the action until the next call; None ends the episode."""
         ...
 
 
 def pose_of(vector: Vector) -> SE3:
-    """The pose that a vector (7,) of an observation stands for."""
+    """Return a pose (7,) of an observation as SE3."""
     return SE3.from_rotation_and_translation(SO3(vector[3:].copy()), vector[:3])
 
 
 def vector_of(pose: SE3) -> Vector:
-    """A pose as observations and actions have it (7,)."""
+    """Return a pose as in observations and actions (7,)."""
     return np.concatenate([pose.translation(), pose.rotation().wxyz])
 
 
 _SINGLE = 1e-6
-"""A number beyond a bound by this part of it is the bound: networks compute in single precision."""
+"""Share of a range by which a number may exceed it, to be clipped: rounding in single precision."""
 _UNIT = 1e-3
-"""How far the length of a quaternion may be from 1; it is made 1."""
+"""Tolerance of the length of a quaternion, which is normalised."""
 
 
 def checked_action(action: object, arm: Arm) -> Action:
-    """An action of the same kind whose numbers are new arrays, finite and within all bounds.
+    """Return a copy of an action, with all numbers finite and within their bounds.
 
     Raises:
-        InvalidValueError: It is no action, a number is not finite or out of range, or a shape is
-            wrong.
+        InvalidValueError: It is not an action, a number is not finite or out of range, or a shape
+            is wrong.
     """
     robot = arm.robot
     if not isinstance(action, JointTarget | ToolTarget | Torques):
@@ -130,7 +129,7 @@ def checked_action(action: object, arm: Arm) -> Action:
 
 
 def grip_of(action: Action, gripper: Gripper) -> Grip | None:
-    """What a checked action asks of the gripper; None where it asks nothing."""
+    """Return the grip command of a checked action; None without one."""
     if action.width is None:
         return None
     force = 0.5 * gripper.force_max if action.grip_force is None else action.grip_force
@@ -138,7 +137,7 @@ def grip_of(action: Action, gripper: Gripper) -> Grip | None:
 
 
 def _checked_grip(action: Action, robot: Robot) -> tuple[float | None, float | None]:
-    """Width and force."""
+    """Return width and force."""
     gripper = robot.gripper
     if gripper is None:
         if action.width is not None or action.grip_force is not None:
@@ -153,7 +152,7 @@ def _checked_grip(action: Action, robot: Robot) -> tuple[float | None, float | N
 
 
 def _number(name: str, value: object, most: float) -> float | None:
-    """A number from 0 to `most`; an array of one number, as networks answer, is one, too."""
+    """Return a number from 0 to `most`; it may come as an array of one number."""
     if value is None:
         return None
     one = np.reshape(value, -1)  # type: ignore[call-overload]

@@ -327,7 +327,7 @@ def test_it_ends_when_the_policy_says_so() -> None:
     assert len(run.rows) == 133 + 300
     assert run.failure is None
     texts = [text for _, text, _ in witness.notes]
-    assert texts == ["the policy says that all is done", "program done", "success"]
+    assert texts == ["the policy ended the episode", "program done", "success"]
 
 
 def test_it_ends_when_its_time_is_over() -> None:
@@ -429,7 +429,7 @@ def test_the_watch_ends_what_must_not_go_on() -> None:
     down = vector_of(tool_down([0.45, 0.0, -0.05]))
     run = follow(Scripted(lambda _: ToolTarget(pose=down)), timing=PolicyTiming(seconds=4.0))
     assert failed(run).cause is Cause.COLLISION
-    assert "the tool is pressed with" in failed(run).evidence
+    assert "the contact force on the tool is" in failed(run).evidence
     assert names(run) == ["tool targets"]
     assert len(run.rows) < 4000
 

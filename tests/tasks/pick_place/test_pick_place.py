@@ -243,7 +243,7 @@ def test_fingers_that_land_on_a_cube_too_wide_for_them_are_stopped() -> None:
     run = carry_out(PickPlace(item=cube(edge=0.1), retries=0))
     assert run.failure is not None
     assert run.failure.cause is Cause.COLLISION
-    assert "the tool is pressed with" in run.failure.evidence
+    assert "the contact force on the tool is" in run.failure.evidence
 
 
 def test_fingers_that_do_not_press_do_not_hold() -> None:
