@@ -26,9 +26,11 @@ def check_writable(path: Path) -> None:
         if new:
             path.unlink()
     except OSError as error:
+        taken = isinstance(error, (FileExistsError, NotADirectoryError))
+        reason = "its folder is a file" if taken else error.strerror
         raise RecordingError(
-            f"{path} cannot be written: {error.strerror}. Name a file in a folder that you may "
-            "write to."
+            f"{path} cannot be written: {reason}. Name a file in a folder that you may write to, "
+            "on a disk that is there."
         ) from error
 
 

@@ -10,11 +10,18 @@ from robo47_qp.cli import LOGS, StackOptions, option_group
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
-from robo47_qp.evaluation.policies import CLASSICAL, Contender, check_different, labels
+from robo47_qp.evaluation.policies import (
+    CLASSICAL,
+    Contender,
+    PolicyReference,
+    check_different,
+    labels,
+)
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.policy.drivers import DecisionRate, PolicyTiming
 from robo47_qp.run.task import Task
+from robo47_qp.stack import ClassicalStack
 
 _PERTURBATIONS = {
     name: (kind, f"{about.text} [{about.unit}].") for name, (_, kind, about) in options().items()
@@ -141,15 +148,15 @@ class EvaluateOptions(CheckedOptions, StackOptions):
         Raises:
             InvalidValueError: A number is out of range.
         """
-        contender = self.contender
+        contender, reference = self.contender, self.contender.reference
         stack = replace(self.stack, ik=contender.ik or self.ik)
-        reference = contender.reference
+        policy: ClassicalStack | PolicyReference = stack
+        if reference is not None:
+            policy = replace(reference, timing=self.timing, stack=stack)
         return PolicyEvaluation(
             task=task,
             robot=robot,
-            policy=stack
-            if reference is None
-            else replace(reference, timing=self.timing, stack=stack),
+            policy=policy,
             name=contender.name,
             perturbation=self.perturbation,
             episodes=self.episodes,

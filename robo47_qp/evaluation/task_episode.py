@@ -94,8 +94,8 @@ def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: floa
     timing = {name: figures.pop(name) for name in WALL if name in figures}
     broken = tuple(finding.signal for finding in audit(run) if not finding.ok)
     more: dict[str, Any] = {
-        "measures": _plain(run.measures),
-        "metrics": _plain({k: v for k, v in figures.items() if k not in run.measures}),
+        "measures": {k: plain(v) for k, v in run.measures.items()},
+        "metrics": {k: plain(v) for k, v in figures.items() if k not in run.measures},
         "audit_ok": not broken,
         "broken_promises": broken,
         "disturbance": wrong,
@@ -105,7 +105,3 @@ def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: floa
     if run.failure is not None:
         return failed(spec, run.failure, **more)
     return EpisodeResult(index=spec.index, seed=spec.seed, success=True, **more)
-
-
-def _plain(figures: dict[str, float]) -> dict[str, object]:
-    return {name: plain(value) for name, value in figures.items()}

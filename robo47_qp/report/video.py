@@ -4,17 +4,15 @@ import os
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.errors import MissingExtraError, RecordingError, RenderingError
 from robo47_qp.run.observers import Observer
 from robo47_qp.sim.simulation import Simulation
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _WIDTH, _HEIGHT, _FRAMES_PER_SECOND = 1280, 720, 30
 
@@ -41,7 +39,7 @@ class OffscreenCamera:
                 "MUJOCO_GL=osmesa. Everything but pictures works without."
             ) from error
 
-    def picture(self, data: mujoco.MjData) -> "NDArray[np.uint8]":
+    def picture(self, data: mujoco.MjData) -> NDArray[np.uint8]:
         """Return an RGB picture of shape (height, width, 3)."""
         self._renderer.update_scene(data, self._camera)
         return self._renderer.render().copy()

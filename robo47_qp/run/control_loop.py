@@ -119,9 +119,8 @@ class ControlLoop:
         if not afresh and self.phases and self.phases[-1].name == name:
             return
         start = len(self.recording)
-        self.phases.append(
-            Phase(name=name, start=start, leg=leg, compliant=compliant, streamed=streamed)
-        )
+        phase = Phase(name=name, start=start, leg=leg, compliant=compliant, streamed=streamed)
+        self.phases.append(phase)
         for observer in self.observers:
             observer.phase(self.sim.time, name)
         if leg is not None and self.observers:
@@ -195,14 +194,10 @@ class ControlLoop:
         rows = self.recording.open_rows(count)
         rows[:, 0] = (len(self.recording) + np.arange(count)) * TIMESTEP
         rows[:, 1] = len(self.phases) - 1
-        rows[:, self._columns.references] = references[first : first + count]
-        for row, q, v, a in zip(
-            rows,
-            trajectory.q[first : first + count],
-            trajectory.v[first : first + count],
-            trajectory.a[first : first + count],
-            strict=True,
-        ):
+        part = slice(first, first + count)
+        rows[:, self._columns.references] = references[part]
+        samples = trajectory.q[part], trajectory.v[part], trajectory.a[part]
+        for row, q, v, a in zip(rows, *samples, strict=True):
             sim.write_now(row[now])
             tau = control.torque(JointReference(q, v, a), sim.state())
             row[command] = control.commanded

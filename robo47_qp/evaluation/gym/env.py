@@ -12,7 +12,6 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.video import OffscreenCamera
-from robo47_qp.run.failure import Failure
 from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver, check_judged
 from robo47_qp.run.registry import load_task
 from robo47_qp.run.task import Task
@@ -108,7 +107,12 @@ class TaskEnv(_Base):
         info: dict[str, Any] = {"success": False}
         if terminated or truncated:
             failure = failure or episode.end()
-            info = _outcome(failure, episode.measures())
+            info = {
+                "success": failure is None,
+                "cause": None if failure is None else failure.cause.value,
+                "evidence": None if failure is None else failure.evidence,
+                "measures": episode.measures(),
+            }
             self._episode = None
         reward = 1.0 if info["success"] else 0.0
         return self._observed(episode), reward, terminated, truncated, info
@@ -133,12 +137,3 @@ class TaskEnv(_Base):
 
     def _observed(self, episode: StepwiseDriver) -> dict[str, Single]:
         return numbers_of(episode.observe(), self._space)
-
-
-def _outcome(failure: Failure | None, measures: dict[str, float]) -> dict[str, Any]:
-    return {
-        "success": failure is None,
-        "cause": None if failure is None else failure.cause.value,
-        "evidence": None if failure is None else failure.evidence,
-        "measures": measures,
-    }

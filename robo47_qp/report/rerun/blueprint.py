@@ -36,6 +36,7 @@ _RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 def blueprint(robot: Robot) -> rrb.Blueprint:
     """Return the layout: scene, phases and events on the left, plots on the right."""
     joints, unit = robot.joints, robot.unit
+    angle, speed, torque = unit("rad", "m"), unit("rad/s", "m/s"), unit("N·m", "N")
     strong = _rounded_up(float(robot.tau_max.max()))
     texts = rrb.Horizontal(
         rrb.TextLogView(name="Events", origin=EVENTS, columns=_event_columns()),
@@ -43,38 +44,27 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
         column_shares=[3, 2],
     )
     phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
-    left: list[tuple[rrb.View | rrb.Container, float]] = [
-        (_scene(), 4.6),
-        (phases, 0.95),
-        (_forces(robot.gripper), 1.9),
-        (texts, 2.2),
-    ]
+    left = (_scene(), phases, _forces(robot.gripper), texts)
     # A joint has the same colour in all plots: one legend is enough.
     right = rrb.Grid(
         _plot(
-            f"Joint position [{unit('rad', 'm')}]",
-            "joints/q",
-            joints,
-            under="joints/q_ref",
-            limits="limits/q",
+            f"Joint position [{angle}]", "joints/q", joints, under="joints/q_ref", limits="limits/q"
         ),
-        _plot(f"Joint velocity [{unit('rad/s', 'm/s')}]", "joints/v", joints, limits="limits/v"),
+        _plot(f"Joint velocity [{speed}]", "joints/v", joints, limits="limits/v"),
         _plot(
-            f"Joint torque [{unit('N·m', 'N')}]",
-            "joints/tau",
-            joints,
+            *(f"Joint torque [{torque}]", "joints/tau", joints),
             limits="limits/tau",
             span=(-1.1 * strong, 1.1 * strong),
             legend=_RIGHT_TOP,
         ),
-        _plot(f"Joint tracking error [{unit('rad', 'm')}]", "errors/q", joints),
+        _plot(f"Joint tracking error [{angle}]", "errors/q", joints),
         _plot("Tool position error [m]", "errors/tool_position", ("distance",)),
         _plot("Tool angle error [rad]", "errors/tool_angle", ("angle",)),
         grid_columns=2,
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*(view for view, _ in left), row_shares=[share for _, share in left]),
+            rrb.Vertical(*left, row_shares=[4.6, 0.95, 1.9, 2.2]),
             right,
             column_shares=[1, 1],
         ),

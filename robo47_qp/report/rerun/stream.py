@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError, RenderingError
-from robo47_qp.files import free_space
+from robo47_qp.files import check_writable, free_space
 
 TIMELINE = "time"
 """The timeline of a run: simulated time, a duration."""
@@ -52,7 +52,7 @@ class RerunStream:
         rr.set_strict_mode(True)
         self.path = path
         self._until, self._size = 0.0, 0
-        _check_writable(path)
+        check_writable(path)
         self._file: rr.RecordingStream | None = rr.RecordingStream(application)
         self._viewer: rr.RecordingStream | None = None
         try:
@@ -203,17 +203,3 @@ def _abandon(stream: rr.RecordingStream) -> None:
     """
     atexit.unregister(rr.rerun_shutdown)
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
-
-
-def _check_writable(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb"):
-            pass
-    except OSError as error:
-        taken = isinstance(error, (FileExistsError, NotADirectoryError))
-        reason = "its folder is a file" if taken else error.strerror
-        raise RecordingError(
-            f"{path} cannot be written: {reason}. Name a file in a folder that you may "
-            "write to, on a disk that is there."
-        ) from error
