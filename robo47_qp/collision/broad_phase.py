@@ -1,4 +1,4 @@
-"""Cheap bounds from below on the distances of many pairs of geoms."""
+"""Fast lower bounds on the distances of many pairs of geoms."""
 
 import mujoco
 import numpy as np
@@ -11,15 +11,15 @@ _ENDLESS, _DEEP = 1e6, 1e3
 
 
 class BroadPhase:
-    """Bounds for a list of pairs, at the last `mj_kinematics` of a state.
+    """Computes lower bounds for a list of pairs, at the last `mj_kinematics` of a state.
 
-    For two geoms that move: the distance of their bounding spheres. For one that stands still:
-    the signed distance of the other's bounding sphere from its bounding box, which is tight for
-    tables and walls. Both hold for overlapping geoms too, as ways out.
+    For two moving geoms: the distance of their bounding spheres. For a moving and a static one:
+    the signed distance of the moving one's bounding sphere from the static one's bounding box,
+    which is tight for tables and walls. Both also bound the (negative) distance of an overlap.
     """
 
     def __init__(self, m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> None:
-        """Sort the pairs by kind; no pair may have two geoms that stand still."""
+        """Sort the pairs by kind; no pair may have two static geoms."""
         ends = np.array(pairs, dtype=np.intp)
         still = m.body_weldid[m.geom_bodyid[ends]] == 0
         moving, static = np.flatnonzero(~still.any(axis=1)), np.flatnonzero(still.any(axis=1))
@@ -33,13 +33,12 @@ class BroadPhase:
         self._cell = row * len(self._spheres) + column
         self._radius = m.geom_rbound[self._spheres]
         self._R, self._offset, self._half = _boxes(m, boxes)
-        # Pairs come back in their own order.
         self._order = np.argsort(np.concatenate([moving, static]))
         self._difference, self._other = np.empty((2, 3, len(moving)))
         self._sorted = np.empty(len(ends))
 
     def bounds(self, d: mujoco.MjData) -> Vector:
-        """No pair is closer than this (pairs,) [m]."""
+        """Return a lower bound on the distance of each pair (pairs,) [m]."""
         x = np.ascontiguousarray(d.geom_xpos.T)
         between, n_moving = self._difference, len(self._a)
         np.take(x, self._a, axis=1, out=between, mode="clip")
@@ -63,7 +62,7 @@ class BroadPhase:
 
 
 def _boxes(m: mujoco.MjModel, geoms: NDArray[np.intp]) -> tuple[Matrix, Matrix, Matrix]:
-    """Bounding boxes: rotations into them (k, 3, 3); centres, half lengths (k, 3, 1) [m]."""
+    """Return bounding boxes: R_box_world (k, 3, 3); centres and half lengths (k, 3, 1) [m]."""
     d = mujoco.MjData(m)
     mujoco.mj_kinematics(m, d)
     R = d.geom_xmat[geoms].reshape(-1, 3, 3).transpose(0, 2, 1).copy()

@@ -1,4 +1,4 @@
-"""How far an arm is from itself and from its obstacles."""
+"""Distances of an arm from itself and from its obstacles."""
 
 from math import inf
 from typing import NamedTuple
@@ -15,10 +15,10 @@ from robo47_qp.model.arm import Arm
 
 
 class ClosePairs(NamedTuple):
-    """Pairs of geoms that are close to one another, the closest first."""
+    """Pairs of geoms that are close to each other, the closest first."""
 
     pair: NDArray[np.intp]
-    """Which of the checked pairs (k,)."""
+    """Indices into `GeomPairs.kept` (k,)."""
     distance: Vector
     """Signed distances (k,) [m]."""
     segment: Matrix
@@ -26,22 +26,16 @@ class ClosePairs(NamedTuple):
 
 
 class Clearance:
-    """Distances of the pairs of geoms of one arm, built once.
+    """Computes the distances of the pairs of geoms of one arm.
 
-    Bounds from below decide which pairs are measured; what is returned is exact as far as
-    `GeomDistance` is. It is not safe to share between threads: all methods use one scratch
-    state.
+    Lower bounds decide which pairs are measured; results are as exact as `GeomDistance`. Not
+    safe to share between threads: all methods use one scratch state.
     """
 
-    def __init__(self, arm: Arm, asked: float) -> None:
-        """Choose the pairs of the arm.
-
-        Args:
-            arm: The arm with its obstacles.
-            asked: Clearance that is wanted [m]; see `GeomPairs` for what it decides.
-        """
-        self.arm, self.asked = arm, asked
-        self.pairs = GeomPairs.of(arm, asked)
+    def __init__(self, arm: Arm, required: float) -> None:
+        """Choose the pairs of the arm for a required clearance [m]; see `GeomPairs`."""
+        self.arm, self.required = arm, required
+        self.pairs = GeomPairs.of(arm, required)
         m = arm.model
         self.data = mujoco.MjData(m)
         self._measure = GeomDistance(m, self.data)
@@ -51,14 +45,14 @@ class Clearance:
         self._tool_and_still = (weld == tool).any(axis=1) & (weld == 0).any(axis=1)
 
     def nearest(self, q: Vector) -> tuple[float, tuple[str, str]]:
-        """Smallest distance of any pair at q [m], negative where it overlaps, and its names."""
+        """Return the smallest signed distance of any pair at q [m], and the names of the pair."""
         distance, which = self._least(self._bounds_at(q))
         return distance, self.pairs.names[which]
 
     def nearest_of_tool(self, q: Vector) -> tuple[float, tuple[str, str]]:
-        """The same of what is fixed to the tool, from what stands still.
+        """Return the same for bodies fixed to the tool against static ones.
 
-        The pose of the tool settles it, whatever the joints; infinite where there is no pair.
+        It depends on the pose of the tool only; infinite where there is no such pair.
         """
         bound = self._bounds_at(q)
         bound[~self._tool_and_still] = inf
@@ -77,7 +71,7 @@ class Clearance:
         return best, which
 
     def clear(self, q: Vector, margin: float) -> bool:
-        """True where all pairs are at least `margin` apart at q [m]."""
+        """Return whether all pairs are at least `margin` apart at q [m]."""
         bound = self._bounds_at(q)
         close = np.flatnonzero(bound < margin)
         for i in close[np.argsort(bound[close])].tolist():
@@ -87,29 +81,25 @@ class Clearance:
         return True
 
     def pairs_within(self, q: Vector, within: float) -> ClosePairs:
-        """Pairs closer than `within` at q [m]."""
-        bound = self._bounds_at(q)
+        """Return the pairs closer than `within` at q [m]."""
         found, distances, segments = [], [], []
         measure, kept = self._measure, self.pairs.kept
-        for i in np.flatnonzero(bound < within).tolist():
-            a, b = kept[i]
-            distance = measure.between(a, b, within)
+        for i in np.flatnonzero(self._bounds_at(q) < within).tolist():
+            distance = measure.between(*kept[i], within)
             if distance < within:
                 found.append(i)
                 distances.append(distance)
                 segments.append(measure.segment.copy())
         distance_of = np.array(distances)
         order = np.argsort(distance_of, kind="stable")
-        segment_of = np.array(segments).reshape(-1, 6)
-        pair_of = np.array(found, dtype=np.intp)
+        pair_of, segment_of = np.array(found, dtype=np.intp), np.array(segments).reshape(-1, 6)
         return ClosePairs(pair_of[order], distance_of[order], segment_of[order])
 
     def distance_of(self, pair: int, q: Vector) -> float:
-        """Signed distance of one of the checked pairs at q [m]."""
+        """Return the signed distance of `pairs.kept[pair]` at q [m]."""
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.arm.model, self.data)
-        a, b = self.pairs.kept[pair]
-        return self._measure.between(a, b, inf)
+        return self._measure.between(*self.pairs.kept[pair], inf)
 
     def _bounds_at(self, q: Vector) -> Vector:
         self.data.qpos[:] = q
@@ -123,36 +113,33 @@ class ClosestPair(NamedTuple):
     distance: float
     """Signed distance [m]."""
     pair: tuple[str, str]
-    """Bodies of the robot, names of obstacles."""
+    """Names of the two: bodies of the robot, obstacles."""
     inevitable: bool
-    """True where the pose of the tool settles that this is too close, whatever the joints."""
+    """True where the pose of the tool alone makes this too close, whatever the joints."""
 
 
-def closest_pair(arm: Arm, q: Vector, asked: float, leeway: float) -> ClosestPair:
-    """The closest pair at q; one of the tool with what stands still, where that is too close.
+def closest_pair(arm: Arm, q: Vector, required: float, leeway: float) -> ClosestPair:
+    """Return the closest pair at q; a tool and a static body come first where too close.
 
     Args:
         arm: The arm with its obstacles.
         q: Configuration (n,) [rad].
-        asked: Clearance that is asked for [m].
+        required: Required clearance [m].
         leeway: How far any point of the tool may be from where the target puts it [m].
     """
-    clearance = arm.derived(Clearance, asked)
+    clearance = arm.derived(Clearance, required)
     distance, pair = clearance.nearest(q)
-    if distance < asked:
+    if distance < required:
         of_tool, tool_pair = clearance.nearest_of_tool(q)
-        if of_tool < asked - leeway:
+        if of_tool < required - leeway:
             return ClosestPair(of_tool, tool_pair, True)
     return ClosestPair(distance, pair, False)
 
 
-def too_close_text(found: ClosestPair, asked: float) -> str:
-    """A clearance that is not kept, in words."""
+def too_close_text(found: ClosestPair, required: float) -> str:
+    """Return a message about a pair that is closer than the required clearance [m]."""
     a, b = found.pair
-    apart = f"are {1e3 * found.distance:.1f} mm apart"
-    overlap = f"overlap by {-1e3 * found.distance:.1f} mm"
+    mm = 1e3 * found.distance
+    distance = f"overlap by {-mm:.1f} mm" if mm < 0.0 else f"are {mm:.1f} mm apart"
     always = ", whatever the joints" if found.inevitable else ""
-    return (
-        f"{a} and {b} {overlap if found.distance < 0.0 else apart}{always}; "
-        f"{1e3 * asked:.3g} mm are asked"
-    )
+    return f"{a} and {b} {distance}{always}; {1e3 * required:.3g} mm are required"

@@ -1,4 +1,4 @@
-"""Closest approach: how near a robot has been to what stands around it."""
+"""Closest approach: the smallest distance between a moving robot and its obstacles."""
 
 from collections.abc import Sequence
 from math import inf
@@ -17,31 +17,31 @@ from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
 RESOLUTION = 0.1e-3
-"""How much closer than what is found the robot may have been, at most [m]."""
-_FIRST_LOOKS = 33
+"""How much closer than the distance found the robot may have been, at most [m]."""
+_FIRST_ROWS = 33
 
 
 class Nearest(NamedTuple):
-    """The least distance of a motion."""
+    """The smallest distance during a motion."""
 
     distance: float
     """Signed: negative where body and obstacle overlap [m]."""
     row: int
-    """When."""
+    """Row of the motion at which it occurs."""
     body: str
-    """Of the robot."""
+    """Body of the robot."""
     obstacle: str
 
 
 class ClosestApproach:
-    """A robot with its fingers where they are, among obstacles."""
+    """Measures a robot, with its fingers as recorded, against obstacles."""
 
     def __init__(self, robot: Robot, obstacles: Sequence[Obstacle]) -> None:
-        """Compile them.
+        """Compile robot and obstacles into one model.
 
         Raises:
             InvalidValueError: The name of an obstacle is taken.
-            ModelError: No geom of the robot could ever touch one.
+            ModelError: No geom of the robot can ever touch one.
         """
         spec = robot_spec(robot)
         for obstacle in obstacles:
@@ -67,28 +67,30 @@ class ClosestApproach:
         self._around = set(around)
 
     def along(self, q: Matrix) -> Nearest:
-        """The least distance over all rows; what is hidden between looks is below `RESOLUTION`.
+        """Return the smallest distance over all rows, found to within `RESOLUTION`.
 
-        A pair of geoms comes closer by no more than its bounds times the joint displacements.
-        So a pair that is known to be d apart is not looked at again before it may be
-        closer than the least distance found so far, less what may be hidden.
+        The distance of a pair of geoms falls by no more than its bounds times the joint
+        displacements, so rows are skipped in which the pair cannot be closer than the smallest
+        distance found so far.
 
         Args:
             q: Joints of the arm, then of the gripper (N, joints) [rad or m].
         """
-        ways = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
-        looks = np.unique(np.linspace(0, len(q) - 1, _FIRST_LOOKS).astype(int)).tolist()
-        first = np.array([self._distances(q[row]) for row in looks])
+        travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
+        rows = np.unique(np.linspace(0, len(q) - 1, _FIRST_ROWS).astype(int)).tolist()
+        first = np.array([self._distances(q[row]) for row in rows])
         k, which = divmod(int(first.argmin()), len(self._pairs))
-        best, at = float(first[k, which]), (looks[k], which)
+        best, at = float(first[k, which]), (rows[k], which)
         for i in np.argsort(first.min(axis=0), kind="stable").tolist():
-            travelled, row, apart = ways @ self._reach[i], 0, float(first[0, i])
+            closed, row, apart = travelled @ self._reach[i], 0, float(first[0, i])
             while True:
-                far = travelled[row] + apart - best + RESOLUTION
-                row = max(row + 1, int(np.searchsorted(travelled, far, side="right")))
+                far = closed[row] + apart - best + RESOLUTION
+                row = max(row + 1, int(np.searchsorted(closed, far, side="right")))
                 if row >= len(q):
                     break
-                apart = self._distance(i, q[row])
+                self._place(q[row])
+                a, b = self._pairs[i]
+                apart = self._measure.between(a, b, inf)
                 if apart < best:
                     best, at = apart, (row, i)
         return Nearest(best, at[0], *self._names(at[1]))
@@ -96,10 +98,6 @@ class ClosestApproach:
     def _distances(self, q: Vector) -> list[float]:
         self._place(q)
         return [self._measure.between(a, b, inf) for a, b in self._pairs]
-
-    def _distance(self, pair: int, q: Vector) -> float:
-        self._place(q)
-        return self._measure.between(*self._pairs[pair], inf)
 
     def _place(self, q: Vector) -> None:
         self._data.qpos[self._addresses] = q

@@ -6,29 +6,29 @@ import numpy as np
 from robo47_qp.arrays import Vector
 
 _FAR = 1e3
-"""Larger than any distance in a cell [m]: a cut-off that cuts nothing off."""
+"""Largest cut-off [m], beyond any distance in a cell."""
 
 
 class GeomDistance:
     """Measures pairs of geoms at the last `mj_kinematics` of a state.
 
-    MuJoCo's `mj_geomDistance`, and one correction. Apart, boxes, capsules, cylinders, spheres
-    and planes are exact to 1e-9 m. Overlapping, the depth is that of the shortest way out, for
-    cylinders to about 1e-6 m. But of a capsule whose axis runs through a box, MuJoCo 4.0
-    reports in about one of a hundred cases that it is clear, by centimetres, and depths that
-    are no way out: such a pair is measured here.
+    It is MuJoCo's `mj_geomDistance` with one correction. Distances of separate boxes, capsules,
+    cylinders, spheres and planes are exact to 1e-9 m; where geoms overlap, the depth is that of
+    the shortest way out, for cylinders to about 1e-6 m. But for a capsule whose axis crosses a
+    box, MuJoCo 4.0 reports centimetres of clearance in about one of a hundred cases, and wrong
+    depths: such a pair is measured here.
     """
 
     def __init__(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
-        """Look at a model and one of its states."""
+        """Measure in a model and one of its states."""
         self._m, self._d = m, d
         self._type = m.geom_type.tolist()
         self.segment: Vector = np.zeros(6)
-        """Points on the first and on the second geom, (6,) [m], of the last pair measured
+        """Nearest points on the first and the second geom (6,) [m], of the last pair measured
         that was closer than its cut-off."""
 
     def between(self, a: int, b: int, cut_off: float) -> float:
-        """Distance of two geoms [m], negative where they overlap; `cut_off` if it is larger."""
+        """Return the signed distance of two geoms, `cut_off` at most [m]."""
         # Not below zero, where MuJoCo's margins end.
         far = max(0.0, min(cut_off, _FAR))
         distance = float(mujoco.mj_geomDistance(self._m, self._d, a, b, far, self.segment))
@@ -40,14 +40,13 @@ class GeomDistance:
         return cut_off if distance >= far else min(distance, cut_off)
 
     def _checked(self, capsule: int, box: int, distance: float, *, first: bool) -> float:
-        """The distance found, or a depth if the capsule's axis runs through the box."""
+        """Return the distance given, or minus the depth if the capsule's axis crosses the box."""
         m, d = self._m, self._d
         centre, R = d.geom_xpos[box], d.geom_xmat[box].reshape(3, 3)
         radius, half = m.geom_size[capsule, :2].tolist()
         middle = (d.geom_xpos[capsule] - centre).dot(R).tolist()
         axis = d.geom_xmat[capsule].reshape(3, 3)[:, 2].dot(R).tolist()
-        size = m.geom_size[box].tolist()
-        found = _way_out(middle, axis, half, size)
+        found = _penetration(middle, axis, half, m.geom_size[box].tolist())
         if found is None:
             return distance
         depth, out, point = found[0] + radius, R @ found[1], centre + R @ found[2]
@@ -63,17 +62,16 @@ _PARALLEL = 1e-9
 """Sine of an angle below which a line is parallel to an axis."""
 
 
-def _way_out(
+def _penetration(
     middle: list[float], axis: list[float], half: float, size: list[float]
 ) -> tuple[float, Vector, Vector] | None:
-    """Shortest way of a line out of a box, in the box's frame; None if they do not meet.
+    """Return how deep a line segment is inside a box, in the box's frame; None if it is outside.
 
-    The normals of the box and their cross products with the line are the faces of the two
-    shapes' difference: the least overlap along any of them is the depth, and where one has
-    none the shapes are apart (Gottschalk, Lin and Manocha, "OBBTree", 1996).
+    By the separating axes: the box's normals and their cross products with the segment. The
+    smallest overlap along one of them is the depth (Gottschalk, Lin and Manocha, "OBBTree", 1996).
 
     Returns:
-        Depth [m], direction in which the line leaves, point of the line that leaves last.
+        Depth [m], unit vector of the shortest way out, deepest point of the segment.
     """
     for i in range(3):
         if abs(middle[i]) >= size[i] + half * abs(axis[i]):
@@ -88,7 +86,7 @@ def _way_out(
         overlap = float(h.dot(np.abs(n)) + half * abs(u.dot(n)) - p.dot(n))
         if overlap <= 0.0:
             return None
-        # By more than rounding: a normal of the box goes before its double among the products.
+        # By more than rounding: a normal of the box is preferred to an equal cross product.
         if overlap < least - 1e-12:
             least, out, which = overlap, n, k
     if which < 3:
@@ -102,6 +100,6 @@ def _way_out(
 
 
 def _crosses(u: list[float]) -> list[Vector]:
-    """Cross products of a vector with the three axes."""
+    """Return the cross products of a vector with the three axes."""
     x, y, z = u
     return [np.array([0.0, z, -y]), np.array([-z, 0.0, x]), np.array([y, -x, 0.0])]

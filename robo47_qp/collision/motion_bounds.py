@@ -1,4 +1,4 @@
-"""Bounds on how fast joints change the distances of geoms, and the exact rates."""
+"""Rates at which joints change the distances of geoms, and bounds on them."""
 
 import mujoco
 import numpy as np
@@ -8,12 +8,12 @@ from robo47_qp.arrays import Matrix, Vector
 
 
 def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> Matrix:
-    """Bounds L (pairs, n) with |d(q') - d(q)| <= L |q' - q| for the distance d of each pair.
+    """Return L (pairs, n) with |d(q') - d(q)| <= L |q' - q| for the distance d of each pair.
 
-    A joint that moves only one geom of a pair changes their distance no faster than its lever
-    arm, the distance from the joint to the far side of a geom. Seen from the nearest points,
-    which lie on one line along the normal, either geom may be taken, so the shorter one counts.
-    Distances along the links bound it in every configuration. Sliding joints have the bound 1.
+    A joint that moves one geom of a pair changes their distance no faster than its lever arm,
+    the distance from the joint to the far side of a geom. The nearest points lie on one line
+    along the normal, so the geom with the shorter lever arm may be taken. Lengths along the
+    links bound it in every configuration. A sliding joint has the bound 1.
     """
     moves = moved_by(m)
     links, far = _links(m), _far_sides(m)
@@ -32,7 +32,7 @@ def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...])
 
 
 def moved_by(m: mujoco.MjModel) -> Matrix:
-    """1 where a joint moves a body, else 0 (bodies, n)."""
+    """Return 1 where a joint moves a body, else 0 (bodies, n)."""
     moves = np.zeros((m.nbody, m.njnt))
     for body in range(1, m.nbody):
         moves[body] = moves[m.body_parentid[body]]
@@ -42,14 +42,14 @@ def moved_by(m: mujoco.MjModel) -> Matrix:
 
 
 def _far_sides(m: mujoco.MjModel) -> Vector:
-    """From the frame of its body to the far side of each geom; infinite for planes [m]."""
+    """Return distances from body frames to the far side of each geom; planes are infinite [m]."""
     far: Vector = np.linalg.norm(m.geom_pos, axis=1) + m.geom_rbound
     far[m.geom_type == mujoco.mjtGeom.mjGEOM_PLANE] = np.inf
     return far
 
 
 def _links(m: mujoco.MjModel) -> Matrix:
-    """Distances of the frames of all bodies from one another along the links, at most [m]."""
+    """Return the largest distances between the frames of bodies along the links [m]."""
     links = np.zeros((m.nbody, m.nbody))
     for body in range(1, m.nbody):
         length = float(np.linalg.norm(m.body_pos[body]))
@@ -64,12 +64,12 @@ def _links(m: mujoco.MjModel) -> Matrix:
 
 
 class ClosingJacobian:
-    """How fast each joint closes the pairs of one model, from the joint axes of its state."""
+    """Computes the closing speed of pairs of geoms per joint, from the joint axes of a state."""
 
     def __init__(
         self, m: mujoco.MjModel, data: mujoco.MjData, pairs: tuple[tuple[int, int], ...]
     ) -> None:
-        """Look at pairs of geoms; `data` is brought up to date by `mj_comPos` before `rates`."""
+        """Choose pairs of geoms; the caller runs `mj_comPos` on `data` before `rows`."""
         bodies = m.geom_bodyid[np.array(pairs)]
         moves = moved_by(m)
         self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
@@ -80,15 +80,14 @@ class ClosingJacobian:
         self._products = np.zeros((len(pairs), 3, 4))
 
     def rows(self, pair: NDArray[np.intp], distance: Vector, segment: Matrix) -> Matrix:
-        """How fast pairs close per joint (k, n): n . (J_a - J_b), n from the first to the second.
+        """Return closing speeds n . (J_a - J_b) per joint (k, n), n from first to second geom.
 
         MuJoCo's `cdof` holds the twist (w, v) of each joint about the centre of mass c: it moves
         a point p along n by n . (v + w x (p - c)) = Σ_ik n_i S_ik (p - c, 1)_k with
-        S = ([w]×, v). The two nearest points lie on one line along n, so either will do for both
-        Jacobians.
+        S = ([w]×, v). Both nearest points lie on one line along n, so one serves both Jacobians.
 
         Args:
-            pair: Which of the pairs (k,).
+            pair: Indices of the pairs (k,).
             distance: Their signed distances, none of them zero (k,) [m].
             segment: Nearest points on the first and the second geom of each (k, 6) [m].
         """
@@ -104,7 +103,7 @@ class ClosingJacobian:
 
 
 def _skew() -> Matrix:
-    """Maps (w, v) to ([w]×, v), row by row (12, 6)."""
+    """Return the map of (w, v) to the rows of ([w]×, v) (12, 6)."""
     out = np.zeros((3, 4, 6))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

@@ -1,4 +1,4 @@
-"""Which pairs of geoms are kept apart, and which are not, and why."""
+"""The pairs of geoms that are kept apart, and those that are not, with the reason."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
 
 _SAMPLE = 256
-"""Configurations that are looked at, besides home."""
+"""Configurations that are examined, besides home."""
 
 
 class LeftOut(NamedTuple):
@@ -30,23 +30,23 @@ class LeftOut(NamedTuple):
 class GeomPairs:
     """Pairs of collision geoms of an arm and its obstacles, in the order of their numbers.
 
-    A collision geom is one with a bit in `contype` or `conaffinity`. Every pair of them whose
-    distance can change is kept, but for the pairs in `left_out`:
+    A collision geom has a bit in `contype` or `conaffinity`. Every pair of them whose distance
+    can change is kept, except:
 
-    - those that the model rules out itself, by an `exclude` or by their bits;
-    - those of neighbours, links that one joint joins, that are closer than the clearance at
-      home: they cover the joint, whose range is what keeps the links apart;
-    - those of the robot with itself that are closer than the clearance everywhere, at home and
-      in 256 configurations spread over the joint ranges: nothing can move them apart.
+    - pairs that the model rules out by an `exclude` or by their bits;
+    - geoms of neighbours (links connected by one joint) that are closer than the clearance at
+      home: they cover the joint, whose range keeps the links apart;
+    - geoms of the robot that are closer than the clearance at home and in 256 configurations
+      spread over the joint ranges: nothing can move them apart.
 
-    MuJoCo's own filter of parent and child is not used: it would also pass over neighbours
-    that can meet. Obstacles are never neighbours, and no rule but the bits leaves them out.
+    MuJoCo's own filter of parent and child is not used: it also skips neighbours that can
+    collide. An obstacle is left out by its bits only.
     """
 
     kept: tuple[tuple[int, int], ...]
     """Geom numbers, the smaller one first."""
     names: tuple[tuple[str, str], ...]
-    """What messages call each kept pair: bodies of the robot, names of obstacles."""
+    """Names of each kept pair in messages: bodies of the robot, obstacles."""
     left_out: tuple[LeftOut, ...]
     """Pairs that can move and are not kept apart."""
 
@@ -56,17 +56,15 @@ class GeomPairs:
 
         Raises:
             InvalidValueError: The clearance is negative or not finite.
-            ModelError: No pair is left.
+            ModelError: No pair remains.
         """
         Range(at_least=0.0).check("clearance", clearance)
         m, kept, left_out = arm.model, [], []
-        candidates = list(_movable(m))
-        reasons = {pair: _ruled_out(m, pair) for pair in candidates}
+        reasons = {pair: _ruled_out(m, pair) for pair in _movable(m)}
         own = [pair for pair, reason in reasons.items() if reason is None]
         own = [pair for pair in own if not any(_is_obstacle(arm, geom) for geom in pair)]
         reasons |= _never_clear(arm, own, clearance)
-        for pair in candidates:
-            reason = reasons[pair]
+        for pair, reason in reasons.items():
             if reason is None:
                 kept.append(pair)
             else:
@@ -82,7 +80,7 @@ class GeomPairs:
 
 
 def pair_names(m: mujoco.MjModel, pair: tuple[int, int]) -> tuple[str, str]:
-    """What messages call two geoms; what stands in the world comes last."""
+    """Return the names of two geoms in messages; one of the world comes last."""
     a, b = (_name(m, geom) for geom in pair)
     return (b, a) if m.geom_bodyid[pair[0]] == 0 else (a, b)
 
@@ -96,14 +94,14 @@ def _movable(m: mujoco.MjModel) -> Iterator[tuple[int, int]]:
 def _never_clear(
     arm: Arm, pairs: list[tuple[int, int]], clearance: float
 ) -> dict[tuple[int, int], str]:
-    """Reasons to leave out pairs that are too close at home, or wherever one looks."""
+    """Return reasons to leave out pairs that are too close at home, or everywhere."""
     m, d = arm.model, mujoco.MjData(arm.model)
     measure, reasons, farthest = GeomDistance(m, d), {}, dict.fromkeys(pairs, -np.inf)
     for k, q in enumerate([arm.home, *spread(arm.q_min, arm.q_max, _SAMPLE)]):
         d.qpos[:] = q
         mujoco.mj_kinematics(m, d)
         for pair in list(farthest):
-            distance = measure.between(pair[0], pair[1], np.inf)
+            distance = measure.between(*pair, np.inf)
             if distance >= clearance:
                 del farthest[pair]
             elif k == 0 and _are_neighbours(m, pair):

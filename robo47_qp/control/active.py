@@ -1,4 +1,4 @@
-"""ActiveController: a controller at work, with what has to be remembered between periods."""
+"""ActiveController: runs a controller and keeps its state between periods."""
 
 import numpy as np
 
@@ -10,28 +10,27 @@ from robo47_qp.model.arm import Arm, JointReference, JointState
 
 
 class ActiveController:
-    """Runs a controller within the arm's limits, and changes it without a bump.
+    """Runs a controller within the arm's limits, and switches it without a jump in torque.
 
-    asked = controller + push away from the joint limits + (1 - s) bump
+    commanded = controller + joint stops + (1 - s) bump
     torque = the torque closest to `commanded` within tau_max, and within tau_rate_max of the last
 
-    A new controller, new gains or a new belief about the payload change the torque at once. The
-    bump is the difference at that instant between what would have been asked for and what is
-    asked for now; s rises from 0 to 1 over a chosen time, as 3x² - 2x³, so that torque and its
-    rate are continuous (bumpless transfer: Åström and Hägglund, Advanced PID Control, 2006,
-    sec. 3.5).
+    The bump is the difference between the torques of the old and the new controller (or gains,
+    or payload) at the switch; s rises from 0 to 1 over a chosen time as 3x² - 2x³, so that the
+    torque and its rate are continuous (bumpless transfer: Åström and Hägglund, Advanced PID
+    Control, 2006, sec. 3.5).
     """
 
     def __init__(
         self, controller: Controller, arm: Arm, *, dt: float, stops: JointStops | None = None
     ) -> None:
-        """Start at rest at home: the torque before the first is what holds the arm there.
+        """Start at rest at home, with the torque that holds the arm there.
 
         Args:
             controller: The control law.
-            arm: The belief.
+            arm: The model of the robot, with the payload that it is believed to hold.
             dt: Control period [s].
-            stops: What keeps the joints off their limits; by default `JointStops()`.
+            stops: The springs at the joint limits; by default `JointStops()`.
         """
         self.controller, self.arm = controller, arm
         self._dt, self._n = dt, arm.n
@@ -39,8 +38,8 @@ class ActiveController:
         still = np.zeros(arm.n)
         robot = arm.robot
         low, high = self._stops.inside(arm)
-        columns = (robot.tau_rate_max * dt, robot.tau_max, low, high)
-        self._bounds = [column.tolist() for column in columns]
+        bounds = (robot.tau_rate_max * dt, robot.tau_max, low, high)
+        self._bounds = [bound.tolist() for bound in bounds]
         self.commanded: Vector = arm.inverse_dynamics(arm.home, still, still)
         """Torque of the last period before the limits (n,) [N·m]."""
         self._last: list[float] = np.clip(self.commanded, -robot.tau_max, robot.tau_max).tolist()
@@ -52,7 +51,7 @@ class ActiveController:
 
         Args:
             controller: The new one.
-            seconds: How long the bump fades; 0 lets the torque jump as far as the motors can.
+            seconds: Time in which the bump fades; with 0 the torque jumps within its limits.
 
         Raises:
             InvalidValueError: The time is negative or not finite.
@@ -60,7 +59,7 @@ class ActiveController:
         self._change(controller, self.arm, seconds)
 
     def set_arm(self, arm: Arm, *, seconds: float = 0.1) -> None:
-        """Change the belief, for example about what the tool holds.
+        """Change the model, for example to another payload.
 
         Args:
             arm: The same robot, with another payload.
@@ -76,11 +75,11 @@ class ActiveController:
         self._change(self.controller, arm, seconds)
 
     def torque(self, reference: JointReference, state: JointState) -> Vector:
-        """Torque for the period that starts now (n,) [N·m], within the limits of the motors.
+        """Return the torque for the period that starts now (n,) [N·m], within its limits.
 
         Args:
-            reference: What the joints should do at the instant of `state`.
-            state: What the joints do now.
+            reference: The joints' reference at the instant of `state`.
+            state: The joints' state now.
         """
         asked = self.controller.torque(self.arm, reference, state)
         if self._fade:
@@ -95,7 +94,7 @@ class ActiveController:
         return asked
 
     def _limited(self, asked: Vector, reference: JointReference, state: JointState) -> Vector:
-        """Add the push of the stops, and keep the limits."""
+        """Add the joint stops, and keep the torque limits."""
         self._stops.push(asked, self.arm, reference.q, state.q)
         self.commanded = asked
         robot, last = self.arm.robot, np.array(self._last)
@@ -117,7 +116,7 @@ class ActiveController:
         self.controller, self.arm = controller, arm
 
     def _smooth(self, asked: Vector, reference: JointReference, state: JointState) -> None:
-        """Add what is left of the bump."""
+        """Add the remaining bump."""
         if self._before is not None:
             controller, arm, remaining = self._before
             self._bump = controller.torque(arm, reference, state) + remaining - asked

@@ -1,4 +1,4 @@
-"""Cartesian impedance control: the tool on a spring, the elbow free to give way."""
+"""Cartesian impedance control: a spring at the tool, a compliant null space."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ import numpy as np
 
 from robo47_qp.arrays import Checked, Matrix, NotNegative, Range, Size, Vector
 from robo47_qp.control.controller import add_dry_friction
-from robo47_qp.control.tool_space import ToolSpace, tool_space
+from robo47_qp.control.tool_space import ToolSpace
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
 Gains: TypeAlias = Annotated[Vector, Size(6), Range(at_least=0.0)]
@@ -21,27 +21,25 @@ Wrench: TypeAlias = Callable[[ToolSpace, list[float], list[float]], list[float]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CartesianImpedance(Checked):
-    """A spring and a damper between the tool and its reference, on top of the arm's dynamics.
+    """Puts a spring and a damper between the tool and its reference.
 
     tau = M(q) a_ref + c(q, v_ref) + g(q) - tau_passive(v_ref)
           + Jᵀ (f(e) + D J (v_ref - v)) + N M (ω² (q_ref - q) + d (v_ref - v))
 
-    The tool's reference is that of the joints. A force F on the tool displaces it by F/K along
-    each axis and the inertia that it meets is the arm's own: no inertia is shaped, so no force
-    sensor is needed and nothing is inverted on the way from spring to torque (Albu-Schäffer,
-    Ott, Frese and Hirzinger, ICRA 2003; Ott, Cartesian Impedance Control of Redundant and
-    Flexible-Joint Robots, 2008, ch. 3). Coriolis and friction terms are those of the reference:
-    what the arm does beyond it meets its own. So at a reference at rest the stored energy
-    ½ vᵀMv + U(e) only falls, by D, d and the friction of the joints, while ω = 0 (Takegaki and
-    Arimoto, J. Dynamic Systems, Measurement and Control 103(2), 1981). U(e) = ½ eᵀKe, for
-    rotations 2 εᵀKε with ε the vector part of
-    the error's quaternion (Caccavale, Siciliano and Villani, IEEE/ASME Trans. Mechatronics
-    4(3), 1999): its torque falls to zero at half a turn instead of jumping there.
+    The tool's reference is that of the joints. A force F displaces the tool by F/K along each
+    axis against the arm's own inertia: no inertia is shaped, so no force sensor and no inverse
+    of J are needed (Albu-Schäffer, Ott, Frese and Hirzinger, ICRA 2003; Ott, Cartesian Impedance
+    Control of Redundant and Flexible-Joint Robots, 2008, ch. 3). Coriolis and friction terms are
+    those of the reference, so at a reference at rest and with ω = 0 the energy ½ vᵀMv + U(e)
+    only falls (Takegaki and Arimoto, J. Dynamic Systems, Measurement and Control 103(2), 1981).
+    U(e) = ½ eᵀKe, for rotations 2 εᵀKε with ε the vector part of the error's quaternion
+    (Caccavale, Siciliano and Villani, IEEE/ASME Trans. Mechatronics 4(3), 1999): its torque
+    falls to zero at half a turn, without a jump.
 
-    D_ii = 2 ζ √(K_ii Λ_ii(q)). N = I - Jᵀ Λ J M⁻¹ lets the posture act without the tool feeling
-    it (Khatib 1987; Dietrich, Ott and Albu-Schäffer, IJRR 34(11), 2015). Close to a singularity
-    (see `ToolSpace`) the joints that do not move the tool any more follow the posture; spring
-    and damper stay bounded there, since Jᵀ needs no inverse.
+    D_ii = 2 ζ √(K_ii Λ_ii(q)). N = I - Jᵀ Λ J M⁻¹ keeps the posture's torque from moving the tool
+    (Khatib 1987; Dietrich, Ott and Albu-Schäffer, IJRR 34(11), 2015). Close to a singularity
+    (see `ToolSpace`) joints that no longer move the tool follow the posture; spring and damper
+    stay bounded there.
     """
 
     stiffness: Gains = field(default_factory=lambda: np.array([800.0] * 3 + [40.0] * 3))
@@ -49,9 +47,9 @@ class CartesianImpedance(Checked):
     damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped for the inertia along each axis [-]."""
     frame: Literal["world", "tool"] = "world"
-    """Whose axes the stiffness has: the world's, or those of the tool at its reference."""
+    """Axes of the stiffness: those of the world, or of the tool at its reference."""
     error_max: Gains = field(default_factory=lambda: np.array([0.1] * 3 + [0.5] * 3))
-    """Largest error that a spring answers, per axis (6,); beyond, its force stays
+    """Error beyond which the force of a spring stays constant, per axis (6,)
     [m, twice the sine of half the angle]."""
     posture_frequency: NotNegative = 8.0
     """ω: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
@@ -65,27 +63,20 @@ class CartesianImpedance(Checked):
     def torque_with(
         self, wrench: Wrench, arm: Arm, reference: JointReference, state: JointState
     ) -> Vector:
-        """The torque, with something else in place of the springs and dampers of the tool.
-
-        Args:
-            wrench: Computes f(e) + D J (v_ref - v), or what takes its place.
-            arm: See `Controller.torque`.
-            reference: See `Controller.torque`.
-            state: See `Controller.torque`.
-        """
-        space, in_tool = tool_space(arm), self.frame == "tool"
+        """Return the torque with `wrench` in place of f(e) + D J (v_ref - v)."""
+        space, in_tool = arm.derived(ToolSpace), self.frame == "tool"
         np.subtract(reference.q, state.q, space.error_q)
         np.subtract(reference.v, state.v, space.error_v)
-        # Two rows: the posture's acceleration, and the error of the velocity again.
+        # Two rows: the posture's acceleration, and the velocity error.
         self._posture.dot(space.errors, space.motions)
-        space.ask(reference.q)
+        space.set_reference(reference.q)
         arm.place(state.q)
         space.update(in_tool=in_tool)
-        posture, unfelt = space.unfelt()
+        posture, unfelt = space.null_space_motions()
         free = space.inverse_dynamics((reference.v, unfelt), (reference.a, posture))
-        twist = space.felt[1].tolist()
-        force = np.array(wrench(space, space.way(in_tool=in_tool), twist))
-        # What J̇ adds to the tool's acceleration is taken back.
+        twist = space.twists[1].tolist()
+        force = np.array(wrench(space, space.position_error(in_tool=in_tool), twist))
+        # Cancels the tool acceleration J̇ v of the null-space motion.
         force += space.inertia_times(space.jacobian_rate_times(unfelt, in_tool=in_tool))
         tau: Vector = space.J_T.dot(force)
         tau += free
@@ -93,18 +84,17 @@ class CartesianImpedance(Checked):
             add_dry_friction(tau, arm, reference.v)
         return tau
 
-    def wrench(self, space: ToolSpace, way: list[float], twist: list[float]) -> list[float]:
-        """f(e) + D J (v_ref - v), 6 numbers along the axes of the frame.
-
-        Scalars, because numpy takes twice the time for so few numbers.
+    def wrench(self, space: ToolSpace, error: list[float], twist: list[float]) -> list[float]:
+        """Return f(e) + D J (v_ref - v), 6 numbers along the axes of the frame.
 
         Args:
-            space: Where the arm and its reference are.
-            way: From the tool to its reference, 3 numbers [m].
+            space: The tool space, updated to the arm and its reference.
+            error: Displacement from the tool to its reference, 3 numbers [m].
             twist: J (v_ref - v), 6 numbers.
         """
-        x, y, z = way
-        w, ex, ey, ez = space.turn(in_tool=self.frame == "tool")
+        # Scalars, because numpy takes twice the time for so few numbers.
+        x, y, z = error
+        w, ex, ey, ez = space.orientation_error(in_tool=self.frame == "tool")
         (kx, mx, dx), (ky, my, dy), (kz, mz, dz), *turning = self._gains
         (ka, ma, da), (kb, mb, db), (kc, mc, dc) = turning
         a, b, c = 2.0 * ex, 2.0 * ey, 2.0 * ez
@@ -125,7 +115,7 @@ class CartesianImpedance(Checked):
 
     @cached_property
     def _posture(self) -> Matrix:
-        """Takes errors of position and velocity to the posture's acceleration, and the latter."""
+        """Matrix from the two errors to the posture's acceleration and the velocity error."""
         return np.array([[self.posture_frequency**2, self.posture_damping], [0.0, 1.0]])
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Operational space control: the tool as a unit mass on each axis."""
+"""Operational space control: the tool as a unit mass along each axis."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,24 +8,22 @@ import numpy as np
 
 from robo47_qp.arrays import Checked, NotNegative, Range, Vector
 from robo47_qp.control.controller import add_dry_friction
-from robo47_qp.control.tool_space import tool_space
+from robo47_qp.control.tool_space import ToolSpace
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
 
 @dataclass(frozen=True, kw_only=True)
 class OperationalSpace(Checked):
-    """Inertia shaping: each axis of the tool behaves as a mass, a spring and a damper alone.
+    """Shapes the inertia: each axis of the tool behaves as a mass, a spring and a damper.
 
     tau = M(q) a_ref + c(q, v) + g(q) - tau_passive(v)
           + Jᵀ Λ (ω² e + 2 ζ ω J (v_ref - v) + J̇ (v_ref - v)) + N M (ω_n² (q_ref - q) + ...)
 
-    so that without a force from outside ë + 2 ζ ω ė + ω² e = 0 on every axis, whatever the
-    configuration (Khatib 1987, see `ToolSpace`; written with the joints' reference
-    accelerations, which are the tool's through J). The errors decay alike on all axes; the
-    stiffness ω² Λ(q) that a force from outside meets does not: it grows with the inertia. To
-    choose that one, use `CartesianImpedance`. Close to a singularity Λ is bounded (see
-    `ToolSpace`): the tool does not follow in the direction that is lost, and the joints keep to
-    the posture.
+    Without external forces, ë + 2 ζ ω ė + ω² e = 0 on every axis in every configuration (Khatib
+    1987, see `ToolSpace`; written with the joints' reference accelerations). Errors decay alike
+    on all axes, but the stiffness ω² Λ(q) against external forces grows with the inertia; to
+    choose it, use `CartesianImpedance`. Close to a singularity Λ is bounded (see `ToolSpace`):
+    the tool does not follow in the lost direction, and the joints keep to the posture.
     """
 
     frequency: NotNegative = 25.0
@@ -33,7 +31,7 @@ class OperationalSpace(Checked):
     damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped [-]."""
     error_max: Annotated[tuple[float, float], Range(at_least=0.0)] = (0.1, 0.5)
-    """Largest error that is answered, per axis [m, twice the sine of half the angle]."""
+    """Largest error that counts, per axis [m, twice the sine of half the angle]."""
     posture_frequency: NotNegative = 8.0
     """ω_n: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""
     posture_damping: NotNegative = 16.0
@@ -41,18 +39,18 @@ class OperationalSpace(Checked):
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
-        space = tool_space(arm)
+        space = arm.derived(ToolSpace)
         e_v = reference.v - state.v
         posture = reference.q - state.q
         posture *= self.posture_frequency**2
         posture += self.posture_damping * e_v
-        space.ask(reference.q)
+        space.set_reference(reference.q)
         arm.place(state.q)
         space.update(in_tool=False)
         tau = arm.inverse_dynamics_here(state.v, reference.a + posture)
         a = np.empty(6)
         np.subtract(space.position_ref, space.position, out=a[:3])
-        _, x, y, z = space.turn(in_tool=False)
+        _, x, y, z = space.orientation_error(in_tool=False)
         a[3:] = (2.0 * x, 2.0 * y, 2.0 * z)
         np.minimum(a, self._bounds, out=a)
         np.maximum(a, -self._bounds, out=a)

@@ -12,26 +12,26 @@ from robo47_qp.collision.motion_bounds import moved_by
 from robo47_qp.errors import InvalidValueError
 
 _TOUCH = 1e-7
-"""Points closer than this give no direction [m]."""
+"""Distance below which the nearest points define no direction [m]."""
 _H = 1e-6
-"""Half the width of central differences there [rad or m]."""
+"""Step of the central differences used there [rad or m]."""
 
 
 class DistanceRows(NamedTuple):
-    """A dq <= upper keeps pairs apart, for a step dq of the joints [rad or m]."""
+    """Rows of A dq <= upper, which keep pairs apart in a step dq of the joints [rad or m]."""
 
     A: Matrix
-    """How fast each pair closes per joint (k, n) [m/rad]."""
+    """Decrease of the distance of each pair per joint (k, n) [m/rad]."""
     upper: Vector
-    """How much closer each pair may come (k,) [m]; negative where it has to part."""
+    """Largest decrease allowed (k,) [m]; negative where the distance has to grow."""
     distance: Vector
     """Signed distance of each pair (k,) [m], the smallest first."""
     pair: NDArray[np.intp]
-    """Which of the checked pairs each row is (k,); see `Clearance.pairs`."""
+    """Indices of the pairs in `GeomPairs.kept` (k,)."""
 
 
 class Avoidance:
-    """Linearised distances of the pairs of geoms that are close at a configuration.
+    """Linearises the distances of the pairs of geoms that are close at a configuration.
 
     With d the signed distance of a pair, n the unit vector from its first to its second geom
     and J_a, J_b the Jacobians of the nearest points on them, dd = n . (J_b - J_a) dq, and
@@ -39,11 +39,9 @@ class Avoidance:
         -n . (J_b - J_a) dq <= d - d_min              where d >= d_min,
         -n . (J_b - J_a) dq <= recovery (d - d_min)   where d < d_min:
 
-    a step never closes more than the room there is, and a pair that is too close has to part
-    by a share of what it lacks. (Faverjon and Tournassoud, "A local based approach for path
-    planning of manipulators with a high number of degrees of freedom", 1987.) All is in
-    units of one step, metres per step dq: there is no time in it. With dq = v dt the same
-    rows bound a velocity, as -n . (J_b - J_a) v dt <= d - d_min.
+    so no step takes a pair below d_min, and one that is too close regains a share of what it
+    lacks (Faverjon and Tournassoud, "A local based approach for path planning of manipulators
+    with a high number of degrees of freedom", 1987). With dq = v dt the rows bound a velocity.
     """
 
     def __init__(
@@ -55,15 +53,15 @@ class Avoidance:
         recovery: float = 0.5,
         max_rows: int = 32,
     ) -> None:
-        """Look at the pairs of a clearance.
+        """Keep the pairs of a clearance apart.
 
         Args:
-            clearance: The distances.
-            d_min: Distance to be kept [m].
-            detection: Pairs closer than this get a row [m]; more than d_min plus what a pair
-                closes in the longest step.
-            recovery: Share of the lacking distance to be regained in a step, in [0, 1].
-            max_rows: Most rows; the nearest pairs are the ones that get them.
+            clearance: The pairs and their distances.
+            d_min: Distance to keep [m].
+            detection: Pairs closer than this get a row [m]; above d_min by more than a pair
+                can close in the longest step.
+            recovery: Share of the lacking distance to regain in a step, in [0, 1].
+            max_rows: Largest number of rows; the nearest pairs get them.
 
         Raises:
             InvalidValueError: A number is out of its range.
@@ -92,15 +90,15 @@ class Avoidance:
         return DistanceRows(A, upper, d, pair)
 
     def kept(self, q: Vector) -> bool:
-        """True where every pair has the clearance that the distances were built for."""
-        return self._clearance.clear(q, self._clearance.asked)
+        """Return whether every pair has the clearance required."""
+        return self._clearance.clear(q, self._clearance.required)
 
     def _closing(self, q: Vector, pair: NDArray[np.intp], d: Vector, segment: Matrix) -> Matrix:
-        """-n . (J_b - J_a) of each pair (k, n).
+        """Return -n . (J_b - J_a) of each pair (k, n).
 
-        A joint that moves both geoms changes nothing; one that moves a geom alone, about an
-        axis u through o, moves its nearest point p along n by n . (u x (p - o)), which is
-        u . (p x n) - n . (u x o). The two nearest points lie on one line along n: either will do.
+        A joint that moves one geom only, about an axis u through o, moves its nearest point p
+        along n by n . (u x (p - o)) = u . (p x n) - n . (u x o). Both nearest points lie on one
+        line along n, so either will do.
         """
         data = self._clearance.data
         p, across = segment[:, :3], segment[:, 3:] - segment[:, :3]
@@ -114,7 +112,7 @@ class Avoidance:
         return A
 
     def _by_differences(self, q: Vector, pair: int) -> Vector:
-        """The same for a pair whose geoms touch, where no segment shows the direction."""
+        """Return the same row for a pair whose geoms touch, where no segment gives a direction."""
         of, steps = self._clearance.distance_of, _H * np.eye(len(q))
         change = [of(pair, q + step) - of(pair, q - step) for step in steps]
         closing: Vector = np.array(change) / (-2 * _H)
@@ -122,7 +120,7 @@ class Avoidance:
 
 
 def _cross(a: Matrix, b: Matrix) -> Matrix:
-    """Cross products of rows (k, 3); numpy's own takes several times as long."""
+    """Return cross products of rows (k, 3); `np.cross` takes several times as long."""
     out = np.empty_like(a)
     out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]

@@ -19,13 +19,13 @@ from robo47_qp.model.robot import Robot
 _Args = TypeVarTuple("_Args")
 _T = TypeVar("_T")
 JOINT_MARGIN = 1e-3
-"""Part of a joint's range that planned positions keep from either limit: room for the errors of
-tracking, at the Panda 3 to 6 mrad [-]."""
+"""Part of a joint's range that planned positions keep from either limit, for tracking errors;
+3 to 6 mrad for the Panda [-]."""
 _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
 class JointState(NamedTuple):
-    """What the joints do at one instant; for those that slide read m for rad."""
+    """The joints' motion at one instant; for sliding joints read m for rad."""
 
     q: Vector
     """Position (n,) [rad]."""
@@ -34,7 +34,7 @@ class JointState(NamedTuple):
 
 
 class JointReference(NamedTuple):
-    """What the joints should do at the same instant as the state it is compared with."""
+    """The joints' desired motion at the instant of the state that it is compared with."""
 
     q: Vector
     """Position (n,) [rad]."""
@@ -45,12 +45,12 @@ class JointReference(NamedTuple):
 
 
 class Arm:
-    """The robot alone: fingers welded shut, no objects, no contacts, no joint stops.
+    """Kinematics and dynamics of the robot alone: fingers welded, no contacts, no limit forces.
 
     Obstacles are geoms of its model that exert no forces; a payload has no geometry.
 
-    Arguments are trusted on the hot path: arrays of shape (n,), float64. Returned arrays
-    are new. An arm is not safe to share between threads: its methods use one scratch state.
+    Arguments are not checked on the hot path: float64 arrays of shape (n,). Returned arrays are
+    new. An arm is not safe to share between threads: its methods use one scratch state.
     """
 
     def __init__(
@@ -64,21 +64,17 @@ class Arm:
 
         Args:
             robot: The description.
-            payload: A body held by the tool, part of the belief.
-            obstacles: What stands around the arm, for solvers that look at collisions.
-            margin: Part of each joint's range by which either limit is drawn in [-].
+            payload: The body that the tool is believed to hold.
+            obstacles: Obstacles for solvers that avoid collisions.
+            margin: Part of each joint's range by which either limit is moved inwards [-].
 
         Raises:
             UnknownNameError: See `robot_spec`.
-            InvalidValueError: The name of an obstacle is taken, or the margin is not within
-                [0, 0.5).
-            ModelError: The MJCF does not compile to the n joints of the robot, or a joint
-                has no position limits.
+            InvalidValueError: The name of an obstacle is taken; the margin is outside [0, 0.5).
+            ModelError: See `compile_arm`.
         """
-        self.robot = robot
+        self.robot, self.payload, self.obstacles = robot, payload, tuple(obstacles)
         self._derived: dict[Hashable, Any] = {}
-        self.payload = payload
-        self.obstacles = tuple(obstacles)
         self.model = compile_arm(robot, payload, self.obstacles)
         Range(at_least=0.0, below=0.5).check("margin", margin)
         if margin:
@@ -110,13 +106,12 @@ class Arm:
     def derived(self, build: Callable[["Arm", *_Args], _T], *args: *_Args) -> _T:
         """Return `build(arm, *args)`, built at the first call and kept as long as the arm.
 
-        The one place for what takes long to derive from an arm, and for memory that methods of
-        frozen settings write to, as the states of MuJoCo of a search. Whoever asks for the same
-        shares it: like the arm itself, it is not safe to share between threads.
+        For what takes long to derive from an arm, and for scratch memory. All callers share it:
+        like the arm itself, it is not safe to share between threads.
 
         Args:
-            build: A function or class that does not depend on anything else.
-            args: What else it needs, hashable.
+            build: A function or class whose result depends on its arguments only.
+            args: Its further arguments, hashable.
         """
         key = (build, args)
         if key not in self._derived:
@@ -133,16 +128,16 @@ class Arm:
         return SE3(pose)
 
     def pose_error(self, T_world_target: SE3, q: Vector) -> Vector:
-        """From the tool at q to a pose: displacement [m], rotation vector [rad]; tool frame."""
-        return np.concatenate(self._way(T_world_target, q))
+        """Return displacement [m] and rotation vector [rad] to a pose (6,), in the tool frame."""
+        return np.concatenate(self._pose_error(T_world_target, q))
 
     def pose_distance(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
-        """Distance [m] and angle [rad] between the tool at q and a pose."""
-        p, w = self._way(T_world_target, q)
+        """Return distance [m] and angle [rad] between the tool at q and a pose."""
+        p, w = self._pose_error(T_world_target, q)
         return sqrt(p.dot(p)), sqrt(w.dot(w))
 
-    def _way(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
-        """The two parts of `pose_error`; the second is overwritten by the next call."""
+    def _pose_error(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
+        """Return the two parts of `pose_error`; the next call overwrites the second."""
         self._at(q)
         target = T_world_target.wxyz_xyz
         p = (target[4:] - self._position).dot(self._rotation)
@@ -151,7 +146,7 @@ class Arm:
         return p, self._turn
 
     def jacobian(self, q: Vector) -> Matrix:
-        """J of shape (6, n): twist of the tool in the tool frame, linear part first."""
+        """Return J (6, n): twist of the tool in the tool frame, linear part first."""
         d = self._at(q)
         mujoco.mj_comPos(self.model, d)
         J = self._jacobian
@@ -163,7 +158,7 @@ class Arm:
         return out
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """M(q) of shape (n, n), with the rotor inertias [kg·m²]."""
+        """Return M(q) (n, n), with the rotor inertias [kg·m²]."""
         d = self._at(q)
         mujoco.mj_comPos(self.model, d)
         mujoco.mj_makeM(self.model, d)
@@ -172,12 +167,11 @@ class Arm:
         return M
 
     def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
-        """Torques (n,) that give acceleration a at (q, v) [N·m].
+        """Return the torques (n,) that give acceleration a at (q, v) [N·m].
 
-        tau = M(q) a + c(q, v) + g(q) - tau_passive(q, v), with c the Coriolis and
-        centrifugal terms, g gravity and tau_passive joint damping and springs: the
-        recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008,
-        ch. 5) as implemented by MuJoCo's `mj_inverse`.
+        tau = M(q) a + c(q, v) + g(q) - tau_passive(q, v), with c the Coriolis and centrifugal
+        terms, g gravity and tau_passive joint damping and springs, by MuJoCo's recursive
+        Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5).
         """
         self._q[:] = q
         self._v[:] = v
@@ -186,14 +180,14 @@ class Arm:
         return self._tau.copy()
 
     def place(self, q: Vector) -> None:
-        """Go to q: the first half of `inverse_dynamics`, with J and M at hand in `scratch`."""
+        """Move to q: the first half of `inverse_dynamics`, with the mass matrix in `scratch`."""
         m, d = self.model, self._at(q)
         mujoco.mj_comPos(m, d)
         mujoco.mj_makeM(m, d)
         mujoco.mj_factorM(m, d)
 
     def inverse_dynamics_here(self, v: Vector, a: Vector) -> Vector:
-        """The second half of `inverse_dynamics`: after `place`."""
+        """Return the torques (n,) at the configuration of `place` [N·m]; see `inverse_dynamics`."""
         self._v[:] = v
         self._a[:] = a
         mujoco.mj_inverseSkip(self.model, self._data, _POSITIONS_DONE, 1)
@@ -206,26 +200,23 @@ class Arm:
 
     @property
     def scratch(self) -> mujoco.MjData:
-        """MuJoCo's state of the last call, which any call overwrites.
-
-        What `place` leaves there spares others the kinematics and the factor of M.
-        """
+        """MuJoCo's state of the last call, such as `place`; any call overwrites it."""
         return self._data
 
     def limit_margin(self, q: Vector) -> float:
-        """Distance of the joint closest to one of its limits; negative outside [rad or m]."""
+        """Return the smallest distance of a joint to its limits; negative outside [rad or m]."""
         return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
 
     def beyond_reach(self, position: Vector) -> float:
-        """How far a point is out of the tool's reach, at least; 0 where it may be in reach [m].
+        """Return a lower bound on the distance of a point from the tool's workspace [m].
 
-        The bound is the length of the stretched chain of joints, seen from the first one.
+        It is 0 for points closer to the first joint than the length of the stretched arm.
         """
         from_base = position - self._base
         return max(0.0, sqrt(from_base.dot(from_base)) - self._reach)
 
     def checked_q(self, name: str, q: ArrayLike) -> Vector:
-        """Copy of q as a vector of shape (n,), finite, for arguments from outside."""
+        """Return a copy of q, checked to be a finite vector (n,)."""
         return checked_vector(name, q, self.n)
 
     def _shoulder_and_reach(self) -> tuple[Vector, float]:

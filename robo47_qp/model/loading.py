@@ -1,4 +1,4 @@
-"""Robots from MJCF files that were not written for this package."""
+"""Robots from any MJCF file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from robo47_qp.model.robot import MotionProfile, Robot, ToolFrame
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ratings:
-    """Known ratings of a robot; None takes the default of `ratings`."""
+    """Known ratings of a robot; None takes the default of module `ratings`."""
 
     rated: MotionProfile | None = None
     """See `Robot.rated`."""
@@ -49,21 +49,21 @@ def robot_from_mjcf(
     gripper: Gripper | None = None,
     ratings: Ratings = _NOTHING_KNOWN,
 ) -> Robot:
-    """An arm from a file, with torque motors in place of whatever drives its joints.
+    """Return an arm from a file, with torque motors in place of the file's actuators.
 
     Args:
         mjcf: The file.
         tcp: The tool frame: a site of the file, or a pose on one of its bodies.
         home: Rest configuration (n,) [rad; m where a joint slides].
-        name: Name of the robot; that of the file where None.
-        joints: The arm's joints, base to tip; where None, all between the world and the tool.
-        gripper: The gripper; where None, every joint that is not the arm's is welded.
-        ratings: What the robot can do, as far as it is known.
+        name: Name of the robot; None takes that of the file.
+        joints: The arm's joints, base to tip; None takes all between the world and the tool.
+        gripper: The gripper; with None, all joints except the arm's are welded.
+        ratings: Known ratings.
 
     Raises:
         UnknownNameError: The file lacks the site, the body or a joint.
-        InvalidValueError: A vector is not of n finite numbers, or home is outside the ranges.
-        ModelError: There is no such file, MuJoCo cannot read it, or its chain is no arm.
+        InvalidValueError: A vector is not of n finite numbers, or home is outside the limits.
+        ModelError: The file does not exist, MuJoCo cannot read it, or it holds no arm.
     """
     path = Path(mjcf)
     if not path.is_file():
@@ -103,7 +103,7 @@ def robot_from_menagerie(
     gripper: Gripper | None = None,
     ratings: Ratings = _NOTHING_KNOWN,
 ) -> Robot:
-    """An arm of MuJoCo Menagerie, as in "kuka_iiwa_14/iiwa14"; see `robot_from_mjcf`.
+    """Return an arm of MuJoCo Menagerie, e.g. "kuka_iiwa_14/iiwa14"; see `robot_from_mjcf`.
 
     Raises:
         MenagerieError, MissingExtraError: See `menagerie_file`.
@@ -127,8 +127,7 @@ def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robo
 
     tau_max, rates, stiffness = given("tau_max"), given("tau_rate_max"), given("stiffness")
     if tau_max is None:
-        unknown = np.isnan(file_torques)
-        tau_max = np.where(unknown, defaults.torque_limits(arm), file_torques)
+        tau_max = np.where(np.isnan(file_torques), defaults.torque_limits(arm), file_torques)
     rated = known.rated or defaults.rated_profile(arm, tau_max)
     return replace(
         draft,
@@ -141,7 +140,7 @@ def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robo
 
 
 def _tool_frame(spec: mujoco.MjSpec, tcp: str | ToolFrame) -> tuple[str, ToolFrame | None]:
-    """Name of the site, and where to add it if the file lacks it."""
+    """Return the name of the site, and the frame to add if the file lacks it."""
     sites = [site.name for site in spec.sites]
     if isinstance(tcp, str):
         if tcp not in sites:
@@ -156,7 +155,7 @@ def _tool_frame(spec: mujoco.MjSpec, tcp: str | ToolFrame) -> tuple[str, ToolFra
 
 
 def _chain(spec: mujoco.MjSpec, site: str, tool: ToolFrame | None) -> tuple[str, ...]:
-    """Joints between the world and the tool, base to tip."""
+    """Return the joints between the world and the tool, base to tip."""
     carrier: Any = spec.site(site)
     body: Any = carrier.parent if tool is None else spec.body(tool.body)
     chain: list[Any] = []
@@ -175,7 +174,7 @@ def _chain(spec: mujoco.MjSpec, site: str, tool: ToolFrame | None) -> tuple[str,
 
 
 def _file_torques(model: mujoco.MjModel, joints: Sequence[str]) -> Vector:
-    """The largest torque that the file's actuators may give each joint; NaN where unlimited."""
+    """Return the torque limits of the file's actuators (n,) [N·m]; NaN where unlimited."""
     limits = np.full(len(joints), np.nan)
     for drive in range(model.nu):
         name = model.joint(int(model.actuator_trnid[drive, 0])).name

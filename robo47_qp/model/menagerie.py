@@ -1,4 +1,4 @@
-"""Where the files of MuJoCo Menagerie are on this machine."""
+"""Finds the files of MuJoCo Menagerie."""
 
 import os
 from importlib import import_module
@@ -12,17 +12,14 @@ ROOT_VARIABLE = "MENAGERIE_ROOT"
 
 
 def menagerie_file(model: str) -> Path:
-    """The MJCF file of a model.
+    """Return the MJCF file of a model such as "kuka_iiwa_14/iiwa14" (directory/file).
 
-    It is taken from the checkout that MENAGERIE_ROOT names; without that variable, from the
+    It comes from the checkout that MENAGERIE_ROOT names; without that variable, from the
     package mujoco-menagerie, which fetches a model at first use.
-
-    Args:
-        model: Directory and file without its ending, as in "kuka_iiwa_14/iiwa14".
 
     Raises:
         InvalidValueError: `model` is not of that form.
-        MenagerieError: The file is not there, or cannot be fetched.
+        MenagerieError: The file does not exist, or cannot be fetched.
         MissingExtraError: There is neither a checkout nor the package.
     """
     directory, slash, entry = model.partition("/")

@@ -1,4 +1,4 @@
-"""The robot's MJCF as the package uses it: one place for what `Arm` and `Simulation` share."""
+"""The robot's MJCF, prepared for `Arm` and `Simulation`."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
-    """The model of a spec that was read from a file.
+    """Return the model of a spec that was read from a file.
 
     Raises:
         ModelError: MuJoCo cannot compile it.
@@ -25,13 +25,12 @@ def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise ModelError(
-            f"MuJoCo cannot compile {mjcf}: {error}. Give it a whole model."
-        ) from error
+        message = f"MuJoCo cannot compile {mjcf}: {error}. Give it a whole model."
+        raise ModelError(message) from error
 
 
 def read_spec(mjcf: Path) -> mujoco.MjSpec:
-    """The file as a spec in which every joint has a name.
+    """Read a file into a spec, and name the joints that have no name.
 
     Raises:
         ModelError: MuJoCo cannot read the file.
@@ -47,7 +46,7 @@ def read_spec(mjcf: Path) -> mujoco.MjSpec:
 
 
 def robot_spec(robot: Robot) -> mujoco.MjSpec:
-    """The robot with its tool frame and its torque motors, and nothing that works against them.
+    """Return the robot with its tool frame and its torque motors as the only drives of the arm.
 
     Raises:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
@@ -58,33 +57,37 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
     for name in robot.joints:
         if name not in known:
             raise UnknownNameError("joint", name, known)
-    # A key holds as many numbers as its file has joints; a scene has more, or fewer.
-    _strike(spec, spec.keys)
+    # The keyframes have as many numbers as the file has joints, but a scene has more or fewer.
+    _delete(spec, spec.keys)
     if robot.gripper is None:
         _weld_others(robot, spec)
     if not robot.has_motors:
         _replace_drives(robot, spec)
     if robot.tool is not None:
-        _add_tool_frame(robot, spec)
+        body = spec.body(robot.tool.body)
+        if body is None:
+            raise UnknownNameError("body", robot.tool.body, [body.name for body in spec.bodies])
+        pose = robot.tool.T_body_tcp.wxyz_xyz
+        body.add_site(name=robot.tcp, pos=pose[4:], quat=pose[:4])
     if spec.site(robot.tcp) is None:
         raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
     return spec
 
 
 def remove_visuals(spec: mujoco.MjSpec) -> None:
-    """Strike out geoms that neither touch nor weigh anything, and meshes that none uses."""
+    """Delete geoms without contacts and mass, and unused meshes."""
     for geom in list(spec.geoms):
         drawn_only = geom.contype == 0 and geom.conaffinity == 0
         if drawn_only and geom.parent.explicitinertial:
             spec.delete(geom)
     used = {geom.meshname for geom in spec.geoms}
-    _strike(spec, [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used])
+    # A mesh without a name goes by that of its file.
+    _delete(spec, [mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) not in used])
 
 
 def add_payload(spec: mujoco.MjSpec, robot: Robot, payload: Payload, name: str) -> None:
     """Fix a body to the tool of a robot that `robot_spec` made."""
-    # A tool frame is a site: what it holds hangs on the site's body. Compiling resolves
-    # however the site's orientation is written.
+    # Compiling resolves all ways in which a site's orientation can be written.
     site, tcp = spec.compile().site(robot.tcp), cast(mujoco.MjsSite, spec.site(robot.tcp))
     T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
     tcp.parent.add_body(
@@ -98,13 +101,8 @@ def add_payload(spec: mujoco.MjSpec, robot: Robot, payload: Payload, name: str) 
     )
 
 
-def _mesh_name(mesh: Any) -> str:
-    """A mesh without a name goes by that of its file."""
-    return str(mesh.name or Path(mesh.file).stem)
-
-
 def _weld_others(robot: Robot, spec: mujoco.MjSpec) -> None:
-    """Weld all joints but the arm's and those of free bodies, with what moves or couples them."""
+    """Weld all joints except the arm's and those of free bodies; delete what drives them."""
     others = [
         joint
         for joint in spec.joints
@@ -112,20 +110,19 @@ def _weld_others(robot: Robot, spec: mujoco.MjSpec) -> None:
     ]
     if not others:
         return
-    _strike(spec, [drive for drive in spec.actuators if drive.name not in robot.motors])
+    _delete(spec, [drive for drive in spec.actuators if drive.name not in robot.motors])
     for elements in (spec.sensors, spec.tendons, spec.equalities, others):
-        _strike(spec, elements)
+        _delete(spec, elements)
 
 
 def _replace_drives(robot: Robot, spec: mujoco.MjSpec) -> None:
-    """Servos would hold the joints against any torque: motors take their place."""
+    """Replace the actuators of the arm's joints, as servos resist any torque, by motors."""
     for element in spec.joints:
         if element.name in robot.joints:
-            # The motors have limits of their own, and these are those of the description.
+            # The limits of the motors, from the description, take their place.
             element.actfrclimited = False
-    for drive in list(spec.actuators):
-        if drive.trntype in _ON_JOINTS and drive.target in robot.joints:
-            spec.delete(drive)
+    drives = [drive for drive in spec.actuators if drive.trntype in _ON_JOINTS]
+    _delete(spec, [drive for drive in drives if drive.target in robot.joints])
     limits = robot.tau_max.tolist()
     for joint, motor, limit in zip(robot.joints, robot.motors, limits, strict=True):
         drive = spec.add_actuator(
@@ -141,18 +138,7 @@ def _replace_drives(robot: Robot, spec: mujoco.MjSpec) -> None:
         drive.set_to_motor()
 
 
-def _add_tool_frame(robot: Robot, spec: mujoco.MjSpec) -> None:
-    tool = robot.tool
-    if tool is None:
-        return
-    body = spec.body(tool.body)
-    if body is None:
-        raise UnknownNameError("body", tool.body, [body.name for body in spec.bodies])
-    pose = tool.T_body_tcp.wxyz_xyz
-    body.add_site(name=robot.tcp, pos=pose[4:], quat=pose[:4])
-
-
-def _strike(spec: mujoco.MjSpec, elements: Any) -> None:
+def _delete(spec: mujoco.MjSpec, elements: Any) -> None:
     for element in list(elements):
         spec.delete(element)
 
@@ -160,7 +146,7 @@ def _strike(spec: mujoco.MjSpec, elements: Any) -> None:
 def compile_arm(
     robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
 ) -> mujoco.MjModel:
-    """Compile a model of exactly the robot's joints, without contacts and joint stops.
+    """Compile a model of exactly the robot's joints, without contacts and limit forces.
 
     Raises:
         UnknownNameError: See `robot_spec`.
@@ -168,12 +154,11 @@ def compile_arm(
         ModelError: The MJCF does not compile to the joints of the robot, or a joint has no
             position limits.
     """
-    spec = _bare(robot).copy()
+    spec = _bare_arm(robot).copy()
     if payload is not None:
         add_payload(spec, robot, payload, "payload")
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
-    # No contacts and no joint stops: inverse dynamics of the free arm.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model = spec.compile()
     order = tuple(model.joint(i).name for i in range(model.njnt))
@@ -196,14 +181,11 @@ def compile_arm(
 
 
 @lru_cache(maxsize=16)
-def _bare(robot: Robot) -> mujoco.MjSpec:
-    """The robot's joints and what they carry; to be copied, because striking out takes long."""
+def _bare_arm(robot: Robot) -> mujoco.MjSpec:
+    """Return the robot's joints and links alone; callers copy it, as deleting takes long."""
     spec = robot_spec(robot)
-    drives: list[Any] = [*spec.actuators, *spec.sensors, *spec.tendons, *spec.equalities]
-    for element in drives:
-        spec.delete(element)
-    for joint in list(spec.joints):
-        if joint.name not in robot.joints:
-            spec.delete(joint)
+    others = [joint for joint in spec.joints if joint.name not in robot.joints]
+    for elements in (spec.actuators, spec.sensors, spec.tendons, spec.equalities, others):
+        _delete(spec, elements)
     remove_visuals(spec)
     return spec

@@ -1,18 +1,17 @@
-"""Obstacle: a thing that stands still and that the arm must stay away from."""
+"""Obstacle: a static body that the arm must not touch."""
 
 from dataclasses import dataclass, field
 from enum import Enum
 
 import mujoco
-import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import checked_vector
+from robo47_qp.arrays import check_pose, checked_vector
 from robo47_qp.errors import InvalidValueError
 
 
 class Shape(Enum):
-    """Forms of obstacles, and what their size says, as in MuJoCo."""
+    """Shapes of obstacles, with sizes as in MuJoCo."""
 
     BOX = "box"
     """Size: half lengths along x, y and z [m]."""
@@ -23,33 +22,31 @@ class Shape(Enum):
     CAPSULE = "capsule"
     """Size: radius and half length, without the caps, along z [m]."""
     PLANE = "plane"
-    """No size: endless, solid below its own z = 0."""
+    """No size: infinite, solid below its own z = 0."""
 
 
 SIZES = {Shape.BOX: 3, Shape.SPHERE: 1, Shape.CYLINDER: 2, Shape.CAPSULE: 2, Shape.PLANE: 0}
-"""How many lengths the size of each shape has."""
-
+"""Number of lengths in the size of each shape."""
 _ALL_BITS = 2**31 - 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A body of the world, fixed in it."""
+    """A body that is fixed in the world."""
 
     name: str
-    """What messages call it; unlike that of any other obstacle or geom of the robot."""
+    """Name, unique among the obstacles and the geoms of the robot."""
     shape: Shape
     size: tuple[float, ...] = ()
-    """Lengths as the shape asks for them [m]."""
+    """Lengths, see `Shape` [m]."""
     T_world_obstacle: SE3 = field(default_factory=SE3.identity)
-    """Pose of the centre; of a plane, of a point on it, with z out of the solid."""
+    """Pose of the centre; for a plane, of a point on it, with z out of the solid."""
 
     def __post_init__(self) -> None:
         """Check name, size and pose.
 
         Raises:
-            InvalidValueError: No name, lengths that do not fit the shape or are not positive,
-                or no pose.
+            InvalidValueError: No name, lengths that do not fit the shape, or no pose.
         """
         if not self.name:
             raise InvalidValueError("name of an obstacle", repr(self.name), "a non-empty text")
@@ -63,18 +60,14 @@ class Obstacle:
         if not isinstance(self.T_world_obstacle, SE3):
             found = type(self.T_world_obstacle).__name__
             raise InvalidValueError(f"pose of {title}", f"a {found}", "a mink.SE3")
-        pose = checked_vector(f"pose of {title}", self.T_world_obstacle.wxyz_xyz, 7)
-        if abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-6:
-            raise InvalidValueError(
-                f"pose of {title}", pose[:4].tolist(), "a pose with a unit quaternion"
-            )
+        check_pose(f"pose of {title}", self.T_world_obstacle)
 
 
 def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
     """Add the obstacle to the world of a spec.
 
     Raises:
-        InvalidValueError: A geom of its name is there already.
+        InvalidValueError: A geom has its name already.
     """
     taken = [geom.name for geom in spec.geoms]
     if obstacle.name in taken:
@@ -86,7 +79,7 @@ def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
         size=[*obstacle.size, *(3 - len(obstacle.size)) * [1.0]],
         pos=pose.translation(),
         quat=pose.rotation().wxyz,
-        # All bits: whatever collides with anything collides with an obstacle.
+        # All bits, so that every collision geom collides with an obstacle.
         contype=_ALL_BITS,
         conaffinity=_ALL_BITS,
         margin=0.0,

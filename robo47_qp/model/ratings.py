@@ -1,7 +1,7 @@
 """Default ratings of a robot, computed from its masses, joint ranges and motors.
 
-These are defaults, not a manufacturer's figures: they keep a simulated arm within what its own
-motors can do. Give the real ones where they are known.
+They keep a simulated arm within the power of its motors. Give the manufacturer's ratings where
+they are known.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ _SAMPLES = 64
 
 
 def torque_limits(arm: Arm) -> Vector:
-    """Return torques (n,) that hold the arm anywhere, with as much again to move it [N·m]."""
+    """Return torque limits (n,): twice the largest gravity torque, and more to accelerate [N·m]."""
     M, g = arm.derived(_inertia_and_gravity)
     # A vertical axis carries no weight: it gets the torque that reaches full speed in time.
     start = M.diagonal(axis1=1, axis2=2).max(axis=0) * _speeds(arm) / RATED_RISE_TIME
@@ -43,7 +43,7 @@ def torque_limits(arm: Arm) -> Vector:
     slides = np.array(arm.robot.units) == "m"
     for kind in (slides, ~slides):
         if kind.any():
-            # The last joints carry almost no weight until the tool holds something.
+            # The last joints carry almost no weight until the tool holds an object.
             limits[kind] = np.maximum(limits[kind], LEAST_TORQUE_SHARE * limits[kind].max())
     return limits
 
@@ -57,7 +57,7 @@ def rated_profile(arm: Arm, tau_max: Vector) -> MotionProfile:
     """
     v_max = _speeds(arm)
     M, g = arm.derived(_inertia_and_gravity)
-    # Where the motor has nothing to spare, a tenth of it is taken to be left.
+    # At least a tenth of the limit counts as left.
     left = TORQUE_SHARE * np.maximum(tau_max - g - _drag(arm), 0.1 * tau_max)
     a_max = (left / M.diagonal(axis1=1, axis2=2)).min(axis=0)
     a_max *= min(1.0, float((left / (np.abs(M) @ a_max)).min()))
@@ -80,16 +80,16 @@ def torque_rates(tau_max: Vector) -> Vector:
 def stiffness(arm: Arm, tau_max: Vector, period: float) -> Vector:
     """Return joint stiffness (n,) that is stable at a control period [N·m/rad].
 
-    As stiff as DEFLECTION asks for, but soft enough for discrete time: with the damping
+    As stiff as DEFLECTION requires, but soft enough for discrete time: with the damping
     D = 2 √(K M_ii) of a critically damped joint, the fastest rate of M(q)⁻¹ D stays below
-    DAMPING_RATE / period in every configuration, two being where explicit steps diverge.
+    DAMPING_RATE / period in every configuration; explicit steps diverge at 2 / period.
     """
     M, _ = arm.derived(_inertia_and_gravity)
-    # Damping in the joints is integrated implicitly, where it acts like inertia.
+    # Joint damping is integrated implicitly, where it acts like inertia.
     M = M + period * np.diag(arm.model.dof_damping)
     home = np.diag(arm.mass_matrix(arm.home))
     fastest = DAMPING_RATE / period
-    # The lightest a joint ever is: with all others free to move.
+    # The smallest inertia of a joint: with all others free to move.
     lightest = 1.0 / np.linalg.inv(M).diagonal(axis1=1, axis2=2).max(axis=0)
     K: Vector = np.minimum(0.1 * tau_max / DEFLECTION, (fastest * lightest / 2.0) ** 2 / home)
     D = 2.0 * np.sqrt(K * home)
@@ -106,7 +106,7 @@ def _speeds(arm: Arm) -> Vector:
 
 
 def _drag(arm: Arm) -> Vector:
-    """Torque of damping at full speed and of dry friction (n,) [N·m]."""
+    """Return the torque of damping at full speed and of dry friction (n,) [N·m]."""
     drag: Vector = arm.model.dof_damping * _speeds(arm) + arm.model.dof_frictionloss
     return drag
 

@@ -1,4 +1,4 @@
-"""Robot: the frozen description of an arm, its limits and its gripper."""
+"""Robot: description of an arm, its limits and its gripper."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp.arrays import Range, Vector, frozen_vector
 from robo47_qp.errors import InvalidValueError, ModelError
 from robo47_qp.model.gripper import Gripper
 
@@ -23,7 +23,7 @@ class MotionProfile:
     """Largest joint jerk [rad/s³ or m/s³]."""
 
     def __post_init__(self) -> None:
-        """Freeze the arrays.
+        """Check and freeze the arrays.
 
         Raises:
             InvalidValueError: A bound is not positive and finite, or the lengths differ.
@@ -37,22 +37,16 @@ class MotionProfile:
 
     @classmethod
     def uniform(cls, n: int, *, v: float, a: float, j: float) -> "MotionProfile":
-        """The same bounds for each of n joints [rad/s, rad/s², rad/s³]."""
+        """Return a profile with the same bounds for all n joints [rad/s, rad/s², rad/s³]."""
         return cls(v_max=np.full(n, v), a_max=np.full(n, a), j_max=np.full(n, j))
 
     def slowed(self, pace: float) -> "MotionProfile":
-        """The profile of the same paths run at `pace` times the full speed.
-
-        Stretching time by 1/s scales velocity by s, acceleration by s² and jerk by s³.
-
-        Args:
-            pace: Ratio of the speeds, in (0, 1].
+        """Return the profile with time stretched by 1 / `pace`.
 
         Raises:
             InvalidValueError: `pace` is outside (0, 1].
         """
-        if not 0.0 < pace <= 1.0:
-            raise InvalidValueError("pace", pace, "above 0 and at most 1")
+        Range(above=0.0, at_most=1.0).check("pace", pace)
         return MotionProfile(
             v_max=self.v_max * pace, a_max=self.a_max * pace**2, j_max=self.j_max * pace**3
         )
@@ -60,7 +54,7 @@ class MotionProfile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ToolFrame:
-    """A tool frame that the MJCF has no site for, fixed to one of its bodies."""
+    """A tool frame on a body of the MJCF, which has no site for it."""
 
     body: str
     """Body that carries the tool."""
@@ -70,33 +64,33 @@ class ToolFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
-    """An arm with n joints: where its model is, what it may do. No state.
+    """Describes an arm with n joints: its model and its limits, no state.
 
-    Units are those of joints that turn; for one that slides read m for rad and N for N·m.
+    Units are those of hinges; for a sliding joint read m for rad and N for N·m.
     """
 
     name: str
     mjcf: Path
-    """MJCF file, with the robot's base where it stands in the world."""
+    """MJCF file, with the robot's base at its pose in the world."""
     joints: tuple[str, ...]
     """The n arm joints, base to tip."""
     slides: tuple[str, ...] = ()
-    """Those of the joints that slide; all others turn."""
+    """The sliding joints among them; all others are hinges."""
     motors: tuple[str, ...]
     """Torque motors, in the order of `joints`."""
     has_motors: bool = True
-    """True where the file has the motors. Where it does not, whatever it drives the joints with
-    is struck out and motors of `tau_max` take its place."""
+    """True where the file has the motors; else motors limited to `tau_max` replace the actuators
+    that it has for the joints."""
     tcp: str
     """Site that is the tool frame: z points out of the tool."""
     tool: ToolFrame | None = None
-    """Where the site `tcp` is added; None where the file has it."""
+    """Frame at which the site `tcp` is added; None where the file has the site."""
     home: Vector
     """Rest configuration (n,) [rad]."""
     rated: MotionProfile
-    """What the manufacturer allows."""
+    """Limits of the manufacturer."""
     profile: MotionProfile
-    """What is used unless something else is asked for."""
+    """Limits of motions by default."""
     tau_max: Vector
     """Torque limits (n,) [N·m]."""
     tau_rate_max: Vector
@@ -104,12 +98,12 @@ class Robot:
     stiffness: Vector
     """Joint impedance stiffness used by default (n,) [N·m/rad]."""
     gripper: Gripper | None = None
-    """None where there is none, or none to be moved: all joints beside the arm's are welded."""
+    """None where it has none or it stays unused: all joints except the arm's are then welded."""
     menagerie: str | None = None
     """Directory and file of the same robot in MuJoCo Menagerie, for its meshes."""
 
     def __post_init__(self) -> None:
-        """Freeze the arrays.
+        """Check the fields and freeze the arrays.
 
         Raises:
             InvalidValueError: A field has the wrong length or is not finite.
@@ -118,8 +112,7 @@ class Robot:
         n = len(self.joints)
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
-        for name in ("rated", "profile"):
-            profile: MotionProfile = getattr(self, name)
+        for name, profile in (("rated", self.rated), ("profile", self.profile)):
             frozen_vector(f"{name}.v_max", profile.v_max, n)
         if len(self.motors) != n:
             raise InvalidValueError("motors", self.motors, f"{n} names, one per joint")
@@ -134,7 +127,7 @@ class Robot:
         return tuple("m" if joint in self.slides else "rad" for joint in self.joints)
 
     def unit(self, turning: str, sliding: str) -> str:
-        """Unit of a quantity of all joints: both, where some turn and some slide."""
+        """Return the unit of a quantity of all joints: both, where some turn and some slide."""
         if not self.slides:
             return turning
         return sliding if len(self.slides) == len(self.joints) else f"{turning} or {sliding}"

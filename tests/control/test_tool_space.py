@@ -19,7 +19,7 @@ def test_jacobian_and_inertia_are_those_of_energies_and_differences(
     arm: Arm, plain: PlainArm, in_tool: bool
 ) -> None:
     space, q_ref = ToolSpace(arm), arm.home + 0.2
-    space.ask(q_ref)
+    space.set_reference(q_ref)
     arm.place(arm.home)
     space.update(in_tool=in_tool)
     J = world_jacobian(plain, arm.home)
@@ -34,15 +34,15 @@ def test_jacobian_and_inertia_are_those_of_energies_and_differences(
     assert space.inertias == pytest.approx(np.diag(space.inertia))
 
 
-def test_what_is_unfelt_does_not_move_the_tool(
+def test_null_space_motions_do_not_move_the_tool(
     arm: Arm, plain: PlainArm, rng: np.random.Generator
 ) -> None:
     space, motions = ToolSpace(arm), rng.uniform(-1, 1, (2, arm.n))
     space.motions[:] = motions
-    space.ask(arm.home)
+    space.set_reference(arm.home)
     arm.place(arm.home)
     space.update(in_tool=False)
-    for v, felt, unfelt in zip(motions, space.felt, space.unfelt(), strict=True):
+    for v, felt, unfelt in zip(motions, space.twists, space.null_space_motions(), strict=True):
         assert felt == pytest.approx(world_jacobian(plain, arm.home) @ v, abs=1e-5)
         assert np.abs(world_jacobian(plain, arm.home) @ unfelt).max() < 1e-5
         # The rest is orthogonal to it in the metric of the mass matrix.
@@ -54,7 +54,7 @@ def test_the_jacobians_rate_is_its_difference_along_the_motion(
     arm: Arm, plain: PlainArm, rng: np.random.Generator, in_tool: bool
 ) -> None:
     space, (v, w) = ToolSpace(arm), rng.uniform(-1, 1, (2, arm.n))
-    space.ask(arm.home + 0.1)
+    space.set_reference(arm.home + 0.1)
     arm.place(arm.home)
     space.update(in_tool=in_tool)
     arm.inverse_dynamics_here(v, v)
@@ -81,7 +81,7 @@ def test_towards_a_singularity_the_inertia_grows_smoothly_to_a_bound(arm: Arm) -
     scale = np.array([1.0] * 3 + [1 / 0.3**2] * 3)
     for t in np.linspace(1.0, 0.0, 400) ** 3:
         q = straight + t * (arm.home - straight)
-        space.ask(q)
+        space.set_reference(q)
         arm.place(q)
         space.update(in_tool=False)
         inertias = scale * space.inertias
@@ -100,10 +100,10 @@ def test_the_turn_is_the_shorter_one_from_the_tool_to_its_reference(
     space = ToolSpace(arm)
     for _ in range(20):
         q, q_ref = (plain.at(rng.uniform(0, 1, arm.n)) for _ in range(2))
-        space.ask(q_ref)
+        space.set_reference(q_ref)
         arm.place(q)
         R, R_ref = plain.tool(q)[1], plain.tool(q_ref)[1]
-        w, *xyz = space.turn(in_tool=in_tool)
+        w, *xyz = space.orientation_error(in_tool=in_tool)
         assert w >= 0.0
         asked = R.T @ R_ref if in_tool else R_ref @ R.T
         assert np.abs(Rotation.from_quat([*xyz, w]).as_matrix() - asked).max() < 1e-9
@@ -112,5 +112,5 @@ def test_the_turn_is_the_shorter_one_from_the_tool_to_its_reference(
 def test_a_reference_that_rests_moves_again(arm: Arm, plain: PlainArm) -> None:
     space = ToolSpace(arm)
     for turn in (0.0, 0.0, 0.1, 0.1, -0.1):
-        space.ask(arm.home + turn)
+        space.set_reference(arm.home + turn)
         assert space.position_ref == pytest.approx(plain.tool(arm.home + turn)[0])

@@ -172,7 +172,7 @@ def _check_refusal(result: IkResult, contacts: Contacts) -> None:
     # A capsule that runs through a box escapes MuJoCo's contacts: see GeomDistance.
     assert contacts.least(result.q) < ASKED or result.clearance < -0.02
     assert "{} and {}".format(*result.pair) in result.explanation
-    assert "10 mm are asked" in result.explanation
+    assert "10 mm are required" in result.explanation
     assert result.inevitable == ("whatever the joints" in result.explanation)
 
 

@@ -161,7 +161,7 @@ def test_dls_takes_another_answer_where_its_first_one_is_in_the_way() -> None:
     assert alone.failure is not None
     assert alone.failure.cause is Cause.IK
     assert "post" in alone.failure.evidence
-    assert "10 mm are asked" in alone.failure.evidence
+    assert "10 mm are required" in alone.failure.evidence
     assert not alone.rows["joints/v_ref"].any()
     run = carried_out("dls")
     assert run.failure is None
