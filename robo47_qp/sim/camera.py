@@ -1,4 +1,4 @@
-"""Camera: where objects seem to be, frame by frame."""
+"""ObjectCamera: measured poses of objects, frame by frame."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,35 +11,35 @@ from robo47_qp.arrays import Vector
 
 @dataclass(frozen=True, kw_only=True)
 class CameraNoise:
-    """How far what a camera sees is off. All of it Gaussian, by standard deviation."""
+    """Standard deviations of the Gaussian errors of a camera, and its frame rate."""
 
     position: float
-    """Of each coordinate, anew in every frame [m]."""
+    """Error of each coordinate, drawn anew in every frame [m]."""
     heading: float
-    """Of the turn about the world's vertical, anew in every frame [rad]."""
+    """Error of the rotation about the world's vertical, drawn anew in every frame [rad]."""
     bias: float
-    """Of each coordinate, once per object and then the same in all frames [m]."""
+    """Error of each coordinate, drawn once per object [m]."""
     rate: float
     """Frames per second [1/s]."""
 
 
 class ObjectCamera:
-    """Sees the poses of objects, as they were at its last frame.
+    """Measures the poses of objects as they were at its last frame.
 
-    What it sees of an object depends on the seed, the object and the frame, and not on how
-    often or in which order it is asked: two programs in one world get the same pictures.
+    The error of a pose depends on the seed, the object and the frame, not on the order or
+    number of calls: two programs in one world get the same measurements.
     """
 
     def __init__(self, objects: Sequence[str], noise: CameraNoise, seed: int) -> None:
-        """Set the camera up; the first frame is still to be taken.
+        """Set the camera up, without a first frame.
 
         Args:
-            objects: Names of what it sees.
-            noise: How far that is off.
-            seed: Of the noise.
+            objects: Names of the objects.
+            noise: Errors of the measured poses.
+            seed: Seed of the errors.
         """
         self._objects, self._noise, self._seed = tuple(objects), noise, seed
-        # One more than the frame's number is used below: a seed ends as if zeros followed.
+        # Seeds of frames end with 1 and above: a trailing 0 is that of the bias.
         self._biases = [
             noise.bias * np.random.default_rng([seed, i, 0]).standard_normal(3)
             for i in range(len(self._objects))
@@ -49,23 +49,23 @@ class ObjectCamera:
         self._seen: dict[str, SE3] = {}
 
     def frame(self, time: float) -> int:
-        """Number of the last frame at a time [s]."""
+        """Return the number of the last frame at a time [s]."""
         # Slack for the rounding of times that are sums of periods.
         return int(time * self._noise.rate + 1e-6)
 
     def watch(self, time: float, pose: Callable[[str], SE3]) -> None:
-        """Take a frame if one is due at a time [s], of where the objects are."""
+        """Take a frame of the objects' poses if one is due at a time [s]."""
         if self.frame(time) != self._frame:
             self.take(time, pose)
 
     def take(self, time: float, pose: Callable[[str], SE3]) -> None:
-        """Take the last frame at a time [s], again if there is one."""
+        """Take the last frame at a time [s], again if it was taken already."""
         self._frame = self.frame(time)
         self._taken = {name: pose(name) for name in self._objects}
         self._seen.clear()
 
     def seen(self, name: str) -> SE3:
-        """T_world_object as the last frame shows it; the name is known."""
+        """Return T_world_object as measured in the last frame."""
         if name not in self._seen:
             shift, turn = self._error(self._objects.index(name))
             T = self._taken[name]

@@ -1,4 +1,4 @@
-"""Contact sensing: what presses on the tool, on the rest of the arm and on the fingers."""
+"""Contact sensing: contact forces on the tool, the links and the fingers."""
 
 from math import hypot
 
@@ -10,22 +10,20 @@ from robo47_qp.errors import UnknownNameError
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.signal import XYZ, Signal
 
-_FORCE_FIELD, _NET_FORCE, _ONE_SLOT = 1 << 1, 3, 1
-"""Parameters of MuJoCo's contact sensor: report the force, summed over all contacts."""
-_PARAMETERS = [_FORCE_FIELD, _NET_FORCE, _ONE_SLOT]
+_PARAMETERS = [1 << 1, 3, 1]
+"""Of MuJoCo's contact sensor: the force field, reduced to the net force, in one slot."""
 _TOOL, _WITHIN_TOOL, _LINK = "contact/tool", "contact/within tool", "contact/link"
 
 
 def contact_sensor(finger: str) -> str:
-    """Name of the sensor that sums the contact forces on a finger."""
+    """Return the name of the sensor of the net contact force on a finger."""
     return f"{finger}_contact"
 
 
 def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add sensors of the contact forces on tool, links and fingers to a spec with all bodies.
+    """Add contact force sensors of tool, links and fingers to a spec with all bodies.
 
-    The tool is the body of the last joint with all that it carries. A body without a name
-    gets one.
+    The tool is the body of the last joint with all that it carries. Unnamed bodies get names.
 
     Raises:
         UnknownNameError: The spec lacks a joint of the robot.
@@ -35,7 +33,7 @@ def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
     for finger in () if robot.gripper is None else robot.gripper.fingers:
         _add(spec, contact_sensor(finger), body, finger)
     _add(spec, _TOOL, subtree, tool)
-    # Bodies of the tool that touch each other match the first sensor too.
+    # Contacts between bodies of the tool count in the first sensor too.
     _add(spec, _WITHIN_TOOL, subtree, tool, other=tool)
     for i, link in enumerate(links):
         _add(spec, f"{_LINK} {i}", body, link)
@@ -45,13 +43,13 @@ class ContactSensing:
     """Reads the contact forces on an arm; part of `Simulation`."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take the views of the sensors' numbers in `data`."""
-        # MuJoCo reports the force of the named body on others: the opposite of what it feels.
+        """Take views of the sensors' values in `data`."""
+        # MuJoCo reports the force of the named body on others.
         self._by_tool = data.sensor(_TOOL).data
         self._within_tool = data.sensor(_WITHIN_TOOL).data
         names = [model.sensor(i).name for i in range(model.nsensor)]
         links = [i for i, name in enumerate(names) if name.startswith(_LINK)]
-        # They were added one after the other, so that their numbers lie side by side.
+        # Added one after the other, their values are contiguous.
         start = model.sensor_adr[links[0]] if links else 0
         self._on_links = data.sensordata[start : start + 3 * len(links)]
         self._tool, self._links = np.zeros(3), np.zeros(1)
@@ -70,18 +68,18 @@ class ContactSensing:
         )
 
     def tool_force(self) -> Vector:
-        """Net contact force of the rest of the world on the tool (3,), in the world [N]."""
+        """See `Simulation.last_tool_force`."""
         self.update()
         return self._tool.copy()
 
     def links_force(self) -> float:
-        """Sizes of the net contact forces on the links before the tool, added up [N]."""
+        """See `Simulation.last_links_force`."""
         self.update()
         return float(self._links[0])
 
 
 def _links_and_tool(spec: mujoco.MjSpec, robot: Robot) -> tuple[list[str], str]:
-    """Names of the bodies from the first joint up to the last one's body, and of that body."""
+    """Return the names of the links before the last joint's body, and of that body."""
     first, last = (_carrier(spec, robot.joints[i]) for i in (0, -1))
     arm = [first, *first.find_all("body")]
     for i, body in enumerate(arm):

@@ -1,4 +1,4 @@
-"""Disturbance: what goes wrong in the world without the controller being told."""
+"""Disturbance: errors of the world that the controller does not know."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -23,24 +23,24 @@ from robo47_qp.sim.simulation import Simulation
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Push(Checked):
-    """A constant force on the tool point for a while."""
+    """A constant force on the tool point for a limited time."""
 
     force: Annotated[Vector, Size(3)]
-    """(3,), in the world [N]."""
+    """The force (3,), in the world [N]."""
     start: NotNegative
-    """When it begins [s]."""
+    """Time at which it begins [s]."""
     duration: NotNegative = 0.2
-    """How long it lasts [s]."""
+    """Time for which it lasts [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disturbance(Checked):
-    """All that is wrong in one world; by default nothing."""
+    """The errors of one world; by default none."""
 
     payload: Payload | None = None
-    """A body fixed to the tool that no one told the controller of."""
+    """A body fixed to the tool that the controller does not know."""
     inertia_factor: Positive = 1.0
-    """Mass and inertia of every link of the robot, relative to its model [-]."""
+    """Mass and inertia of every link of the robot, relative to the model [-]."""
     pushes: Sequence[Push] = ()
     delay: CountOrZero = 0
     """Control periods from a command to the motors."""
@@ -49,33 +49,32 @@ class Disturbance(Checked):
     noise_v: NotNegative = 0.0
     """Standard deviation of the measured joint velocities [rad/s]."""
     noise_force: NotNegative = 0.0
-    """Standard deviation of each component of the tool force that controllers feel [N]."""
+    """Standard deviation of each component of the measured tool force [N]."""
     object_mass_factor: Positive = 1.0
-    """Mass and inertia of what moves freely, relative to its model [-]."""
+    """Mass and inertia of the free bodies, relative to the model [-]."""
     friction_factor: Positive = 1.0
-    """Friction of all contacts, relative to its model: sliding, turning and rolling [-]."""
+    """Sliding, torsional and rolling friction of all contacts, relative to the model [-]."""
     pose_noise: NotNegative = 0.0
-    """Standard deviation of each coordinate of an object, in every frame of the camera [m]."""
+    """Standard deviation of each measured coordinate of an object, per camera frame [m]."""
     heading_noise: NotNegative = 0.0
-    """Standard deviation of an object's turn about the vertical, in every frame [rad]."""
+    """Standard deviation of an object's measured heading, per camera frame [rad]."""
     pose_bias: NotNegative = 0.0
-    """Standard deviation of an error of each coordinate that an object keeps in all frames [m]."""
+    """Standard deviation of an object's constant error of each measured coordinate [m]."""
     camera_rate: Positive = 30.0
-    """Frames per second; where the camera errs, objects are seen as they were at the last one,
-    else as they are [1/s]."""
+    """Frames per second of a camera with errors; one without measures poses at once [1/s]."""
 
     @property
     def noisy(self) -> bool:
-        """True where something is measured with an error."""
-        return any(getattr(self, name) for name in _NOISES)
+        """True where a measurement has an error."""
+        joints_and_force = self.noise_q or self.noise_v or self.noise_force
+        return bool(joints_and_force or self.pose_noise or self.heading_noise or self.pose_bias)
 
 
 class DisturbedSimulation(Simulation):
-    """A simulation with a disturbance, which what it records shows and what it measures hides.
+    """A simulation with a disturbance.
 
-    Motors, inertias, friction, the state and the tool force that controllers see, and the poses
-    that the camera sees, are disturbed; `write_now`, `write_last`, `last_tool_force` and
-    `object_pose` tell the truth.
+    It affects motors, inertias, friction and the measured state, tool force and poses;
+    `write_now`, `write_last`, `true_state`, `last_tool_force` and `object_pose` are true values.
     """
 
     def __init__(
@@ -90,18 +89,18 @@ class DisturbedSimulation(Simulation):
         Args:
             robot: See `Simulation`.
             build_scene: See `Simulation`.
-            disturbance: What is wrong.
-            rng: Source of the sensor noise; what the camera sees is drawn from it once, here.
+            disturbance: The errors of the world.
+            rng: Source of the sensor noise; the camera's seed is drawn from it once, here.
 
         Raises:
-            InvalidValueError: There is noise and no generator.
+            InvalidValueError: There is noise, but no generator.
             UnknownNameError, ModelError: See `Simulation`.
         """
         if rng is None and disturbance.noisy:
             raise InvalidValueError("rng", None, "a numpy Generator where there is sensor noise")
         self.disturbance = disturbance
         self._rng = rng
-        self._on_the_way: deque[Vector] = deque()
+        self._delayed: deque[Vector] = deque()
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _carrying(robot, build_scene, disturbance.payload))
         self._scale_world()
@@ -116,24 +115,24 @@ class DisturbedSimulation(Simulation):
             self._camera.take(self.time, self.object_pose)
 
     def reset(self) -> None:
-        """As `Simulation.reset`; commands on the way are those that hold the arm."""
+        """See `Simulation.reset`; the delayed commands are those that hold the arm."""
         super().reset()
         if self._camera is not None:
             self._camera.take(self.time, self.object_pose)
         held = self.motor_torque()
-        self._on_the_way = deque(held.copy() for _ in range(self.disturbance.delay))
+        self._delayed = deque(held.copy() for _ in range(self.disturbance.delay))
 
     def step(self, tau: Vector) -> None:
-        """As `Simulation.step`, with the command of `delay` periods ago and the pushes of now."""
-        self._on_the_way.append(tau.copy())
+        """See `Simulation.step`; with the command of `delay` periods ago and the pushes."""
+        self._delayed.append(tau.copy())
         if self.disturbance.pushes:
             self._push()
-        super().step(self._on_the_way.popleft())
+        super().step(self._delayed.popleft())
         if self._camera is not None:
             self._camera.watch(self.time, self.object_pose)
 
     def state(self) -> JointState:
-        """What the sensors say."""
+        """See `Simulation.state`."""
         state, noise = super().state(), self.disturbance
         if self._rng is None or not (noise.noise_q or noise.noise_v):
             return state
@@ -144,37 +143,33 @@ class DisturbedSimulation(Simulation):
         )
 
     def felt_force(self) -> Vector:
-        """What the sensor at the wrist says of `last_tool_force` (3,) [N]."""
+        """See `Simulation.felt_force`."""
         force = super().felt_force()
         if self._rng is None or not self.disturbance.noise_force:
             return force
         return force + self.disturbance.noise_force * self._rng.standard_normal(3)
 
     def true_state(self) -> JointState:
-        """What the joints do."""
+        """See `Simulation.true_state`."""
         return super().state()
 
     def seen_pose(self, name: str) -> SE3:
-        """T_world_object of a free body in the last frame of the camera, as that errs.
-
-        Raises:
-            UnknownNameError: No free body has this name.
-        """
+        """See `Simulation.seen_pose`; measured in the last frame of the camera."""
         T_world_object = self.object_pose(name)
         return T_world_object if self._camera is None else self._camera.seen(name)
 
     @property
     def camera_noise(self) -> float:
-        """Standard deviation of a position in `seen_pose`, per axis and frame [m]."""
+        """See `Simulation.camera_noise`."""
         return self.disturbance.pose_noise
 
     @property
     def weights_known(self) -> bool:
-        """Whether objects are as heavy as their models say."""
+        """See `Simulation.weights_known`."""
         return self.disturbance.object_mass_factor == 1.0
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
-        """As `Simulation.place_object`; the camera sees it at its new place at once."""
+        """See `Simulation.place_object`; the camera takes a new frame at once."""
         super().place_object(name, T_world_object)
         if self._camera is not None:
             self._camera.take(self.time, self.object_pose)
@@ -207,7 +202,6 @@ class DisturbedSimulation(Simulation):
 
 
 _PAYLOAD = "unknown_payload"
-_NOISES = ("noise_q", "noise_v", "noise_force", "pose_noise", "heading_noise", "pose_bias")
 
 
 def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) -> BuildScene:

@@ -15,7 +15,7 @@ class SimulatedGripper:
     """Moves the fingers and reads them; part of `Simulation`."""
 
     def __init__(self, gripper: Gripper, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take the views of the gripper's numbers in `data`."""
+        """Take views of the gripper's state in `data`."""
         self.gripper = gripper
         self._model, self._data = model, data
         left, right = (model.joint(name) for name in gripper.joints)
@@ -39,16 +39,12 @@ class SimulatedGripper:
         self._grip = self._open
 
     def reset(self) -> None:
-        """Fingers fully open, and to be held there."""
+        """Open the fingers fully and hold them there."""
         self._left[0] = self._right[0] = self.gripper.width_max / 2
         self.command(self._open)
 
     def command(self, grip: Grip) -> None:
-        """Let the fingers move to a width, with a bounded speed and force.
-
-        Raises:
-            InvalidValueError: Width or force are outside what the gripper can do.
-        """
+        """See `Simulation.command_grip`."""
         gripper = self.gripper
         if not 0.0 <= grip.width <= gripper.width_max:
             expected = f"between 0 and {gripper.width_max} [m]"
@@ -57,8 +53,8 @@ class SimulatedGripper:
             expected = f"above 0 and at most {gripper.force_max} [N]"
             raise InvalidValueError("grip force", grip.force, expected)
         self._grip = grip
-        # The servo's target lies beyond an object that it squeezes: a move away starts here, and
-        # one on the same side goes on from the target, so that what is squeezed stays squeezed.
+        # A squeezed object keeps the fingers off the setpoint. To reverse, the setpoint jumps to
+        # the fingers; to go on in its direction it stays, so that the force stays.
         width = self.width()
         if (self.width_command() - width) * (grip.width - width) <= 0.0:
             self._data.ctrl[self._servo] = min(max(width, 0.0), gripper.width_max)
@@ -66,7 +62,7 @@ class SimulatedGripper:
         self._model.actuator_forcerange[self._servo] = (-limit, limit)
 
     def move(self) -> None:
-        """Bring the servo's target one period closer to the width asked for."""
+        """Move the setpoint of the servo towards the commanded width, for one period."""
         ctrl, wanted = self._data.ctrl, self._grip.width
         now = float(ctrl[self._servo])
         if now != wanted:
@@ -74,24 +70,24 @@ class SimulatedGripper:
             ctrl[self._servo] = min(max(wanted, now - step), now + step)
 
     def width(self) -> float:
-        """Opening width [m]."""
+        """See `Simulation.width`."""
         return float(self._left[0] + self._right[0])
 
     def width_speed(self) -> float:
-        """Rate of the opening width [m/s]."""
+        """See `Simulation.width_speed`."""
         return float(self._left_v[0] + self._right_v[0])
 
     def width_command(self) -> float:
-        """Opening width that the servo holds to [m]."""
+        """See `Simulation.width_command`."""
         return float(self._data.ctrl[self._servo])
 
     def settled(self) -> bool:
-        """True once the fingers stand still, at the width asked for or at the full force."""
+        """See `Simulation.grip_settled`."""
         force = float(self._data.actuator_force[self._servo]) / self.gripper.force_gain
         towards = force if self._grip.width > self.width() else -force
         there = self.width_command() == self._grip.width or towards > 0.99 * self._grip.force
         return there and abs(self.width_speed()) < 1e-3
 
     def forces(self) -> Vector:
-        """Size of the net contact force on each finger in the last period (2,) [N]."""
+        """See `Simulation.last_finger_forces`."""
         return np.array([np.sqrt(force @ force) for force in self._forces])

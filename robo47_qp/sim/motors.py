@@ -1,4 +1,4 @@
-"""SimulatedMotors: what the motors of an arm deliver of the torques that are asked for."""
+"""SimulatedMotors: the torques that the motors of an arm deliver."""
 
 from math import isfinite
 
@@ -14,17 +14,17 @@ class SimulatedMotors:
     """Keeps the torques of a MuJoCo model within the motors' limits. Part of `Simulation`."""
 
     def __init__(self, robot: Robot, ctrl: Vector) -> None:
-        """Keep the view of the motors' numbers (n,) in MjData."""
+        """Keep a view of the motors' torques (n,) in MjData."""
         self._ctrl, self._limit = ctrl, robot.tau_max
         self._step = robot.tau_rate_max * TIMESTEP
         self._low, self._high = np.empty_like(ctrl), np.empty_like(ctrl)
 
     def start(self, tau: Vector) -> None:
-        """Deliver torques at once, as far as the limits allow."""
+        """Deliver torques at once, within tau_max."""
         np.clip(tau, -self._limit, self._limit, out=self._ctrl)
 
     def deliver(self, tau: Vector) -> None:
-        """Deliver what is closest to a command within tau_max and tau_rate_max.
+        """Deliver the torque closest to a command within tau_max and tau_rate_max.
 
         Raises:
             InvalidValueError: The command is not finite.

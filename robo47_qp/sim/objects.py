@@ -1,4 +1,4 @@
-"""SimulatedObjects: the bodies of a MuJoCo model that are no part of the robot."""
+"""SimulatedObjects: the free and mocap bodies of a MuJoCo model."""
 
 import mujoco
 import numpy as np
@@ -14,7 +14,7 @@ class SimulatedObjects:
     """Reads and places free bodies (objects) and mocap bodies (markers); part of `Simulation`."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take the views of the bodies' numbers in `data`."""
+        """Take views of the bodies' state in `data`."""
         self._model, self._data = model, data
         self.objects = free_bodies(model)
         self.markers = mocap_bodies(model)
@@ -27,28 +27,16 @@ class SimulatedObjects:
         }
 
     def pose(self, name: str) -> SE3:
-        """T_world_object now.
-
-        Raises:
-            UnknownNameError: No free body has this name.
-        """
+        """See `Simulation.object_pose`."""
         pose = self._poses[self._known(name)]
         return SE3(np.concatenate([pose[3:], pose[:3]]))
 
     def twist(self, name: str) -> Vector:
-        """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
-
-        Raises:
-            UnknownNameError: No free body has this name.
-        """
+        """See `Simulation.object_twist`."""
         return self._twists[self._known(name)].copy()
 
     def place(self, name: str, T_world_object: SE3) -> None:
-        """Put a free body at a pose, at rest.
-
-        Raises:
-            UnknownNameError: No free body has this name.
-        """
+        """See `Simulation.place_object`."""
         pose = self._poses[self._known(name)]
         pose[:3] = T_world_object.translation()
         pose[3:] = T_world_object.rotation().wxyz
@@ -56,20 +44,12 @@ class SimulatedObjects:
         mujoco.mj_step1(self._model, self._data)
 
     def marker_pose(self, name: str) -> SE3:
-        """T_world_marker of a mocap body.
-
-        Raises:
-            UnknownNameError: No marker has this name.
-        """
+        """See `Simulation.marker_pose`."""
         i = self._marker(name)
         return SE3(np.concatenate([self._data.mocap_quat[i], self._data.mocap_pos[i]]))
 
     def place_marker(self, name: str, T_world_marker: SE3) -> None:
-        """Put a marker at a pose.
-
-        Raises:
-            UnknownNameError: No marker has this name.
-        """
+        """See `Simulation.place_marker`."""
         i = self._marker(name)
         self._data.mocap_pos[i] = T_world_marker.translation()
         self._data.mocap_quat[i] = T_world_marker.rotation().wxyz

@@ -13,15 +13,15 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.sim.contact import add_contact_sensors
 
 BuildScene = Callable[[mujoco.MjSpec], None]
-"""Adds bodies to a spec that already holds the robot, its base at the world's origin."""
+"""Adds bodies to a spec that holds the robot, with its base at the world's origin."""
 
 
 def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
-    """Compile the robot and the bodies around it.
+    """Compile a robot with a scene.
 
     Raises:
-        UnknownNameError: The robot's model lacks a name that the description uses.
-        ModelError: The joints or motors of the robot do not lie side by side.
+        UnknownNameError: The robot's model lacks a name of its description.
+        ModelError: The ids of the robot's joints or motors are not consecutive.
     """
     spec = robot_spec(robot)
     _check_names(robot, spec)
@@ -49,20 +49,20 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
 
 
 def free_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the bodies that move freely, in the order of the model."""
+    """Return the names of the free bodies, in the order of the model."""
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     return tuple(model.body(model.jnt_bodyid[i]).name for i in free)
 
 
 def mocap_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the bodies that only a program moves, in the order of their mocap ids."""
+    """Return the names of the mocap bodies, in the order of their mocap ids."""
     count = int(model.body_mocapid.max()) + 1
     bodies = [int(np.flatnonzero(model.body_mocapid == i)[0]) for i in range(count)]
     return tuple(model.body(body).name for body in bodies)
 
 
 def _check_names(robot: Robot, spec: mujoco.MjSpec) -> None:
-    """What `robot_spec` has not looked for: motors, and all of the gripper."""
+    """Check the names that `robot_spec` does not: motors and gripper."""
     wanted: list[tuple[str, tuple[str, ...], Any]] = [("motor", robot.motors, spec.actuators)]
     gripper = robot.gripper
     if gripper is not None:

@@ -1,4 +1,4 @@
-"""Simulation: the world. The only place that knows MuJoCo addresses of robot and objects."""
+"""Simulation: robot and objects in MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -18,10 +18,10 @@ from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
 
 class Simulation:
-    """Robot and objects in MuJoCo, stepped with joint torques.
+    """Simulates robot and objects in MuJoCo, stepped with joint torques.
 
-    What can be read belongs to the instant `time`: positions, velocities, tool and object poses.
-    What belongs to the period that led there (acceleration, forces, torques) is named `last_...`.
+    Positions, velocities and poses are those at `time`. Accelerations, forces and torques of the
+    period that ended then are named `last_...`.
     """
 
     def __init__(self, robot: Robot, build_scene: BuildScene) -> None:
@@ -60,21 +60,21 @@ class Simulation:
             **({} if hand is None else hand.signals_now),
             **self._bodies.signals_now,
         }
-        """What belongs to `time`, each with the views of MjData that hold its columns."""
+        """Signals at `time`, each with the views of MjData that hold its columns."""
         self.signals_last: dict[Signal, tuple[Vector, ...]] = {
             Signal(name="joints/a", labels=joints, unit=unit("rad/s²", "m/s²")): (self._a,),
             Signal(name="joints/tau", labels=joints, unit=unit("N·m", "N")): (self._tau,),
             **self._contact.signals_last,
             **({} if hand is None else hand.signals_last),
         }
-        """What belongs to the last period, likewise."""
+        """Signals of the last period, likewise."""
         self._views_now = [view for views in self.signals_now.values() for view in views]
         self._views_last = [view for views in self.signals_last.values() for view in views]
         self._motors = SimulatedMotors(robot, self._ctrl)
         self.reset()
 
     def reset(self) -> None:
-        """Robot at home, at rest, held against gravity; gripper open; objects as built."""
+        """Put the robot at home, held at rest, its gripper open, and the objects at their start."""
         mujoco.mj_resetData(self.model, self.data)
         self._q[:] = self.robot.home
         if self._hand is not None:
@@ -84,13 +84,10 @@ class Simulation:
         mujoco.mj_step1(self.model, self.data)
 
     def step(self, tau: Vector) -> None:
-        """Apply joint torques for one period, as far as the motors can.
+        """Apply the commanded joint torques (n,) [N·m] for one period.
 
-        A motor delivers the torque closest to the command that is within tau_max, and
-        within tau_rate_max of its torque in the period before.
-
-        Args:
-            tau: Commanded torque (n,) [N·m].
+        A motor delivers the torque closest to the command within tau_max, and within
+        tau_rate_max of its last torque.
 
         Raises:
             InvalidValueError: The command is not finite; nothing has moved.
@@ -106,15 +103,15 @@ class Simulation:
         """The robot's gripper.
 
         Raises:
-            NoGripperError: It has none.
+            NoGripperError: The robot has no gripper.
         """
         return self._needed("the task").gripper
 
     def command_grip(self, grip: Grip) -> None:
-        """Let the fingers move to a width, with a bounded speed and force.
+        """Start moving the fingers to a width, with a bounded speed and force.
 
         Raises:
-            InvalidValueError: Width or force are outside what the gripper can do.
+            InvalidValueError: Width or force is outside the limits of the gripper.
             NoGripperError: The robot has no gripper.
         """
         self._needed("a grip").command(grip)
@@ -125,79 +122,79 @@ class Simulation:
         return float(self.data.time)
 
     def write_now(self, row: Vector) -> None:
-        """Fill the columns of `signals_now` in a recording's row."""
+        """Write the columns of `signals_now` into a row."""
         np.concatenate(self._views_now, out=row)
 
     def write_last(self, row: Vector) -> None:
-        """Fill the columns of `signals_last` in a recording's row."""
+        """Write the columns of `signals_last` into a row."""
         self._contact.update()
         np.concatenate(self._views_last, out=row)
 
     def state(self) -> JointState:
-        """Joint positions and velocities now, as the sensors say."""
+        """Return the measured joint positions and velocities."""
         return JointState(self._q.copy(), self._v.copy())
 
     def true_state(self) -> JointState:
-        """Joint positions and velocities now, whatever the sensors say."""
+        """Return the true joint positions and velocities."""
         return JointState(self._q.copy(), self._v.copy())
 
     def tool_pose(self) -> SE3:
-        """T_world_tcp now."""
+        """Return T_world_tcp."""
         return SE3(np.concatenate([self._tcp_quaternion, self._tcp_position]))
 
     def width(self) -> float:
-        """Opening width of the gripper now [m]."""
+        """Return the opening width of the gripper [m]."""
         return self._needed("its width").width()
 
     def width_speed(self) -> float:
-        """Rate of the opening width now [m/s]."""
+        """Return the rate of the opening width [m/s]."""
         return self._needed("its width").width_speed()
 
     def width_command(self) -> float:
-        """Opening width that the gripper's servo holds to now [m]."""
+        """Return the setpoint of the gripper's servo on the opening width [m]."""
         return self._needed("its width").width_command()
 
     def grip_settled(self) -> bool:
-        """True once the fingers stand still, at the width asked for or at the full force."""
+        """Return whether the fingers stand still, at the commanded width or at the full force."""
         return self._needed("a grip").settled()
 
     def last_acceleration(self) -> Vector:
-        """Joint accelerations in the last period (n,) [rad/s²]."""
+        """Return the joint accelerations in the last period (n,) [rad/s²]."""
         return self._a.copy()
 
     def last_torque(self) -> Vector:
-        """Torques that the motors delivered in the last period (n,) [N·m]."""
+        """Return the torques that the motors delivered in the last period (n,) [N·m]."""
         return self._tau.copy()
 
     def motor_torque(self) -> Vector:
-        """Torques that the motors hold from the last command on (n,) [N·m]."""
+        """Return the torques that the motors were set to last (n,) [N·m]."""
         return self._ctrl.copy()
 
     def last_finger_forces(self) -> Vector:
-        """Size of the net contact force on each finger in the last period (2,) [N]."""
+        """Return the magnitude of the net contact force on each finger (2,) [N]."""
         return self._needed("the force of its fingers").forces()
 
     def last_tool_force(self) -> Vector:
-        """Net contact force on the tool in the last period (3,), in the world [N].
+        """Return the net contact force on the tool in the last period (3,), in the world [N].
 
-        What the world does to the last joint's body and all that it carries, as a sensor at the
-        wrist reads it, without inertia and weight: a hand that presses on a table feels +z.
+        It acts from outside on the body of the last joint and all that it carries, without
+        inertia and weight: +z for a hand that presses on a table.
         """
         return self._contact.tool_force()
 
     def felt_force(self) -> Vector:
-        """What controllers know of `last_tool_force` (3,) [N]: here, the truth."""
+        """Return `last_tool_force` as measured for controllers (3,) [N]: here, the true one."""
         return self._contact.tool_force()
 
     def last_links_force(self) -> float:
-        """Contact forces on the links before the tool in the last period: their sizes' sum [N].
+        """Return the sum of contact force magnitudes on the links in the last period [N].
 
-        A sum of sizes, because in a net force links that press on each other would vanish.
+        The tool does not count. Forces between links do, which would cancel in a net force.
         """
         return self._contact.links_force()
 
     def object_pose(self, name: str) -> SE3:
-        """T_world_object now.
+        """Return T_world_object.
 
         Raises:
             UnknownNameError: No free body has this name.
@@ -205,7 +202,7 @@ class Simulation:
         return self._bodies.pose(name)
 
     def seen_pose(self, name: str) -> SE3:
-        """T_world_object of a free body as the cell's camera sees it now: here, the truth.
+        """Return T_world_object as the camera of the cell measures it: here, the true one.
 
         Raises:
             UnknownNameError: No free body has this name.
@@ -214,16 +211,16 @@ class Simulation:
 
     @property
     def camera_noise(self) -> float:
-        """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, none."""
+        """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, 0."""
         return 0.0
 
     @property
     def weights_known(self) -> bool:
-        """Whether objects are as heavy as modelled: here, they are."""
+        """True where objects have the mass of their models: here, always."""
         return True
 
     def object_twist(self, name: str) -> Vector:
-        """Velocity: linear in the world [m/s], angular in the body [rad/s]; shape (6,).
+        """Return the velocity (6,): linear in the world [m/s], angular in the body [rad/s].
 
         Raises:
             UnknownNameError: No free body has this name.
@@ -239,7 +236,7 @@ class Simulation:
         self._bodies.place(name, T_world_object)
 
     def marker_pose(self, name: str) -> SE3:
-        """T_world_marker of a body that only the program moves (a mocap body).
+        """Return T_world_marker of a mocap body, which only the program moves.
 
         Raises:
             UnknownNameError: No marker has this name.

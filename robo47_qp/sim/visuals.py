@@ -1,4 +1,4 @@
-"""Looks: MuJoCo Menagerie's meshes in place of a robot's primitive shapes."""
+"""Visual meshes of MuJoCo Menagerie in place of a robot's primitive shapes."""
 
 from pathlib import Path
 
@@ -14,11 +14,7 @@ _VISUAL_GROUP = 2
 
 
 def with_menagerie_looks(robot: Robot, build_scene: BuildScene) -> BuildScene:
-    """Scene with the robot's visual shapes replaced; masses and contacts stay as they are.
-
-    Args:
-        robot: Its description names the model in Menagerie.
-        build_scene: Adds everything else.
+    """Return a scene in which meshes replace the robot's visual geoms; its dynamics stay.
 
     Raises:
         UnknownNameError: The robot has no model in Menagerie.
@@ -28,17 +24,17 @@ def with_menagerie_looks(robot: Robot, build_scene: BuildScene) -> BuildScene:
         raise UnknownNameError("Menagerie model", robot.name, ())
     file = menagerie_file(robot.menagerie)
     if robot.mjcf == file:
-        return build_scene  # the robot wears them already
+        return build_scene
     looks = read_spec(file)
 
     def build(spec: mujoco.MjSpec) -> None:
-        _dress(spec, looks, file.parent / looks.meshdir)
+        _replace_visuals(spec, looks, file.parent / looks.meshdir)
         build_scene(spec)
 
     return build
 
 
-def _dress(spec: mujoco.MjSpec, looks: mujoco.MjSpec, directory: Path) -> None:
+def _replace_visuals(spec: mujoco.MjSpec, looks: mujoco.MjSpec, directory: Path) -> None:
     for geom in list(spec.geoms):
         if geom.group == _VISUAL_GROUP:
             spec.delete(geom)
