@@ -214,7 +214,7 @@ from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.stack import ClassicalStack
 
 class Blind(Watchdog):
-    def seen(self, *_, **__):
+    def check(self, *_, **__):
         return None
 
 class BlindStack(ClassicalStack):
