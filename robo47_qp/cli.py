@@ -221,7 +221,7 @@ def run_command(
     """
     rest = list(sys.argv[1:] if args is None else args)
     if name is None:
-        parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+        parser = ArgumentParser(prog=prog, add_help=False, allow_abbrev=False)
         parser.add_argument("--task", default=None)
         named = rest.pop(0) if rest and not rest[0].startswith("-") else None
         chosen, rest = parser.parse_known_args(rest)

@@ -7,6 +7,7 @@ from importlib import import_module
 import pytest
 
 import robo47_qp
+from robo47_qp.__main__ import main
 
 HEAVY = ("numpy", "mujoco", "mink", "scipy", "rerun", "matplotlib", "gymnasium", "tyro", "rich")
 
@@ -34,3 +35,9 @@ def test_the_import_alone_loads_nothing_heavy() -> None:
     code = f"import robo47_qp, sys; print([n for n in {HEAVY} if n in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_task_option_without_a_name_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--task"])
+    assert capsys.readouterr().err.count("error: argument --task: expected one argument") == 1
