@@ -56,6 +56,8 @@ def _discovered() -> dict[str, Callable[[], Robot]]:
 
 
 MAKERS = {**_discovered(), "hinge6": hinge6, "slider6": slider6}
+# Two arms are held to one of them, see tests/model/test_panda_pair.py.
+del MAKERS["panda_pair"]
 TURNING = ("panda", "iiwa14", "xarm7", "hinge6")
 MODULES = {
     "test_lin": ("panda", "slider6"),

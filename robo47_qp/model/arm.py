@@ -1,6 +1,6 @@
 """Arm: the controller's model of the robot, with exactly n joints."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple, TypeVar, TypeVarTuple
@@ -15,6 +15,7 @@ from robo47_qp.model.mjcf import compile_arm
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.tool_poses import Target, ToolPoses
 
 _Args = TypeVarTuple("_Args")
 _T = TypeVar("_T")
@@ -44,6 +45,38 @@ class JointReference(NamedTuple):
     """Acceleration (n,) [rad/s²]."""
 
 
+class _ToolView:
+    """Where one tool is in the scratch state of an arm."""
+
+    def __init__(self, arm: "Arm", data: mujoco.MjData, tcp: str) -> None:
+        m = arm.model
+        self.site = int(m.site(tcp).id)
+        # The arrays of MjData keep their place: each view is taken once.
+        self.position = data.site_xpos[self.site]
+        self.flat_rotation = data.site_xmat[self.site]
+        self.rotation = self.flat_rotation.reshape(3, 3)
+        self.quaternion = data.site_xquat[self.site]
+        self.joints: NDArray[np.bool_] = np.zeros(arm.n, dtype=bool)
+        body = int(m.site_bodyid[self.site])
+        while body > 0:
+            first = m.body_jntadr[body]
+            self.joints[first : first + m.body_jntnum[body]] = True
+            body = int(m.body_parentid[body])
+        self.base, self.reach = self._shoulder_and_reach(arm)
+
+    def _shoulder_and_reach(self, arm: "Arm") -> tuple[Vector, float]:
+        d = arm.place_only(arm.home)
+        chain = np.flatnonzero(self.joints).tolist()
+        points, reach = [*d.xanchor[chain], d.site_xpos[self.site]], 0.0
+        slides = arm.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        for i, (a, b) in zip(chain, pairwise(points), strict=True):
+            # A link behind a slide is longest at one of its ends.
+            ends = (arm.q_min, arm.q_max)
+            travel = [q[i] - arm.home[i] if slides[i] else 0.0 for q in ends]
+            reach += max(float(np.linalg.norm(b - a + t * d.xaxis[i])) for t in travel)
+        return points[0].copy(), reach
+
+
 class Arm:
     """Kinematics and dynamics of the robot alone: fingers welded, no contacts, no limit forces.
 
@@ -56,7 +89,7 @@ class Arm:
     def __init__(
         self,
         robot: Robot,
-        payload: Payload | None = None,
+        payload: "Load" = None,
         obstacles: Sequence[Obstacle] = (),
         margin: float = 0.0,
     ) -> None:
@@ -64,18 +97,21 @@ class Arm:
 
         Args:
             robot: The description.
-            payload: The body that the tool is believed to hold.
+            payload: The body that the main tool is believed to hold, or what each of several
+                tools holds, by their names.
             obstacles: Obstacles for solvers that avoid collisions.
             margin: Part of each joint's range by which either limit is moved inwards [-].
 
         Raises:
-            UnknownNameError: See `robot_spec`.
+            UnknownNameError: See `robot_spec`; no tool has the name that a payload goes by.
             InvalidValueError: The name of an obstacle is taken; the margin is outside [0, 0.5).
             ModelError: See `compile_arm`.
         """
         self.robot, self.payload, self.obstacles = robot, payload, tuple(obstacles)
         self._derived: dict[Hashable, Any] = {}
-        self.model = compile_arm(robot, payload, self.obstacles)
+        self.payloads = _by_tool(robot, payload)
+        """What each tool is believed to hold, by its name."""
+        self.model = compile_arm(robot, self.payloads, self.obstacles)
         Range(at_least=0.0, below=0.5).check("margin", margin)
         if margin:
             limits = self.model.jnt_range
@@ -88,18 +124,13 @@ class Arm:
         self.home = checked_vector("home", robot.home, self.n)
         self.dry_friction: Vector = self.model.dof_frictionloss.copy()
         self.has_dry_friction = bool(self.dry_friction.any())
-        self._tcp = self.model.site(robot.tcp).id
         # The arrays of MjData keep their place: each view is taken once.
         d = self._data
         self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
-        self._position = d.site_xpos[self._tcp]
-        self._flat_rotation = d.site_xmat[self._tcp]
-        self._rotation = self._flat_rotation.reshape(3, 3)
-        self._quaternion = d.site_xquat[self._tcp]
+        self._tools = [_ToolView(self, d, tool.tcp) for tool in robot.tools]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
-        self._base, self._reach = self._shoulder_and_reach()
 
-    def with_payload(self, payload: Payload | None) -> "Arm":
+    def with_payload(self, payload: "Load") -> "Arm":
         """Return the same arm among the same obstacles with another payload."""
         return Arm(self.robot, payload, self.obstacles)
 
@@ -119,39 +150,83 @@ class Arm:
         made: _T = self._derived[key]
         return made
 
-    def pose(self, q: Vector) -> SE3:
-        """Return T_world_tcp at q."""
-        self._at(q)
-        pose = np.empty(7)
-        mujoco.mju_mat2Quat(pose[:4], self._flat_rotation)
-        pose[4:] = self._position
+    def pose(self, q: Vector, tool: int = 0) -> SE3:
+        """Return T_world_tcp of a tool at q."""
+        self.place_only(q)
+        pose, at = np.empty(7), self._tools[tool]
+        mujoco.mju_mat2Quat(pose[:4], at.flat_rotation)
+        pose[4:] = at.position
         return SE3(pose)
 
-    def pose_error(self, T_world_target: SE3, q: Vector) -> Vector:
-        """Return displacement [m] and rotation vector [rad] to a pose (6,), in the tool frame."""
-        return np.concatenate(self._pose_error(T_world_target, q))
+    def pose_as(self, target: Target, q: Vector) -> Target:
+        """Return where the tools of a target are at q: a pose, or `ToolPoses` of the same tools."""
+        if isinstance(target, SE3):
+            return self.pose(q)
+        return ToolPoses({name: self.pose(q, self.robot.tool_index(name)) for name in target})
 
-    def pose_distance(self, T_world_target: SE3, q: Vector) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] between the tool at q and a pose."""
-        p, w = self._pose_error(T_world_target, q)
-        return sqrt(p.dot(p)), sqrt(w.dot(w))
+    def pose_error(self, target: Target, q: Vector) -> Vector:
+        """Return displacement [m] and rotation vector [rad] to a pose (6,), in the tool frame.
 
-    def _pose_error(self, T_world_target: SE3, q: Vector) -> tuple[Vector, Vector]:
+        Of several tools one after the other (6 tools,).
+        """
+        if isinstance(target, SE3):
+            return np.concatenate(self._pose_error(target, q))
+        errors = [part for one in self._parts(target) for part in self._copied_error(*one, q)]
+        return np.concatenate(errors)
+
+    def pose_distance(self, target: Target, q: Vector) -> tuple[float, float]:
+        """Return distance [m] and angle [rad] between the tool at q and a pose.
+
+        Of several tools the largest of each.
+        """
+        if isinstance(target, SE3):
+            p, w = self._pose_error(target, q)
+            return sqrt(p.dot(p)), sqrt(w.dot(w))
+        errors = [self._copied_error(*one, q) for one in self._parts(target)]
+        p_max, w_max = (max(sqrt(e.dot(e)) for e in parts) for parts in zip(*errors, strict=True))
+        return p_max, w_max
+
+    def error_jacobian(self, target: Target, q: Vector) -> Matrix:
+        """Return the Jacobians of the tools of a target, one above the other (6 tools, n)."""
+        if isinstance(target, SE3):
+            return self.jacobian(q)
+        return np.vstack([self.jacobian(q, tool) for _, tool in self._parts(target)])
+
+    def joints_of(self, target: Target) -> NDArray[np.bool_]:
+        """Return which joints move a tool of a target (n,)."""
+        if isinstance(target, SE3):
+            return self._tools[0].joints.copy()
+        joints = [self._tools[tool].joints for _, tool in self._parts(target)]
+        return np.logical_or.reduce(joints)
+
+    def _parts(self, target: ToolPoses) -> list[tuple[SE3, int]]:
+        """Return the poses with their tools.
+
+        Raises:
+            UnknownNameError: The robot has no tool of a name.
+        """
+        return [(pose, self.robot.tool_index(name)) for name, pose in target.items()]
+
+    def _pose_error(self, T_world_target: SE3, q: Vector, tool: int = 0) -> tuple[Vector, Vector]:
         """Return the two parts of `pose_error`; the next call overwrites the second."""
-        self._at(q)
-        target = T_world_target.wxyz_xyz
-        p = (target[4:] - self._position).dot(self._rotation)
+        self.place_only(q)
+        target, at = T_world_target.wxyz_xyz, self._tools[tool]
+        p = (target[4:] - at.position).dot(at.rotation)
         # mink's logarithm is zero at half a turn; this one is not.
-        mujoco.mju_subQuat(self._turn, target[:4], self._quaternion)
+        mujoco.mju_subQuat(self._turn, target[:4], at.quaternion)
         return p, self._turn
 
-    def jacobian(self, q: Vector) -> Matrix:
-        """Return J (6, n): twist of the tool in the tool frame, linear part first."""
-        d = self._at(q)
+    def _copied_error(self, T_world_target: SE3, tool: int, q: Vector) -> tuple[Vector, Vector]:
+        p, w = self._pose_error(T_world_target, q, tool)
+        return p, w.copy()
+
+    def jacobian(self, q: Vector, tool: int = 0) -> Matrix:
+        """Return J (6, n): twist of a tool in its own frame, linear part first."""
+        d, at = self.place_only(q), self._tools[tool]
         mujoco.mj_comPos(self.model, d)
         J = self._jacobian
-        mujoco.mj_jacSite(self.model, d, J[:3], J[3:], self._tcp)
-        R_tcp_world = self._rotation.T
+        mujoco.mj_jacSite(self.model, d, J[:3], J[3:], at.site)
+        R_tcp_world = at.rotation.T
         out = np.empty((6, self.n))
         np.matmul(R_tcp_world, J[:3], out=out[:3])
         np.matmul(R_tcp_world, J[3:], out=out[3:])
@@ -159,7 +234,7 @@ class Arm:
 
     def mass_matrix(self, q: Vector) -> Matrix:
         """Return M(q) (n, n), with the rotor inertias [kg·m²]."""
-        d = self._at(q)
+        d = self.place_only(q)
         mujoco.mj_comPos(self.model, d)
         mujoco.mj_makeM(self.model, d)
         M = np.empty((self.n, self.n))
@@ -181,7 +256,7 @@ class Arm:
 
     def place(self, q: Vector) -> None:
         """Move to q: the first half of `inverse_dynamics`, with the mass matrix in `scratch`."""
-        m, d = self.model, self._at(q)
+        m, d = self.model, self.place_only(q)
         mujoco.mj_comPos(m, d)
         mujoco.mj_makeM(m, d)
         mujoco.mj_factorM(m, d)
@@ -195,8 +270,13 @@ class Arm:
 
     @property
     def tool_site(self) -> int:
-        """Id of the tool frame in `model`."""
-        return int(self._tcp)
+        """Id of the main tool's frame in `model`."""
+        return self._tools[0].site
+
+    @property
+    def tool_sites(self) -> tuple[int, ...]:
+        """Ids of the tool frames in `model`, in the order of the robot's tools."""
+        return tuple(tool.site for tool in self._tools)
 
     @property
     def scratch(self) -> mujoco.MjData:
@@ -207,29 +287,38 @@ class Arm:
         """Return the smallest distance of a joint to its limits; negative outside [rad or m]."""
         return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
 
-    def beyond_reach(self, position: Vector) -> float:
-        """Return a lower bound on the distance of a point from the tool's workspace [m].
+    def beyond_reach(self, position: Vector, tool: int = 0) -> float:
+        """Return a lower bound on the distance of a point from a tool's workspace [m].
 
         It is 0 for points closer to the first joint than the length of the stretched arm.
         """
-        from_base = position - self._base
-        return max(0.0, sqrt(from_base.dot(from_base)) - self._reach)
+        at = self._tools[tool]
+        from_base = position - at.base
+        return max(0.0, sqrt(from_base.dot(from_base)) - at.reach)
+
+    def target_beyond_reach(self, target: Target) -> float:
+        """Return `beyond_reach` of a target; of several tools the largest [m]."""
+        if isinstance(target, SE3):
+            return self.beyond_reach(target.wxyz_xyz[4:])
+        parts = self._parts(target)
+        return max(self.beyond_reach(pose.wxyz_xyz[4:], tool) for pose, tool in parts)
 
     def checked_q(self, name: str, q: ArrayLike) -> Vector:
         """Return a copy of q, checked to be a finite vector (n,)."""
         return checked_vector(name, q, self.n)
 
-    def _shoulder_and_reach(self) -> tuple[Vector, float]:
-        m, d = self.model, self._at(self.home)
-        points, reach = [*d.xanchor, d.site_xpos[self._tcp]], 0.0
-        slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-        for i, (a, b) in enumerate(pairwise(points)):
-            # A link behind a slide is longest at one of its ends.
-            travel = [q[i] - self.home[i] if slides[i] else 0.0 for q in (self.q_min, self.q_max)]
-            reach += max(float(np.linalg.norm(b - a + t * d.xaxis[i])) for t in travel)
-        return points[0].copy(), reach
-
-    def _at(self, q: Vector) -> mujoco.MjData:
+    def place_only(self, q: Vector) -> mujoco.MjData:
+        """Compute the kinematics at q, and return `scratch`."""
         self._q[:] = q
         mujoco.mj_kinematics(self.model, self._data)
         return self._data
+
+
+Load = Payload | Mapping[str, Payload] | None
+"""What the main tool holds, or what each of several tools holds, by their names."""
+
+
+def _by_tool(robot: Robot, load: Load) -> dict[str, Payload]:
+    if isinstance(load, Payload):
+        return {robot.tools[0].name: load}
+    return {} if load is None else dict(load)

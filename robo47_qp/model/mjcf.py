@@ -1,5 +1,6 @@
 """The robot's MJCF, prepared for `Arm` and `Simulation`."""
 
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -11,7 +12,7 @@ from mink import SE3
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.payload import Payload
-from robo47_qp.model.robot import Robot
+from robo47_qp.model.robot import Robot, Tool
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
@@ -52,14 +53,14 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
         ModelError: MuJoCo cannot read the file.
     """
-    spec = read_spec(robot.mjcf)
+    spec = _mounted(robot) if robot.mounts else read_spec(robot.mjcf)
     known = [joint.name for joint in spec.joints]
     for name in robot.joints:
         if name not in known:
             raise UnknownNameError("joint", name, known)
     # The keyframes have as many numbers as the file has joints, but a scene has more or fewer.
     _delete(spec, spec.keys)
-    if robot.gripper is None:
+    if not robot.grippers:
         _weld_others(robot, spec)
     if not robot.has_motors:
         _replace_drives(robot, spec)
@@ -69,8 +70,23 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
             raise UnknownNameError("body", robot.tool.body, [body.name for body in spec.bodies])
         pose = robot.tool.T_body_tcp.wxyz_xyz
         body.add_site(name=robot.tcp, pos=pose[4:], quat=pose[:4])
-    if spec.site(robot.tcp) is None:
-        raise UnknownNameError("site", robot.tcp, [site.name for site in spec.sites])
+    for each in robot.tools:
+        if spec.site(each.tcp) is None:
+            raise UnknownNameError("site", each.tcp, [site.name for site in spec.sites])
+    return spec
+
+
+def _mounted(robot: Robot) -> mujoco.MjSpec:
+    """Return a spec of the copies of the robot's file."""
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    for mount in robot.mounts:
+        pose = mount.T_world_base.wxyz_xyz
+        frame = spec.worldbody.add_frame(pos=pose[4:], quat=pose[:4])
+        part = read_spec(robot.mjcf)
+        # The keyframes of a part would have too few numbers for the whole.
+        _delete(part, part.keys)
+        spec.attach(part, prefix=mount.prefix, frame=frame)
     return spec
 
 
@@ -85,10 +101,10 @@ def remove_visuals(spec: mujoco.MjSpec) -> None:
     _delete(spec, [mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) not in used])
 
 
-def add_payload(spec: mujoco.MjSpec, robot: Robot, payload: Payload, name: str) -> None:
-    """Fix a body to the tool of a robot that `robot_spec` made."""
+def add_payload(spec: mujoco.MjSpec, tool: Tool, payload: Payload, name: str) -> None:
+    """Fix a body to a tool of a robot that `robot_spec` made."""
     # Compiling resolves all ways in which a site's orientation can be written.
-    site, tcp = spec.compile().site(robot.tcp), cast(mujoco.MjsSite, spec.site(robot.tcp))
+    site, tcp = spec.compile().site(tool.tcp), cast(mujoco.MjsSite, spec.site(tool.tcp))
     T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
     tcp.parent.add_body(
         name=name,
@@ -144,19 +160,25 @@ def _delete(spec: mujoco.MjSpec, elements: Any) -> None:
 
 
 def compile_arm(
-    robot: Robot, payload: Payload | None, obstacles: tuple[Obstacle, ...]
+    robot: Robot, payloads: Mapping[str, Payload], obstacles: tuple[Obstacle, ...]
 ) -> mujoco.MjModel:
     """Compile a model of exactly the robot's joints, without contacts and limit forces.
 
+    Args:
+        robot: The description.
+        payloads: What tools hold, by their names.
+        obstacles: Obstacles, which exert no forces.
+
     Raises:
-        UnknownNameError: See `robot_spec`.
+        UnknownNameError: See `robot_spec`; no tool has the name that a payload goes by.
         InvalidValueError: The name of an obstacle is taken.
         ModelError: The MJCF does not compile to the joints of the robot, or a joint has no
             position limits.
     """
     spec = _bare_arm(robot).copy()
-    if payload is not None:
-        add_payload(spec, robot, payload, "payload")
+    for name, payload in payloads.items():
+        i = robot.tool_index(name)
+        add_payload(spec, robot.tools[i], payload, f"{name}_payload" if i else "payload")
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)

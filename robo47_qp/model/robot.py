@@ -1,13 +1,15 @@
 """Robot: description of an arm, its limits and its gripper."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Range, Vector, frozen_vector
-from robo47_qp.errors import InvalidValueError, ModelError
+from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.gripper import Gripper
 
 
@@ -63,8 +65,31 @@ class ToolFrame:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Tool:
+    """A tool of a robot: its frame, and its gripper where it has one."""
+
+    name: str
+    """By which targets and commands address it."""
+    tcp: str
+    """Site that is the tool frame: z points out of the tool."""
+    gripper: Gripper | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """A copy of the MJCF as a part of a larger robot."""
+
+    prefix: str
+    """What is put before every name of the file."""
+    T_world_base: SE3
+    """Where the origin of the file goes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
     """Describes an arm with n joints: its model and its limits, no state.
+
+    A robot of several arms is one `Robot` with several tools.
 
     Units are those of hinges; for a sliding joint read m for rad and N for N·m.
     """
@@ -72,8 +97,10 @@ class Robot:
     name: str
     mjcf: Path
     """MJCF file, with the robot's base at its pose in the world."""
+    mounts: tuple[Mount, ...] = ()
+    """Copies of the file that make up the robot; none takes the file itself once."""
     joints: tuple[str, ...]
-    """The n arm joints, base to tip."""
+    """The n arm joints, base to tip; of several arms one after the other."""
     slides: tuple[str, ...] = ()
     """The sliding joints among them; all others are hinges."""
     motors: tuple[str, ...]
@@ -99,6 +126,10 @@ class Robot:
     """Joint impedance stiffness used by default (n,) [N·m/rad]."""
     gripper: Gripper | None = None
     """None where it has none or it stays unused: all joints except the arm's are then welded."""
+    tool_name: str = "tool"
+    """Name of the main tool, which `tcp` and `gripper` describe."""
+    more_tools: tuple[Tool, ...] = ()
+    """Further tools; each has joints of its own behind the joints that it shares."""
     menagerie: str | None = None
     """Directory and file of the same robot in MuJoCo Menagerie, for its meshes."""
 
@@ -114,12 +145,42 @@ class Robot:
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
         for name, profile in (("rated", self.rated), ("profile", self.profile)):
             frozen_vector(f"{name}.v_max", profile.v_max, n)
+        names = [tool.name for tool in self.tools]
+        if len(set(names)) != len(names):
+            raise InvalidValueError("names of tools", names, "different names")
         if len(self.motors) != n:
             raise InvalidValueError("motors", self.motors, f"{n} names, one per joint")
         if not set(self.slides) <= set(self.joints):
             raise InvalidValueError("slides", self.slides, f"some of the joints {self.joints}")
         if not self.mjcf.is_file():
             raise ModelError(f"Robot {self.name!r} needs the model {self.mjcf}: no such file.")
+
+    @cached_property
+    def tools(self) -> tuple[Tool, ...]:
+        """All tools, the main one first."""
+        main = Tool(name=self.tool_name, tcp=self.tcp, gripper=self.gripper)
+        return (main, *self.more_tools)
+
+    @property
+    def grippers(self) -> tuple[Gripper, ...]:
+        """The grippers of all tools that have one."""
+        return tuple(tool.gripper for tool in self.tools if tool.gripper is not None)
+
+    def tool_index(self, name: str) -> int:
+        """Return the place of a tool in `tools`.
+
+        Raises:
+            UnknownNameError: No tool has this name.
+        """
+        names = [tool.name for tool in self.tools]
+        if name not in names:
+            raise UnknownNameError("tool", name, names)
+        return names.index(name)
+
+    def tool_labels(self) -> Iterator[tuple[str, Tool]]:
+        """Yield what signals of each tool begin with, and the tool: nothing for the main one."""
+        for i, tool in enumerate(self.tools):
+            yield (f"{tool.name}_" if i else "", tool)
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -188,8 +188,8 @@ class DisturbedSimulation(Simulation):
         m, wrong = self.model, self.disturbance
         m.geom_friction *= wrong.friction_factor
         m.pair_friction *= wrong.friction_factor
-        tool = int(m.site_bodyid[m.site(self.robot.tcp).id])
-        links = m.body_rootid == m.body_rootid[tool]
+        tools = [int(m.site_bodyid[m.site(tool.tcp).id]) for tool in self.robot.tools]
+        links = np.isin(m.body_rootid, m.body_rootid[tools])
         for i in np.flatnonzero(links):
             links[i] = m.body(i).name != _PAYLOAD
         free = np.isin(m.body_rootid, [m.body(name).id for name in self.objects])
@@ -208,6 +208,6 @@ def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) ->
     def build(spec: mujoco.MjSpec) -> None:
         build_scene(spec)
         if payload is not None:
-            add_payload(spec, robot, payload, _PAYLOAD)
+            add_payload(spec, robot.tools[0], payload, _PAYLOAD)
 
     return build

@@ -24,6 +24,8 @@ def load_robot(name: str) -> Robot:
     if name not in robot_names():
         raise UnknownNameError("robot", name, robot_names())
     module = pkgutil.resolve_name(f"{__name__}.{name}")
-    found = next((one for one in vars(module).values() if isinstance(one, Robot)), None)
-    robot: Robot = getattr(module, name)() if found is None else found
+    make = getattr(module, name, None)
+    if make is None:
+        return next(one for one in vars(module).values() if isinstance(one, Robot))
+    robot: Robot = make()
     return robot
