@@ -107,10 +107,12 @@ class Arm:
             InvalidValueError: The name of an obstacle is taken; the margin is outside [0, 0.5).
             ModelError: See `compile_arm`.
         """
-        self.robot, self.payload, self.obstacles = robot, payload, tuple(obstacles)
+        self.robot, self.obstacles = robot, tuple(obstacles)
         self._derived: dict[Hashable, Any] = {}
         self.payloads = _by_tool(robot, payload)
         """What each tool is believed to hold, by its name."""
+        self.payload = self.payloads.get(robot.tools[0].name)
+        """What the main tool is believed to hold."""
         self.model = compile_arm(robot, self.payloads, self.obstacles)
         Range(at_least=0.0, below=0.5).check("margin", margin)
         if margin:
@@ -197,7 +199,8 @@ class Arm:
         if isinstance(target, SE3):
             return self._tools[0].joints.copy()
         joints = [self._tools[tool].joints for _, tool in self._parts(target)]
-        return np.logical_or.reduce(joints)
+        moved: NDArray[np.bool_] = np.logical_or.reduce(joints)
+        return moved
 
     def _parts(self, target: ToolPoses) -> list[tuple[SE3, int]]:
         """Return the poses with their tools.
