@@ -1,0 +1,5 @@
+"""Tasks and limits of mink with defects of mink 1.3 mended; for `mink.solve_ik` as they are."""
+
+from robo47_qp.ik.mended.frame_tasks import FrameTask, RelativeFrameTask
+
+__all__ = ["FrameTask", "RelativeFrameTask"]
