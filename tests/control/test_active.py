@@ -108,9 +108,12 @@ def test_a_switch_has_no_bump_and_ends_with_the_new_controller(arm: Arm, new: Co
         path.append(active.commanded)
     assert path[0] == pytest.approx(old, abs=1e-12)
     assert path[-1].tolist() == final.tolist()
-    # As 3x² - 2x³: never steeper than one and a half times the mean slope.
-    steepest = 1.5 * np.abs(final - old) / 50
-    assert (np.abs(np.diff(path, axis=0)) <= steepest + 1e-9).all()
+    # As 3x² - 2x³: level at both ends, and half as steep again as the mean slope in the middle.
+    steps, mean = np.diff(path, axis=0), (final - old) / 50
+    assert (np.abs(steps) <= 1.5 * np.abs(mean) + 1e-9).all()
+    assert steps[24:26] == pytest.approx(np.tile(1.5 * mean, (2, 1)), rel=1e-2, abs=1e-9)
+    for end in (steps[0], steps[49]):
+        assert (np.abs(end) <= 0.1 * np.abs(mean) + 1e-9).all()
     assert path[25] == pytest.approx((old + final) / 2, abs=1e-9)
 
 

@@ -29,6 +29,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from tests.examples import shifted, turned
 from tests.plain_arm import PlainArm, welded_file
+from tests.small_robots import gantry
 
 SOLVER = MultiStart(solver=LmIk(max_iterations=20, stall=Stall()), max_restarts=60)
 ENOUGH = 4
@@ -287,6 +288,22 @@ def test_of_several_ways_beyond_the_limits_the_least_one_is_told(arm: Arm, plain
         for name, b in zip(plain.robot.joints, beyond[least], strict=True):
             if b > 0.0:
                 assert f"{name} is {b:.3f} rad outside" in found.explanation
+
+
+@pytest.mark.parametrize("beyond", [0.0, 2e-6, 1e-4, 0.95e-3, 1.05e-3])
+def test_out_of_reach_begins_at_the_tolerance(tmp_path: Path, beyond: float) -> None:
+    """Three slides reach 2 m, and a hinge about y never turns the tool about x."""
+    arm = Arm(gantry(tmp_path, 'type="sphere" size="0.01"'))
+    q = np.array([2.0 + beyond, 0.3, -0.2, 0.0])
+    target = turned(arm.pose(q), 0, 0.5)
+    found = diagnosed(arm, target, lost(arm, target), [arm.home], Tolerance(position=1e-6))
+    if beyond > 1e-6:
+        assert found.reason is Reason.OUT_OF_REACH
+        assert found.bound is ReachEvidence.SEARCH
+        assert found.beyond_reach == pytest.approx(beyond, rel=0.01)
+    else:
+        assert found.reason is Reason.NOT_CONVERGED
+        assert found.explanation.startswith("the position is reached, but not with this")
 
 
 def test_the_tolerance_is_that_of_the_search(arm: Arm, failures: dict[str, list[Failure]]) -> None:

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from robo47_qp.errors import RecordingError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report import run_plot
 from robo47_qp.report.run_plot import plot_run
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.recording import Rows
@@ -36,6 +39,23 @@ def test_another_run_is_another_picture(tmp_path: Path) -> None:
     plot_run(replace(run, rows=rows), tmp_path / "two.png")
     one, two = imread(tmp_path / "one.png"), imread(tmp_path / "two.png")
     assert np.abs(one - two).max() > 0.5
+
+
+def test_curves_have_the_units_of_their_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(run_plot, "_save", lambda figure, _: drawn.append(figure))
+    run = picked_and_placed()
+    plot_run(run, Path("unused.png"))
+    curves = {axes.get_ylabel(): axes.get_lines() for axes in drawn[0].axes}
+    assert len(run.rows) > 1000
+    for label, signal, scale in (
+        ("joint error [mrad]", "errors/q", 1e3),
+        ("tool error [mm]", "errors/tool_position", 1e3),
+        ("torque [% of limit]", "joints/tau", 100.0 / PANDA.tau_max),
+    ):
+        expected = run.rows[signal] * scale
+        shown = [np.asarray(line.get_ydata()) for line in curves[label]][: expected.shape[1]]
+        np.testing.assert_allclose(np.transpose(shown), expected, rtol=1e-12)
 
 
 def test_a_failure_is_drawn_too(tmp_path: Path) -> None:

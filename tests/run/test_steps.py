@@ -328,6 +328,7 @@ def test_what_a_step_stands_for() -> None:
         ),
         (lambda: Compliance(stiffness=np.full(6, -1.0)), "stiffness must be 0 or more and finite"),
         (lambda: Compliance(axis=np.array([0.0, 0.0, 2.0]), force=1.0), "axis must be of length 1"),
+        (lambda: Compliance(axis=np.array([0.0, 0.6, 0.0]), force=1.0), "axis must be of length 1"),
         (lambda: Compliance(force=1.0), "force must be above 0 with an axis, or neither"),
         (
             lambda: Compliance(frame="hand"),  # type: ignore[arg-type]

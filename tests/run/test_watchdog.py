@@ -1,6 +1,7 @@
 """The watchdog: what ends a run at once, and that nothing else does."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.failure import Cause, Failure
@@ -16,7 +18,7 @@ from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from tests.examples import shifted
-from tests.runs import Meddler, Reach, Witness, carry_out
+from tests.runs import ZEROS, Meddler, Reach, Witness, carry_out, no_objects
 
 
 def failure_of(task: Reach, *meddlers: Meddler) -> Failure:
@@ -37,6 +39,16 @@ def test_an_arm_held_back_is_a_failure_to_track() -> None:
     assert "from its reference; allowed are 0.200" in failure.evidence
     assert failure.time is not None
     assert 0.2 < failure.time < 1.0
+
+
+def test_an_arm_that_gives_way_need_not_follow() -> None:
+    simulation, arm = Simulation(PANDA, no_objects), Arm(PANDA)
+    away = JointReference(PANDA.home + 0.3, ZEROS, ZEROS)
+    check = partial(Watchdog().check, simulation, arm, away, force_max=60.0)
+    assert check(stiff=False) is None
+    failure = check(stiff=True)
+    assert failure is not None
+    assert failure.cause is Cause.TRACK
 
 
 def test_a_joint_outside_its_limits_ends_the_run() -> None:

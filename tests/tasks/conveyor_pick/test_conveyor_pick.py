@@ -153,6 +153,40 @@ def test_tracker_find_the_line_through_noise() -> None:
     assert predicted == pytest.approx(simulation.object_pose("cube").translation(), abs=1e-4)
 
 
+@pytest.mark.parametrize("speed", [0.12, -0.12])
+def test_the_cube_comes_from_upstream_and_is_met_from_there_to_the_end(speed: float) -> None:
+    """Whichever way the belt runs, all places are along its motion."""
+    task, way = ConveyorPick(speed=speed), np.sign(speed)
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    assert simulation.model.geom_surfacevel[simulation.model.geom("belt").id][1] == speed
+    assert way * simulation.object_pose("cube").translation()[1] == pytest.approx(-0.5)
+    assert way * task._first == pytest.approx(-0.3)
+    for along, evidence in ((-0.25, None), (0.19, None), (0.21, "will be 0.21 m along")):
+        pose = shifted_pose(simulation, way * along)
+        failure = task._gone(replace(task._picker(simulation), tracker=At(simulation, pose)))
+        assert (failure is None) == (evidence is None)
+        if failure is not None:
+            assert failure.cause is Cause.TIMEOUT
+            assert str(evidence) in failure.evidence
+
+
+class At(ObjectTracker):
+    """Finds the cube at the same pose at all times."""
+
+    def __init__(self, simulation: Simulation, pose: SE3) -> None:
+        super().__init__(simulation, "cube")
+        self._pose = pose
+
+    def at(self, time: float) -> SE3:
+        return self._pose
+
+
+def shifted_pose(simulation: Simulation, y: float) -> SE3:
+    x, _, z = simulation.object_pose("cube").translation()
+    return SE3.from_translation(np.array([x, y, z]))
+
+
 def test_variants_run_both_ways_at_the_speeds_that_are_told() -> None:
     speeds = [ConveyorPick().variant(np.random.default_rng(seed)).speed for seed in range(100)]
     assert min(np.abs(speeds)) >= 0.05
