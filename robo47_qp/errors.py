@@ -96,10 +96,8 @@ class Rejection:
     """Why a motion was refused, in terms that a second check can confirm."""
 
     reason: RefusalReason
-    segment: str
-    """Name of the waypoint on the way to which it is."""
-    fraction: float
-    """Where on the motion, 0 at its start and 1 at its end."""
+    fraction: float = 0.0
+    """Where on the motion to the waypoint, 0 at its start and 1 at its end."""
     time: float | None = None
     """When [s]: by the tool's bounds alone where the joints' way is not known; None for what
     has no time."""
@@ -109,6 +107,10 @@ class Rejection:
     """The last configuration that is possible, or the first that is not."""
     pose: tuple[float, ...] | None = None
     """T_world_tcp that is not reached from there: wxyz, then xyz [m]."""
+
+
+NO_PATH = Rejection(reason=RefusalReason.SHAPE)
+"""Waypoints, blends or points on the way that make no path."""
 
 
 class PlanError(Robo47Error):

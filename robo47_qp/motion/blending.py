@@ -8,12 +8,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.curves import BlendError
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.lower_bound import least_time
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
@@ -129,7 +128,7 @@ def cut_ptp(
     q = [q_start, *(request.goal.q for request in requests if request.goal is not None)]
     for request, (a, b) in zip(requests, pairwise(q), strict=True):
         if (np.abs(b - a) / profile.v_max).max() < STILL:
-            raise shape_refused(request.name, "it is where the motion already is")
+            raise PlanError(request.name, "it is where the motion already is", NO_PATH)
     motions = [
         plan_ptp(a, b, profile, dt, law)
         for (a, b), profile in zip(pairwise(q), profiles, strict=True)
@@ -141,7 +140,7 @@ def cut_ptp(
     try:
         return cut_corners(arm, motions, corners)
     except BlendError as error:
-        raise shape_refused(requests[error.segment].name, str(error)) from error
+        raise PlanError(requests[error.segment].name, str(error), NO_PATH) from error
 
 
 def _either(a: MotionProfile, b: MotionProfile) -> MotionProfile:

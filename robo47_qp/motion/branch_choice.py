@@ -13,7 +13,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.lin import Lin
-from robo47_qp.motion.refusals import PathError, collision_refused, path_refused
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.waypoint import Place, Waypoint, goal_pose
 
 _TOLD = 3
@@ -246,12 +246,12 @@ class BranchChoice:
         try:
             end, path = lin.follow(arm, ik, q, asked)
         except PathError as error:
-            raise path_refused(waypoint.name, error, error.fraction * time) from error
+            raise PlanError(waypoint.name, *error.refusal(error.fraction * time)) from error
         if self.collisions is not None:
             looks = path(np.linspace(0.0, 1.0, _LOOKS))
             hit = self.collisions.first_hit(looks, time / (_LOOKS - 1))
             if hit is not None:
-                raise collision_refused(waypoint.name, hit)
+                raise PlanError(waypoint.name, *hit)
         return end
 
 

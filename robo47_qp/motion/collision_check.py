@@ -8,9 +8,10 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.motion_bounds import approach_speed_bounds, moved_by
+from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.refusals import Hit, collision_refused
+from robo47_qp.motion.refusals import Refusal
 from robo47_qp.motion.trajectory import Trajectory
 
 Surroundings = Callable[[mujoco.MjSpec], None]
@@ -89,9 +90,9 @@ class Collisions:
         """
         hit = self.first_hit(trajectory.q, trajectory.dt)
         if hit is not None:
-            raise collision_refused(waypoint, hit)
+            raise PlanError(waypoint, *hit)
 
-    def first_hit(self, q: Matrix, dt: float) -> Hit | None:
+    def first_hit(self, q: Matrix, dt: float) -> Refusal | None:
         """Return where a joint path first comes too close to something; None if it does not.
 
         Args:
@@ -114,7 +115,14 @@ class Collisions:
                     f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
                     f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
                 )
-                return Hit(explanation, joint, now, time, time / whole if whole else 0.0)
+                rejection = Rejection(
+                    reason=RefusalReason.COLLISION,
+                    fraction=time / whole if whole else 0.0,
+                    time=time,
+                    joint=joint,
+                    q=tuple(now.tolist()),
+                )
+                return Refusal(explanation, rejection)
             if x >= last:
                 return None
             least = min(close.values(), default=np.inf)

@@ -10,6 +10,7 @@ from mink import SE3
 from scipy.interpolate import CubicSpline
 
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import NO_PATH, PlanError
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
@@ -17,7 +18,7 @@ from robo47_qp.motion.following.joint_path import JointPath, Stretch
 from robo47_qp.motion.following.tracking import IkEffort, Tracking
 from robo47_qp.motion.paths.curves import BlendError, PoseSpline, ToolCurve
 from robo47_qp.motion.paths.segments import PathProfile, Segment
-from robo47_qp.motion.refusals import PathError, check_limits, path_refused, shape_refused
+from robo47_qp.motion.refusals import PathError, check_limits
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.retiming import Timing, limits
 from robo47_qp.motion.trajectory import Trajectory
@@ -98,14 +99,14 @@ class Continuous:
         try:
             trajectory = self.timing.timed(arm, path, path.cuts, limits(profile, tools, paces), dt)
         except PathError as error:
-            raise path_refused(requests[0].name, error, None) from error
+            raise PlanError(requests[0].name, *error.refusal(None)) from error
         passes = _passes(path, trajectory)
         try:
             check_limits(arm, trajectory.q)
         except PathError as error:
             k = round(error.fraction * len(trajectory.q))
             name = requests[int(np.searchsorted(passes, k))].name
-            raise path_refused(name, error, k * dt) from error
+            raise PlanError(name, *error.refusal(k * dt)) from error
         iterations = sum(effort.iterations for effort in plan.efforts)
         spent = IkEffort(iterations, sum(effort.seconds for effort in plan.efforts))
         return ContinuousMotion(trajectory, passes, spent)
@@ -119,7 +120,7 @@ class Continuous:
             path, effort = self.tracking.joint_path(arm, ik, q, curve)
         except PathError as error:
             name = members[curve.segment_at(error.fraction)].name
-            raise path_refused(name, error, error.fraction * time) from error
+            raise PlanError(name, *error.refusal(error.fraction * time)) from error
         plan.efforts.append(effort)
         plan.firsts.append(first)
         plan.stretches.append(Stretch(curve=path, time=time, cuts=curve.cuts, passes=curve.corners))
@@ -142,24 +143,24 @@ def _tool_curve(
         poses.append(request.T_world_goal)
     for request, one in zip(requests, segments, strict=True):
         if profile.least_time(one.length, one.angle) < STILL:
-            raise shape_refused(request.name, "it is where the motion already is")
+            raise PlanError(request.name, "it is where the motion already is", NO_PATH)
     inner = requests[:-1]
     if inner and not any(request.blend for request in inner):
         bent = [request.name for request in requests if not request.straight]
         if bent:
-            raise shape_refused(bent[0], "an arc goes on without a stop only by a blend")
+            raise PlanError(bent[0], "an arc goes on without a stop only by a blend", NO_PATH)
         return PoseSpline(poses, profile)
     _check_all_blended(inner)
     try:
         return ToolCurve(segments, [request.blend for request in inner], profile)
     except BlendError as error:
-        raise shape_refused(requests[error.segment].name, str(error)) from error
+        raise PlanError(requests[error.segment].name, str(error), NO_PATH) from error
 
 
 def _check_all_blended(requests: Sequence[Request]) -> None:
     exact = [request.name for request in requests if not request.blend]
     if exact:
-        raise shape_refused(exact[0], "blends and points to pass exactly do not go together")
+        raise PlanError(exact[0], "blends and points to pass exactly do not go together", NO_PATH)
 
 
 def _add_joints(
@@ -170,7 +171,7 @@ def _add_joints(
     times = (np.abs(np.diff(points, axis=0)) / arm.robot.profile.v_max).max(axis=1)
     for request, time in zip(members, times, strict=True):
         if time < STILL:
-            raise shape_refused(request.name, "it is where the motion already is")
+            raise PlanError(request.name, "it is where the motion already is", NO_PATH)
     if inner and not any(request.blend for request in inner):
         places = np.concatenate([[0.0], np.cumsum(times)]) / times.sum()
         plan.stretches.append(_through(places, points, float(times.sum())))
@@ -192,10 +193,8 @@ def _through(places: Vector, points: Sequence[Vector], time: float) -> Stretch:
 
 def _radius(before: Request) -> float:
     if before.blend == 0.0:
-        raise shape_refused(
-            before.name,
-            "motions of the joints and of the tool meet here without a stop: give a blend",
-        )
+        explanation = "motions of the joints and of the tool meet here without a stop: give a blend"
+        raise PlanError(before.name, explanation, NO_PATH)
     return before.blend
 
 
@@ -203,7 +202,7 @@ def _joined(arm: Arm, plan: _Plan, requests: Sequence[Request]) -> JointPath:
     try:
         path = JointPath(arm, plan.stretches, plan.radii)
     except BlendError as error:
-        raise shape_refused(requests[plan.firsts[error.segment]].name, str(error)) from error
+        raise PlanError(requests[plan.firsts[error.segment]].name, str(error), NO_PATH) from error
     # Splines and bends may swing further than the waypoints they join.
     s = np.unique(np.concatenate([np.linspace(a, b, _LOOKS) for a, b in pairwise(path.cuts)]))
     try:
@@ -211,7 +210,7 @@ def _joined(arm: Arm, plan: _Plan, requests: Sequence[Request]) -> JointPath:
     except PathError as error:
         at = float(s[round(error.fraction * len(s))])
         name = requests[int(np.searchsorted(path.passes, at))].name
-        raise path_refused(name, error, at * path.time) from error
+        raise PlanError(name, *error.refusal(at * path.time)) from error
     return path
 
 

@@ -7,14 +7,13 @@ from itertools import pairwise
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import PlanError
+from robo47_qp.errors import NO_PATH, PlanError
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.motion_type import PlannerSettings
 from robo47_qp.motion.paths.segments import Segment
-from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Waypoint
@@ -76,9 +75,8 @@ class Planner(PlannerSettings):
         """
         q_start = arm.checked_q("q_start", q_start)
         if not waypoint.rests:
-            raise shape_refused(
-                waypoint.name, "it is not to be stopped at and nothing is known to follow"
-            )
+            explanation = "it is not to be stopped at and nothing is known to follow"
+            raise PlanError(waypoint.name, explanation, NO_PATH)
         if waypoint.prescribes_path:
             return self._leg(arm, waypoint, None, q_start, dt)
         if not arm.obstacles:
@@ -102,7 +100,7 @@ class Planner(PlannerSettings):
         """
         q = arm.checked_q("q_start", q_start)
         if waypoints and not waypoints[-1].rests:
-            raise shape_refused(waypoints[-1].name, "it is the last and not to be stopped at")
+            raise PlanError(waypoints[-1].name, "it is the last and not to be stopped at", NO_PATH)
         v_max = self.profile.v_max
         chosen = self.branch_choice.choose(arm, self.ik, self.lin, waypoints, q, v_max)
         legs, first = list[Leg](), 0

@@ -7,11 +7,18 @@ from mink import SE3
 from scipy.interpolate import BSpline, PPoly
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import PlanError, RefusalReason, Rejection, Robo47Error
+from robo47_qp.errors import RefusalReason, Rejection, Robo47Error
 from robo47_qp.model.arm import Arm
 
 AT_LIMIT = 1e-3
 """A joint this close to its limit is at it [rad or m]."""
+
+
+class Refusal(NamedTuple):
+    """Why a motion cannot be planned: what `PlanError` takes after the name of the waypoint."""
+
+    explanation: str
+    rejection: Rejection
 
 
 class PathError(Robo47Error):
@@ -42,53 +49,19 @@ class PathError(Robo47Error):
         self.q = None if q is None else q.copy()
         self.T_world_next = T_world_next
 
-
-def shape_refused(waypoint: str, explanation: str) -> PlanError:
-    """Return the error for waypoints that make no path."""
-    rejection = Rejection(reason=RefusalReason.SHAPE, segment=waypoint, fraction=0.0)
-    return PlanError(waypoint, explanation, rejection)
-
-
-def path_refused(waypoint: str, error: PathError, time: float | None) -> PlanError:
-    """Return the error for a path that cannot be followed, from `time` [s] on."""
-    rejection = Rejection(
-        reason=error.reason,
-        segment=waypoint,
-        fraction=float(error.fraction),
-        time=time,
-        joint=error.joint,
-        q=None if error.q is None else tuple(error.q.tolist()),
-        pose=None if error.T_world_next is None else tuple(error.T_world_next.wxyz_xyz.tolist()),
-    )
-    when = "" if time is None else f", {time:.2f} s from the start at full speed of the tool"
-    return PlanError(waypoint, f"{error}{when}", rejection)
-
-
-class Hit(NamedTuple):
-    """Where a motion comes too close to something."""
-
-    explanation: str
-    """The bodies, their distance and the joint that moves them."""
-    joint: str
-    q: Vector
-    """Configuration (n,) [rad]."""
-    time: float
-    """[s]"""
-    fraction: float
-    """Share of the motion before it, from 0 to 1."""
-
-
-def collision_refused(waypoint: str, hit: Hit) -> PlanError:
-    """Return the error for a motion to a waypoint that comes too close to something."""
-    rejection = Rejection(
-        reason=RefusalReason.COLLISION,
-        segment=waypoint,
-        fraction=hit.fraction,
-        time=hit.time,
-        joint=hit.joint,
-        q=tuple(hit.q.tolist()),
-    )
-    return PlanError(waypoint, hit.explanation, rejection)
+    def refusal(self, time: float | None) -> Refusal:
+        """Return the refusal of the motion, whose path fails at `time` [s] if that is known."""
+        pose = None if self.T_world_next is None else self.T_world_next.wxyz_xyz
+        rejection = Rejection(
+            reason=self.reason,
+            fraction=float(self.fraction),
+            time=time,
+            joint=self.joint,
+            q=None if self.q is None else tuple(self.q.tolist()),
+            pose=None if pose is None else tuple(pose.tolist()),
+        )
+        when = "" if time is None else f", {time:.2f} s from the start at full speed of the tool"
+        return Refusal(f"{self}{when}", rejection)
 
 
 def check_limits(arm: Arm, q: Matrix, s: Vector | None = None) -> None:

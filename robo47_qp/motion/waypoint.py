@@ -17,14 +17,13 @@ from robo47_qp.arrays import (
     check_pose,
     checked_vector,
 )
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.motion_type import MotionType
 from robo47_qp.motion.paths.segments import Segment
-from robo47_qp.motion.refusals import shape_refused
 from robo47_qp.motion.request import Request
 from robo47_qp.motion.types.circ import CircMotion
 from robo47_qp.motion.types.lin import LinMotion
@@ -129,7 +128,7 @@ class Waypoint(Checked):
         try:
             return self.motion.type.path(start, goal, points)
         except InvalidValueError as error:
-            raise shape_refused(self.name, str(error)) from error
+            raise PlanError(self.name, str(error), NO_PATH) from error
 
     def request(self, arm: Arm, pace: float, reached: IkResult | None) -> Request:
         """Return the request for the motion to here.

@@ -15,7 +15,7 @@ from robo47_qp.motion.trajectory import hold
 from robo47_qp.motion.waypoint import PRESCRIBED, Waypoint
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
-from robo47_qp.run.step_executor import Step, StepExecutor
+from robo47_qp.run.steps import Step, StepExecutor
 
 _TICK_ROWS = 2
 """Control periods between two checks of the world while contact is expected."""

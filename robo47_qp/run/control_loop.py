@@ -208,7 +208,8 @@ class ControlLoop:
 
     def _references(self, trajectory: Trajectory) -> Matrix:
         """Return the columns `signals.references` of every sample."""
-        if trajectory.still and trajectory.steps:
-            return np.repeat(self._references(trajectory.part(0, 0)), trajectory.steps + 1, axis=0)
-        arm = self.control.arm
-        return np.hstack([columns(arm, trajectory) for columns in self._wanted])
+        count = len(trajectory.q)
+        rows = slice(1 if trajectory.still else count)
+        samples = trajectory.q[rows], trajectory.v[rows], trajectory.a[rows]
+        columns = np.hstack([values(self.control.arm, samples) for values in self._wanted])
+        return np.broadcast_to(columns, (count, columns.shape[1]))

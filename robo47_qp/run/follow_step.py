@@ -15,7 +15,7 @@ from robo47_qp.model.payload import Payload
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, violation
-from robo47_qp.run.step_executor import Step, StepExecutor
+from robo47_qp.run.steps import Step, StepExecutor
 
 
 @dataclass(frozen=True, kw_only=True)

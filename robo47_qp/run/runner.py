@@ -16,8 +16,7 @@ from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Rows, Sink
 from robo47_qp.run.scenario import Run, Scenario
-from robo47_qp.run.step_executor import StepExecutor
-from robo47_qp.run.steps import as_step
+from robo47_qp.run.steps import StepExecutor, as_step
 from robo47_qp.sim.simulation import Simulation
 
 _LAST_HOLD = 0.3

@@ -6,25 +6,28 @@ effects (`Simulation.signals_now`, `signals_last`). Each signal is one entry of 
 """
 
 from collections.abc import Callable, Iterable
+from typing import TypeAlias
 
 import numpy as np
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
-from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.recording import Rows, slices
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 from robo47_qp.sim.simulation import Simulation
 
+Samples: TypeAlias = tuple[Matrix, Matrix, Matrix]
+"""q, v and a of the samples of a trajectory, (N, n) each."""
 
-def references(robot: Robot) -> dict[Signal, Callable[[Arm, Trajectory], Matrix]]:
-    """Return the reference signals, with functions of the samples of a trajectory (N, size)."""
+
+def references(robot: Robot) -> dict[Signal, Callable[[Arm, Samples], Matrix]]:
+    """Return the reference signals, with functions of samples (N, size)."""
     joints, unit = robot.joints, robot.unit
     return {
-        Signal(name="joints/q_ref", labels=joints, unit=unit("rad", "m")): lambda _, t: t.q,
-        Signal(name="joints/v_ref", labels=joints, unit=unit("rad/s", "m/s")): lambda _, t: t.v,
-        Signal(name="joints/a_ref", labels=joints, unit=unit("rad/s²", "m/s²")): lambda _, t: t.a,
+        Signal(name="joints/q_ref", labels=joints, unit=unit("rad", "m")): lambda _, s: s[0],
+        Signal(name="joints/v_ref", labels=joints, unit=unit("rad/s", "m/s")): lambda _, s: s[1],
+        Signal(name="joints/a_ref", labels=joints, unit=unit("rad/s²", "m/s²")): lambda _, s: s[2],
         Signal(name="joints/tau_ref", labels=joints, unit=unit("N·m", "N")): _torques,
         Signal(name="tool/pose_ref", labels=POSE, unit=POSE_UNIT): _poses,
     }
@@ -98,13 +101,12 @@ class Columns:
         self.command = span([command(simulation.robot)])
 
 
-def _torques(arm: Arm, trajectory: Trajectory) -> Matrix:
-    samples = zip(trajectory.q, trajectory.v, trajectory.a, strict=True)
-    return np.array([arm.inverse_dynamics(q, v, a) for q, v, a in samples])
+def _torques(arm: Arm, samples: Samples) -> Matrix:
+    return np.array([arm.inverse_dynamics(q, v, a) for q, v, a in zip(*samples, strict=True)])
 
 
-def _poses(arm: Arm, trajectory: Trajectory) -> Matrix:
-    poses = np.array([arm.pose(q).wxyz_xyz for q in trajectory.q])
+def _poses(arm: Arm, samples: Samples) -> Matrix:
+    poses = np.array([arm.pose(q).wxyz_xyz for q in samples[0]])
     return np.hstack([poses[:, 4:], poses[:, :4]])
 
 

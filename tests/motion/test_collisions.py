@@ -38,7 +38,7 @@ def test_a_swing_into_a_ball_is_refused_with_bodies_joint_and_time() -> None:
     found = caught.value.rejection
     assert found is not None
     assert found.reason is RefusalReason.COLLISION
-    assert found.segment == "swing"
+    assert caught.value.waypoint == "swing"
     assert found.joint in PANDA.joints
     assert found.time is not None
     assert found.q is not None

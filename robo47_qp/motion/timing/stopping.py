@@ -156,7 +156,6 @@ def _refused(arm: Arm, motion: Trajectory, low: Vector, high: Vector) -> PlanErr
     joint, time = arm.robot.joints[int(excess[k].argmax())], k * motion.dt
     rejection = Rejection(
         reason=RefusalReason.JOINT_LIMIT,
-        segment="stop",
         fraction=k / max(1, motion.steps),
         time=time,
         joint=joint,

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from mink import SE3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import PlanError
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.motion_type import MotionType, PlannerSettings
 from robo47_qp.motion.paths.segments import Line
-from robo47_qp.motion.refusals import PathError, path_refused
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.timing.lower_bound import lower_bound
 
@@ -39,7 +40,7 @@ class LinMotion(MotionType):
             trajectory, end = lin.plan(arm, settings.ik, q_start, goal, profile, dt, pace)
         except PathError as error:
             time = error.fraction * lin.profile.least_time(line.length, line.angle)
-            raise path_refused(request.name, error, time) from error
+            raise PlanError(request.name, *error.refusal(time)) from error
         settings.check_collisions(request.name, trajectory)
         bound = lower_bound(arm, trajectory.q, profile, lin.profile.slowed(pace), True)
         return Planned(trajectory, end, bound, line)

@@ -145,11 +145,8 @@ def test_a_limit_that_no_braking_keeps_is_told_with_joint_and_time() -> None:
         stop(PANDA_ARM, now, profile, DT)
     found = caught.value.rejection
     assert found is not None
-    assert (found.reason, found.joint, found.segment) == (
-        RefusalReason.JOINT_LIMIT,
-        "joint2",
-        "stop",
-    )
+    assert caught.value.waypoint == "stop"
+    assert (found.reason, found.joint) == (RefusalReason.JOINT_LIMIT, "joint2")
     assert found.q is not None
     assert found.q[1] > PANDA_ARM.q_max[1]
 
