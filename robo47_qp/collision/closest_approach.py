@@ -12,8 +12,8 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.distance import GeomDistance
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.errors import ModelError
-from robo47_qp.model.mjcf import add_obstacle, robot_spec
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.mjcf import robot_spec
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
 RESOLUTION = 0.1e-3

@@ -9,12 +9,11 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.errors import ModelError, UnknownNameError
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot, Tool
 
-_ALL_BITS = 2**31 - 1
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
@@ -115,30 +114,6 @@ def add_payload(spec: mujoco.MjSpec, tool: Tool, payload: Payload, name: str) ->
         ipos=np.zeros(3),
         inertia=np.asarray(payload.inertia),
         explicitinertial=True,
-    )
-
-
-def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
-    """Add the obstacle to the world of a spec.
-
-    Raises:
-        InvalidValueError: A geom has its name already.
-    """
-    taken = [geom.name for geom in spec.geoms]
-    if obstacle.name in taken:
-        raise InvalidValueError("name of an obstacle", repr(obstacle.name), f"none of {taken}")
-    pose = obstacle.T_world_obstacle
-    spec.worldbody.add_geom(
-        name=obstacle.name,
-        type=getattr(mujoco.mjtGeom, f"mjGEOM_{obstacle.shape.name}"),
-        size=[*obstacle.size, *(3 - len(obstacle.size)) * [1.0]],
-        pos=pose.translation(),
-        quat=pose.rotation().wxyz,
-        # All bits, so that every collision geom collides with an obstacle.
-        contype=_ALL_BITS,
-        conaffinity=_ALL_BITS,
-        margin=0.0,
-        gap=0.0,
     )
 
 

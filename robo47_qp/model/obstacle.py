@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
+import mujoco
 from mink import SE3
 
 from robo47_qp.arrays import check_pose, checked_vector
@@ -26,6 +27,7 @@ class Shape(Enum):
 
 SIZES = {Shape.BOX: 3, Shape.SPHERE: 1, Shape.CYLINDER: 2, Shape.CAPSULE: 2, Shape.PLANE: 0}
 """Number of lengths in the size of each shape."""
+_ALL_BITS = 2**31 - 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,3 +61,27 @@ class Obstacle:
             found = type(self.T_world_obstacle).__name__
             raise InvalidValueError(f"pose of {title}", f"a {found}", "a mink.SE3")
         check_pose(f"pose of {title}", self.T_world_obstacle)
+
+
+def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
+    """Add the obstacle to the world of a spec.
+
+    Raises:
+        InvalidValueError: A geom has its name already.
+    """
+    taken = [geom.name for geom in spec.geoms]
+    if obstacle.name in taken:
+        raise InvalidValueError("name of an obstacle", repr(obstacle.name), f"none of {taken}")
+    pose = obstacle.T_world_obstacle
+    spec.worldbody.add_geom(
+        name=obstacle.name,
+        type=getattr(mujoco.mjtGeom, f"mjGEOM_{obstacle.shape.name}"),
+        size=[*obstacle.size, *(3 - len(obstacle.size)) * [1.0]],
+        pos=pose.translation(),
+        quat=pose.rotation().wxyz,
+        # All bits, so that every collision geom collides with an obstacle.
+        contype=_ALL_BITS,
+        conaffinity=_ALL_BITS,
+        margin=0.0,
+        gap=0.0,
+    )

@@ -9,8 +9,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Positive
-from robo47_qp.model.mjcf import add_obstacle
-from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import StepLike, Wait

@@ -7,8 +7,7 @@ from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.mjcf import add_obstacle
-from robo47_qp.model.obstacle import SIZES, Obstacle, Shape
+from robo47_qp.model.obstacle import SIZES, Obstacle, Shape, add_obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from tests.small_robots import cell

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.model.mjcf import add_obstacle
-from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.report.audit.audit import audit

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.solver import Tolerance
-from robo47_qp.model.mjcf import add_obstacle, compiled, robot_spec
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.mjcf import compiled, robot_spec
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
 LOOSE = Tolerance(position=1e-3, orientation=float(np.radians(0.1)))

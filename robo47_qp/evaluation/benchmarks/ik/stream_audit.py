@@ -9,8 +9,7 @@ from scipy.optimize import lsq_linear
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.mjcf import add_obstacle
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import MotionProfile, Robot
 
 
