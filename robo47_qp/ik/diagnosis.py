@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.ik.gauss_newton import Stall
@@ -19,6 +18,7 @@ from robo47_qp.ik.solver import (
     residual,
 )
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 _STEPS = 50
 """QPs per start of a diagnosis."""
@@ -28,7 +28,7 @@ against limits, and long steps swing past it."""
 
 
 def diagnosed(
-    arm: Arm, T_world_target: SE3, best: IkResult, starts: Sequence[Vector], tolerance: Tolerance
+    arm: Arm, T_world_target: Target, best: IkResult, starts: Sequence[Vector], tolerance: Tolerance
 ) -> IkResult:
     """Return the best result of a failed search, with the reason found by dropping constraints.
 
@@ -80,7 +80,7 @@ def diagnosed(
 
 
 def _without_limits(
-    arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
+    arm: Arm, T_world_target: Target, starts: Sequence[Vector], tolerance: Tolerance
 ) -> Vector | None:
     """Return the configuration found that reaches the pose and violates the limits least."""
     free = LmIk(within_limits=False, max_iterations=_STEPS, stall=Stall(), tolerance=tolerance)
@@ -104,7 +104,7 @@ def _unwound(arm: Arm, q: Vector) -> Vector:
 
 
 def _left_without_orientation(
-    arm: Arm, T_world_target: SE3, starts: Sequence[Vector], tolerance: Tolerance
+    arm: Arm, T_world_target: Target, starts: Sequence[Vector], tolerance: Tolerance
 ) -> float:
     """Return the least position error found within the joint limits [m]."""
     # The error need not vanish: only where it hardly falls at all is the least one found.

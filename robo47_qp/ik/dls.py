@@ -4,11 +4,12 @@ from dataclasses import dataclass, replace
 from time import process_time
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
-from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
+from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, rejected
+from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,27 +38,33 @@ class DlsIk(Checked):
     only, no step avoids anything. None looks at none."""
     tolerance: Tolerance = Tolerance()
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
         started = process_time()
         q = arm.checked_q("q_seed", q_seed)
-        if not is_pose(T_world_target):
+        if not is_target(T_world_target):
             return rejected(arm, q)
         rows = 3 if self.position_only else 6
-        regular = self.damping**2 * np.eye(rows)
+        tools = len(tools_of(arm, T_world_target))
+        regular = self.damping**2 * np.eye(rows * tools)
         tolerance = self.tolerance
         if self.position_only:
             tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
         for iteration in range(self.max_iterations + 1):
-            e = arm.pose_error(T_world_target, q)[:rows]
-            close = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
-            if close and (self.position_only or np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation):
+            parts = arm.pose_error(T_world_target, q).reshape(tools, 6)
+            if all(_close(part, tolerance) for part in parts):
                 break
             if iteration == self.max_iterations:
                 break
-            J = arm.jacobian(q)[:rows]
+            J = arm.error_jacobian(T_world_target, q).reshape(tools, 6, arm.n)[:, :rows]
+            e, J = parts[:, :rows].reshape(-1), J.reshape(-1, arm.n)
             q = q + J.T @ np.linalg.solve(J @ J.T + regular, e)
             if self.clip:
                 q = np.clip(q, arm.q_min, arm.q_max)
         result = judged(arm, T_world_target, q, tolerance, iteration, None, self.clearance)
         return replace(result, seconds=process_time() - started)
+
+
+def _close(e: Vector, tolerance: Tolerance) -> bool:
+    near = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
+    return bool(near and np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation)

@@ -8,7 +8,6 @@ from time import process_time
 from typing import Annotated, NamedTuple, Protocol, Self
 
 import numpy as np
-from mink import SE3
 from mujoco import mju_addToScl
 
 from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix, NotNegative, Range, Vector
@@ -21,12 +20,13 @@ from robo47_qp.ik.solver import (
     Reason,
     Tolerance,
     Unconverged,
-    is_pose,
+    is_target,
     judged,
     rejected,
 )
-from robo47_qp.ik.tool_error import ToolError
+from robo47_qp.ik.tool_error import ToolError, error_to, tools_of
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 _FLOOR = 1e-9
 """Least damping, for the directions in which a redundant arm moves without its tool."""
@@ -71,17 +71,17 @@ class GaussNewtonIk(Checked, ABC):
     tolerance: Tolerance = Tolerance()
 
     @abstractmethod
-    def _search(self, arm: Arm) -> "Search":
-        """Return the search on an arm, with its memory."""
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> "Search":
+        """Return the search for poses of some tools of an arm, with its memory."""
 
     @property
     def _demanded(self) -> Tolerance:
         return self.tolerance
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
         q = arm.checked_q("q_seed", q_seed)
-        if not is_pose(T_world_target):
+        if not is_target(T_world_target):
             return rejected(arm, q)
         started = process_time()
         end = self._attempt(arm, T_world_target, q)
@@ -90,7 +90,7 @@ class GaussNewtonIk(Checked, ABC):
         seconds = process_time() - started
         return end.with_effort(iterations=end.iterations, restarts=0, seconds=seconds)
 
-    def attempts(self, arm: Arm, T_world_target: SE3) -> Attempt:
+    def attempts(self, arm: Arm, T_world_target: Target) -> Attempt:
         """See `solver.MakeAttempts`."""
         return partial(self._attempt, arm, T_world_target)
 
@@ -98,17 +98,18 @@ class GaussNewtonIk(Checked, ABC):
         """See `EarlyStopping.thorough`."""
         return replace(self, stall=Stall(steps=10), max_iterations=max(self.max_iterations, 100))
 
-    def _attempt(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult | Unconverged:
+    def _attempt(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult | Unconverged:
         """Return the end of a search from q_seed, judged unless it is far from the target.
 
         The way to an answer is not driven, so nothing has to stay clear on it: the first search
         looks at the tool alone. Where its answer is closer than `clearance` to anything, a second
         one from the same start has every step keep the distance, or regain it.
         """
-        search, tolerance, clearance = self._search(arm), self._demanded, self.clearance
+        search = self._search(arm, tools_of(arm, T_world_target))
+        tolerance, clearance = self._demanded, self.clearance
         limits = (tolerance, self.max_iterations, self.stall)
         iterations = search.run(T_world_target, q_seed, *limits)
-        if search.missed and arm.beyond_reach(T_world_target.wxyz_xyz[4:]) <= 0.0:
+        if search.missed and arm.target_beyond_reach(T_world_target) <= 0.0:
             return Unconverged(search.q.copy(), iterations, search.error)
         free = judged(arm, T_world_target, search.q, tolerance, iterations, None, clearance)
         if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
@@ -153,7 +154,14 @@ class Search:
     """Memory of the searches on one arm; `q` is where the last one ended."""
 
     def __init__(
-        self, arm: Arm, objective: Objective, qp: BoxQp, *, limited: bool = True, rows: int = 6
+        self,
+        arm: Arm,
+        objective: Objective,
+        qp: BoxQp,
+        *,
+        tools: tuple[int, ...] = (0,),
+        limited: bool = True,
+        rows: int = 6,
     ) -> None:
         """Make the memory for an arm.
 
@@ -161,15 +169,16 @@ class Search:
             arm: The arm.
             objective: What a step minimises.
             qp: What solves for a step.
+            tools: The tools that targets are for, by their places among the robot's.
             limited: False lets joints leave their limits.
-            rows: 3 where the position alone counts, 6 for the pose.
+            rows: 3 where the positions alone count, 6 for the poses.
         """
         n, everywhere = arm.n, np.full(arm.n, np.inf)
         self._q_min = arm.q_min if limited else -everywhere
         self._q_max = arm.q_max if limited else everywhere
         self._turns = rows == 6
         self._objective, self._qp = objective, qp
-        self._error = ToolError(arm)
+        self._error = error_to(arm, tools)
         self._low, self._high = np.empty(n), np.empty(n)
         self._H, self._f, self._lean = np.empty((n, n)), np.empty(n), np.empty(n)
         self._diagonal = self._H.reshape(-1)[:: n + 1]
@@ -181,7 +190,7 @@ class Search:
 
     def run(
         self,
-        T_world_target: SE3,
+        T_world_target: Target,
         q_seed: Vector,
         tolerance: Tolerance,
         max_iterations: int,

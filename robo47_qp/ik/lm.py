@@ -32,9 +32,9 @@ class LmIk(GaussNewtonIk):
     damping: NotNegative = 0.03
     """λ per squared error."""
 
-    def _search(self, arm: Arm) -> Search:
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search:
         rows = 3 if self.position_only else 6
-        return arm.derived(_lm, self.damping, rows, self.within_limits)
+        return arm.derived(_lm, tools, self.damping, rows, self.within_limits)
 
     @property
     def _demanded(self) -> Tolerance:
@@ -44,14 +44,17 @@ class LmIk(GaussNewtonIk):
 
 
 class _DampedError:
-    def __init__(self, damping: float, rows: int) -> None:
-        self._damping, self._rows = damping, rows
+    def __init__(self, damping: float, rows: int, tools: int) -> None:
+        self._damping = damping
+        # Of several tools the first rows of each.
+        several = [6 * tool + row for tool in range(tools) for row in range(rows)]
+        self._rows = slice(rows) if tools == 1 else several
 
     def linearised(self, error: ToolError, squared_error: float) -> Linearised:
         rows, damping = self._rows, self._damping * squared_error
-        return Linearised(error.e[:rows], error.J[:rows], damping)
+        return Linearised(error.e[rows], error.J[rows], damping)
 
 
-def _lm(arm: Arm, damping: float, rows: int, limited: bool) -> Search:
-    qp = box_qp("daqp", arm.n)
-    return Search(arm, _DampedError(damping, rows), qp, limited=limited, rows=rows)
+def _lm(arm: Arm, tools: tuple[int, ...], damping: float, rows: int, limited: bool) -> Search:
+    qp, objective = box_qp("daqp", arm.n), _DampedError(damping, rows, len(tools))
+    return Search(arm, objective, qp, tools=tools, limited=limited, rows=rows)

@@ -19,10 +19,12 @@ from robo47_qp.ik.solver import (
     Tolerance,
     Unconverged,
     attempts_of,
-    is_pose,
+    is_target,
     judged,
 )
+from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,9 @@ class Preference(Checked):
 
 def _manipulability(arm: Arm, q: Vector) -> float:
     # As a product of singular values it is 0 rather than a root of rounding.
-    return float(np.prod(np.linalg.svd(arm.jacobian(q), compute_uv=False)))
+    tools = range(len(arm.robot.tools))
+    gains = [np.linalg.svd(arm.jacobian(q, tool), compute_uv=False) for tool in tools]
+    return float(np.prod(gains))
 
 
 def _share(values: Sequence[float]) -> Vector:
@@ -115,11 +119,11 @@ class MultiStart(Checked):
         """How close counts as reached."""
         return self.solver.tolerance
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`; where no start gets there, the best one with the reason."""
         return self.solve_all(arm, T_world_target, q_seed)[0]
 
-    def solve_all(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> tuple[IkResult, ...]:
+    def solve_all(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> tuple[IkResult, ...]:
         """Up to `answers` answers that differ, the preferred one first.
 
         Effort and time are those of the whole search.
@@ -132,7 +136,7 @@ class MultiStart(Checked):
         """
         started = process_time()
         q_seed = arm.checked_q("q_seed", q_seed)
-        if not is_pose(T_world_target):
+        if not is_target(T_world_target):
             none = self.solver.solve(arm, T_world_target, q_seed)
             return (replace(none, seconds=process_time() - started),)
         tally = _Tally(self.answers, self.apart)
@@ -152,7 +156,7 @@ class MultiStart(Checked):
             for result in ranked
         )
 
-    def _search(self, arm: Arm, T_world_target: SE3, q_seed: Vector, tally: "_Tally") -> None:
+    def _search(self, arm: Arm, T_world_target: Target, q_seed: Vector, tally: "_Tally") -> None:
         """Search from one start after another until there are enough answers, or none can come."""
         attempt = attempts_of(self.solver, arm, T_world_target)
         for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
@@ -164,8 +168,11 @@ class MultiStart(Checked):
                 if any(tally.take(again(q)) for q in tally.ends()):
                     return
 
-    def _starts(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> Iterator[Vector]:
+    def _starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
         """The seed in its place, the nearest of the library, then all others in their order."""
+        if not isinstance(T_world_target, SE3) or len(arm.robot.tools) > 1:
+            yield from self._starts_of_tools(arm, T_world_target, q_seed)
+            return
         if self.seed_first:
             yield q_seed
         library, target = library_of(arm, self.library), feature_of(T_world_target)
@@ -182,6 +189,31 @@ class MultiStart(Checked):
             yield library.q[k]
         for k in np.setdiff1d(np.arange(len(distances)), taken):
             yield library.q[k]
+
+    def _starts_of_tools(self, arm: Arm, target: Target, q_seed: Vector) -> Iterator[Vector]:
+        """The seed, then for the joints of each tool those of its own library, as near as another.
+
+        All other joints stay at the seed. Joints that several tools share are those of the first.
+        """
+        yield q_seed
+        poses = (target,) if isinstance(target, SE3) else tuple(target.values())
+        tools = list(zip(tools_of(arm, target), poses, strict=True))[::-1]
+        orders = [self._by_nearness(arm, tool, pose) for tool, pose in tools]
+        for places in zip(*orders, strict=True):
+            q_start = q_seed.copy()
+            for (tool, _), place in zip(tools, places, strict=True):
+                joints = arm.tool_joints(tool)
+                q_start[joints] = library_of(arm, self.library, tool).q[place, joints]
+            yield q_start
+
+    def _by_nearness(self, arm: Arm, tool: int, pose: SE3) -> Iterator[int]:
+        """The nearest of a tool's library, then all others in their order."""
+        library = library_of(arm, self.library, tool)
+        distances, taken = library.distances(feature_of(pose)), list[int]()
+        for place in library.nearest(distances, min(self.near, len(distances))):
+            taken.append(place)
+            yield place
+        yield from np.setdiff1d(np.arange(len(distances)), taken).tolist()
 
 
 class _Tally:

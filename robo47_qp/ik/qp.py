@@ -42,8 +42,8 @@ class QpIk(GaussNewtonIk):
         super().__post_init__()
         check_backend(self.backend)
 
-    def _search(self, arm: Arm) -> Search:
-        return arm.derived(_qp, self.backend, self.lm_damping, self.posture_cost)
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search:
+        return arm.derived(_qp, tools, self.backend, self.lm_damping, self.posture_cost)
 
 
 class _TwistAndPosture:
@@ -59,6 +59,30 @@ class _TwistAndPosture:
         return Linearised(e, self._J, self._lm_damping * squared + posture, posture)
 
 
-def _qp(arm: Arm, backend: str, lm_damping: float, posture_cost: float) -> Search:
-    objective = _TwistAndPosture(arm.n, lm_damping, posture_cost)
-    return Search(arm, objective, box_qp(backend, arm.n))
+class _TwistsAndPosture(_TwistAndPosture):
+    """The same for several tools, whose twists stand one after the other."""
+
+    def __init__(self, n: int, lm_damping: float, posture_cost: float, tools: int) -> None:
+        super().__init__(n, lm_damping, posture_cost)
+        self._e, self._J = np.empty(6 * tools), np.empty((6 * tools, n))
+
+    def linearised(self, error: ToolError, squared_error: float) -> Linearised:
+        e, J = self._e, self._J
+        for first in range(0, len(e), 6):
+            rows = slice(first, first + 6)
+            e[rows], slope = self._log.expand(error.e[rows])
+            np.matmul(slope, error.J[rows], out=J[rows])
+        squared = float(e.dot(e))
+        posture = self._posture * squared
+        return Linearised(e, J, self._lm_damping * squared + posture, posture)
+
+
+def _qp(
+    arm: Arm, tools: tuple[int, ...], backend: str, lm_damping: float, posture_cost: float
+) -> Search:
+    costs = lm_damping, posture_cost
+    one = len(tools) == 1
+    objective = (
+        _TwistAndPosture(arm.n, *costs) if one else _TwistsAndPosture(arm.n, *costs, len(tools))
+    )
+    return Search(arm, objective, box_qp(backend, arm.n), tools=tools)

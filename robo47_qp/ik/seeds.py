@@ -30,7 +30,7 @@ class SeedLibrary:
     """Configurations spread evenly over the joint limits, found by their tool poses."""
 
     q: Matrix
-    """Configurations (count, n) [rad]."""
+    """Configurations (count, n) [rad]; joints that do not move the tool stand at home."""
     feature: NDArray[np.float32]
     """Tool position and 0.3 times the rotation matrix, per configuration (count, 12) [m]."""
     half_square: NDArray[np.float32]
@@ -60,22 +60,22 @@ def feature_of(pose: SE3) -> NDArray[np.float32]:
     return feature.astype(np.float32)
 
 
-def library_of(arm: Arm, count: int) -> SeedLibrary:
-    """The library of an arm: from memory, from the user's cache folder, or made now.
+def library_of(arm: Arm, count: int, tool: int = 0) -> SeedLibrary:
+    """The library of a tool of an arm: from memory, from the user's cache folder, or made now.
 
     What is kept on disk is named after what forward kinematics depends on: another robot,
     tool frame or joint limit has another name. A file that cannot be read, or is not to the
     bit what was written, is made anew, and one that cannot be written is made anew in the
     next process: neither changes an answer.
     """
-    return arm.derived(_library, count)
+    return arm.derived(_library, count, tool)
 
 
-def _library(arm: Arm, count: int) -> SeedLibrary:
-    path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count)}.bin"
+def _library(arm: Arm, count: int, tool: int) -> SeedLibrary:
+    path = user_cache_path("robo47_qp") / f"ik-{_digest(arm, count, tool)}.bin"
     kept = _read(path, arm, count)
     if kept is None:
-        kept = _made(arm, count)
+        kept = _made(arm, count, tool)
         _write(path, *kept)
     q, feature = kept
     half_square = 0.5 * np.einsum("ij,ij->i", feature, feature)
@@ -84,16 +84,18 @@ def _library(arm: Arm, count: int) -> SeedLibrary:
     return SeedLibrary(q=q, feature=feature, half_square=half_square)
 
 
-def _made(arm: Arm, count: int) -> tuple[Matrix, NDArray[np.float32]]:
-    q = spread(arm.q_min, arm.q_max, count)
+def _made(arm: Arm, count: int, tool: int) -> tuple[Matrix, NDArray[np.float32]]:
+    joints = arm.tool_joints(tool)
+    q = np.tile(arm.home, (count, 1))
+    q[:, joints] = spread(arm.q_min[joints], arm.q_max[joints], count)
     feature = np.empty((count, 12), dtype=np.float32)
     for row, configuration in zip(feature, q, strict=True):
-        row[:] = feature_of(arm.pose(configuration))
+        row[:] = feature_of(arm.pose(configuration, tool))
     return q, feature
 
 
-def _digest(arm: Arm, count: int) -> str:
-    m, site = arm.model, arm.model.site(arm.robot.tcp)
+def _digest(arm: Arm, count: int, tool: int) -> str:
+    m, site = arm.model, arm.model.site(arm.tool_sites[tool])
     # From the tool to the world: neither what it holds nor what hangs on other bodies moves it.
     bodies = [int(site.bodyid[0])]
     while bodies[-1] > 0:

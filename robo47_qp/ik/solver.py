@@ -6,7 +6,7 @@ from enum import Enum
 from functools import partial
 from math import degrees
 from time import process_time
-from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from mink import SE3
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector
 from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_text
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target, ToolPoses
 
 _FAR = 1e9
 """Targets further away than this are refused: squares lose their precision [m]."""
@@ -118,16 +119,17 @@ class IkSolver(Protocol):
         """How close counts as reached."""
         ...
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """Search from q_seed; a target that is not reached is a result, never an exception.
 
         Args:
             arm: The arm.
-            T_world_target: Wanted T_world_tcp.
+            T_world_target: Wanted T_world_tcp of the main tool, or poses of several tools.
             q_seed: Where to start (n,) [rad]; among answers, a close one is preferred.
 
         Raises:
             InvalidValueError: `q_seed` is not a finite vector of shape (n,).
+            UnknownNameError: The target names a tool that the robot does not have.
         """
         ...
 
@@ -143,7 +145,7 @@ class EarlyStopping(Protocol):
 
 def judged(
     arm: Arm,
-    T_world_target: SE3,
+    T_world_target: Target,
     q: ArrayLike,
     tolerance: Tolerance,
     iterations: int,
@@ -154,7 +156,7 @@ def judged(
 
     Args:
         arm: The arm.
-        T_world_target: Wanted T_world_tcp.
+        T_world_target: Wanted T_world_tcp; of several tools the largest errors count.
         q: Where the solver stopped (n,) [rad].
         tolerance: How close counts as reached.
         iterations: Steps taken.
@@ -178,7 +180,7 @@ def judged(
             if reason is None and near.distance < asked:
                 reason, explanation = Reason.COLLISION, too_close_text(near, asked)
     else:
-        beyond = arm.beyond_reach(T_world_target.translation())
+        beyond = arm.target_beyond_reach(T_world_target)
         if beyond > 0.0:
             reason, bound = Reason.OUT_OF_REACH, ReachEvidence.STRETCHED
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"
@@ -216,7 +218,14 @@ def rejected(arm: Arm, q_seed: Vector) -> IkResult:
     )
 
 
-def is_pose(T_world_target: object) -> bool:
+def is_target(T_world_target: object) -> bool:
+    """Return whether it is a pose, see `is_pose`, or such poses of several tools."""
+    if isinstance(T_world_target, ToolPoses):
+        return all(map(is_pose, T_world_target.values()))
+    return is_pose(T_world_target)
+
+
+def is_pose(T_world_target: object) -> TypeGuard[SE3]:
     """True for an SE3 within 1e9 m whose quaternion has unit length within 1e-6."""
     if not isinstance(T_world_target, SE3):
         return False
@@ -264,12 +273,12 @@ class Unconverged(NamedTuple):
 
 Attempt: TypeAlias = Callable[[Vector], IkResult | Unconverged]
 """A search for one pose from a start (n,)."""
-MakeAttempts: TypeAlias = Callable[[Arm, SE3], Attempt]
+MakeAttempts: TypeAlias = Callable[[Arm, Target], Attempt]
 """A solver's method `attempts`, where it has one: for an arm and a target that is a pose, what
 its `solve` does from each start, but a failure need not be judged."""
 
 
-def attempts_of(solver: IkSolver, arm: Arm, T_world_target: SE3) -> Attempt:
+def attempts_of(solver: IkSolver, arm: Arm, T_world_target: Target) -> Attempt:
     """Return what a solver does from each start: its `attempts`, or else its `solve`."""
     attempts: MakeAttempts | None = getattr(solver, "attempts", None)
     if attempts is None:

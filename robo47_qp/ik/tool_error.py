@@ -8,6 +8,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target, ToolPoses
 
 
 class ToolError:
@@ -17,10 +18,10 @@ class ToolError:
     the tool frame, and no Jacobian needs to be turned.
     """
 
-    def __init__(self, arm: Arm) -> None:
-        """Make the memory for an arm."""
+    def __init__(self, arm: Arm, tool: int = 0) -> None:
+        """Make the memory for a tool of an arm."""
         m, d = arm.model, mujoco.MjData(arm.model)
-        tcp = m.site(arm.robot.tcp).id
+        tcp = arm.tool_sites[tool]
         self._data, self._q, self._position = d, d.qpos, d.site_xpos[tcp]
         self._target_position, self._target_quaternion = np.zeros(3), np.zeros(4)
         turn, quaternion = np.zeros(3), d.site_xquat[tcp]
@@ -41,8 +42,10 @@ class ToolError:
         """MuJoCo's state with the kinematics of the last `move`; not to be written to."""
         return self._data
 
-    def set_target(self, T_world_target: SE3) -> None:
+    def set_target(self, T_world_target: Target) -> None:
         """Measure to this pose from now on."""
+        if not isinstance(T_world_target, SE3):
+            (T_world_target,) = T_world_target.values()
         pose = T_world_target.wxyz_xyz
         self._target_quaternion[:], self._target_position[:] = pose[:4], pose[4:]
 
@@ -60,3 +63,48 @@ class ToolError:
         """Bring `J` up to date with the last `move`."""
         self._com_position()
         self._jacobian()
+
+
+class ToolsError(ToolError):
+    """The same of several tools, one after the other: `e` (6 tools,) and `J` (6 tools, n)."""
+
+    def __init__(self, arm: Arm, tools: tuple[int, ...]) -> None:
+        """Make the memory for some tools of an arm."""
+        super().__init__(arm)
+        self._parts = [ToolError(arm, tool) for tool in tools]
+        self.e, self.J = np.zeros(6 * len(tools)), np.zeros((6 * len(tools), arm.n))
+
+    def set_target(self, T_world_target: Target) -> None:
+        """Measure to these poses from now on, given in the order of the tools."""
+        if isinstance(T_world_target, ToolPoses):
+            for part, pose in zip(self._parts, T_world_target.values(), strict=True):
+                part.set_target(pose)
+
+    def move(self, q: Vector) -> tuple[float, float]:
+        """Put the arm at q; the sums of the squared distances [m²] and angles [rad²]."""
+        distance2 = angle2 = 0.0
+        for i, part in enumerate(self._parts):
+            p2, w2 = part.move(q)
+            self.e[6 * i : 6 * i + 6] = part.e
+            distance2, angle2 = distance2 + p2, angle2 + w2
+        return distance2, angle2
+
+    def update_jacobian(self) -> None:
+        """Bring `J` up to date with the last `move`."""
+        for i, part in enumerate(self._parts):
+            part.update_jacobian()
+            self.J[6 * i : 6 * i + 6] = part.J
+
+
+def error_to(arm: Arm, tools: tuple[int, ...]) -> ToolError:
+    """Return the memory for the ways of some tools of an arm."""
+    return ToolError(arm, tools[0]) if len(tools) == 1 else ToolsError(arm, tools)
+
+
+def tools_of(arm: Arm, target: Target) -> tuple[int, ...]:
+    """Return the tools of a target, in its order.
+
+    Raises:
+        UnknownNameError: The robot has no tool of a name.
+    """
+    return (0,) if isinstance(target, SE3) else tuple(map(arm.robot.tool_index, target))

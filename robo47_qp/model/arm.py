@@ -197,10 +197,14 @@ class Arm:
     def joints_of(self, target: Target) -> NDArray[np.bool_]:
         """Return which joints move a tool of a target (n,)."""
         if isinstance(target, SE3):
-            return self._tools[0].joints.copy()
+            return self.tool_joints(0)
         joints = [self._tools[tool].joints for _, tool in self._parts(target)]
         moved: NDArray[np.bool_] = np.logical_or.reduce(joints)
         return moved
+
+    def tool_joints(self, tool: int) -> NDArray[np.bool_]:
+        """Return which joints move a tool (n,)."""
+        return self._tools[tool].joints.copy()
 
     def _parts(self, target: ToolPoses) -> list[tuple[SE3, int]]:
         """Return the poses with their tools.

@@ -20,6 +20,7 @@ from robo47_qp.ik.solver import (
 )
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
+from robo47_qp.model.tool_poses import Target
 from tests.plain_arm import PlainArm
 
 
@@ -31,7 +32,7 @@ class Script:
     seeds: list[Vector] = field(default_factory=list)
     tolerance: Tolerance = Tolerance()
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         answer = self.answers[min(len(self.seeds), len(self.answers) - 1)]
         self.seeds.append(q_seed.copy())
         result = judged(arm, T_world_target, answer, self.tolerance, 3)

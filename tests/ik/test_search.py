@@ -23,6 +23,7 @@ from robo47_qp.ik.solver import (
 )
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 
 ARM = Arm(PANDA)
 INNER: dict[str, LmIk | QpIk] = {
@@ -43,7 +44,7 @@ class Judging:
     def tolerance(self) -> Tolerance:
         return self.inside.tolerance
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         return self.inside.solve(arm, T_world_target, q_seed)
 
     def thorough(self) -> IkSolver:

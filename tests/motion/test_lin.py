@@ -17,6 +17,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.following.tracking import _away
 from robo47_qp.motion.paths.segments import Line, PathProfile
@@ -92,7 +93,7 @@ class Altered:
     def tolerance(self) -> Tolerance:
         return self.solver.tolerance
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         self.seeds.append(q_seed.copy())
         result = self.solver.solve(arm, T_world_target, q_seed)
         if len(self.results) >= self.after:
@@ -384,7 +385,7 @@ def test_a_joint_that_leaves_its_limits_is_named(robot: Robot, arm: Arm) -> None
     class Careless:
         tolerance: Tolerance = Tolerance()
 
-        def solve(self, _: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        def solve(self, _: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
             return IK.solve(arm, T_world_target, q_seed)
 
     goal = shifted(arm.pose(arm.home), np.array([0.2, 0.0, 0.0]))
@@ -491,7 +492,7 @@ def test_a_joint_that_passes_its_limit_between_two_samples_is_seen(
     class Careless:
         tolerance: Tolerance = Tolerance()
 
-        def solve(self, _: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+        def solve(self, _: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
             return IK.solve(arm, T_world_target, q_seed)
 
     lin = Lin(retreat=0.0)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mink import SE3
 from rerun.chunk import RrdReader
 from rich.console import Console
 
@@ -21,6 +20,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 from tests.test_command import assert_one_message, run_script
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scenarios" / "compare_ik.py"
@@ -118,7 +118,7 @@ class Impatient:
     def __init__(self) -> None:
         self._solver, self.asked = LmIk(), 0
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         self.asked += 1
         if self.asked == 5:
             raise KeyboardInterrupt

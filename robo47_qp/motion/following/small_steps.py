@@ -14,6 +14,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import EarlyStopping, IkResult, IkSolver, Tolerance, joints_outside
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.refusals import AT_LIMIT
 
 STRIDE = 0.1
@@ -83,7 +84,7 @@ def follow_in_small_steps(
 
 def solve_nearby(
     arm: Arm,
-    T_world_target: SE3,
+    T_world_target: Target,
     q: Vector,
     tolerance: Tolerance,
     *,

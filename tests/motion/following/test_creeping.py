@@ -15,6 +15,7 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.following import small_steps
 from robo47_qp.motion.following.small_steps import (
     STRIDE,
@@ -44,9 +45,9 @@ class Stubborn:
     found: Callable[[Vector], Vector]
     converges: bool
     tolerance: Tolerance = TIGHT
-    asked: list[SE3] = field(default_factory=list)
+    asked: list[Target] = field(default_factory=list)
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         self.asked.append(T_world_target)
         reached = LmIk().solve(arm, arm.pose(q_seed), q_seed)
         told = replace(reached, q=self.found(q_seed))

@@ -22,6 +22,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 
 ARM = Arm(PANDA)
 JUDGE = Judge(PANDA)
@@ -35,11 +36,11 @@ OUTSIDE = np.array([2.9, *PANDA.home[1:]])
 class Scripted:
     """Says what it was told to; claims success always; keeps what it was asked."""
 
-    say: Callable[[SE3, Vector, int], Vector]
+    say: Callable[[Any, Vector, int], Vector]
     tolerance: Tolerance = Tolerance(position=1e9, orientation=1e9)
-    asked: list[tuple[SE3, Vector]] = field(default_factory=list)
+    asked: list[tuple[Target, Vector]] = field(default_factory=list)
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         self.asked.append((T_world_target, q_seed.copy()))
         q = self.say(T_world_target, q_seed, len(self.asked) - 2)
         result = judged(arm, T_world_target, q, self.tolerance, 7)

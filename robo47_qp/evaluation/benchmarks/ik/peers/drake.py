@@ -14,6 +14,7 @@ from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import TIP, kinema
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 _FEASIBLE = 1e-9
 """How exactly the constraints are met. That on the angle is its cosine: 1e-9 is 4.5e-5 rad."""
@@ -36,7 +37,7 @@ class DrakeIk:
         """
         require("DrakeIk", "pydrake", "drake")
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`; Drake does not tell its iterations."""
         started = process_time()
         q = arm.checked_q("q_seed", q_seed)

@@ -8,13 +8,13 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import BASE, TIP, kinematic_chain
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 _UNLIMITED = 1e3
 """Time that is never reached: the budget is counted in starts [s]."""
@@ -36,7 +36,7 @@ class OptikIk:
         """
         require("OptikIk", "optik", "optik-py")
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`; OptIK does not tell its iterations."""
         started = process_time()
         q = arm.checked_q("q_seed", q_seed)

@@ -13,6 +13,7 @@ from robo47_qp.evaluation.benchmarks.ik.peers.kinematic_chain import TIP, kinema
 from robo47_qp.evaluation.benchmarks.ik.peers.presence import require
 from robo47_qp.ik.solver import IkResult, Tolerance, is_pose, judged, rejected
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ class PinkIk:
         """
         require("PinkIk", "pink", "pin-pink")
 
-    def solve(self, arm: Arm, T_world_target: SE3, q_seed: Vector) -> IkResult:
+    def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
         started = process_time()
         q = arm.checked_q("q_seed", q_seed)
