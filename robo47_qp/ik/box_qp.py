@@ -1,4 +1,4 @@
-"""A small dense QP inside a box: the one place where QP solvers are called."""
+"""Small dense QPs with bounds and inequalities, behind one interface to several QP solvers."""
 
 from typing import Any, Protocol
 
@@ -13,9 +13,9 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import UnknownNameError
 
 _RHO = 0.1
-"""Where OSQP's step size starts, its own default."""
+"""OSQP's default initial step size."""
 _ENDLESS = 1e30
-"""DAQP's infinity."""
+"""DAQP's value of infinity."""
 _OSQP_SETTINGS: dict[str, Any] = {
     "verbose": False,
     "rho": _RHO,
@@ -34,12 +34,12 @@ _OSQP_STEPS = (
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
     osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
 )
-"""How OSQP ends where it has a step. Short of its accuracy it is one all the same: the judge
-sees where steps lead. Where there is none, numbers stand in its place that look like one."""
+"""OSQP's states that come with a usable step, also one of reduced accuracy; in other states the
+returned numbers are no solution."""
 
 
 class BoxQp(Protocol):
-    """min over x of ½ xᵀ H x + fᵀ x subject to low <= x <= high and A x <= upper."""
+    """QP solver: min over x of ½ xᵀ H x + fᵀ x subject to low <= x <= high and A x <= upper."""
 
     def solve(
         self,
@@ -50,7 +50,7 @@ class BoxQp(Protocol):
         A: Matrix | None = None,
         upper: Vector | None = None,
     ) -> Vector | None:
-        """The minimiser; its bounds are met but for rounding.
+        """Return the minimiser, which meets its bounds up to rounding errors.
 
         Args:
             H: Positive definite matrix (n, n).
@@ -67,7 +67,7 @@ class BoxQp(Protocol):
 
 
 class _Daqp:
-    """Dual active set: exact in a finite number of steps.
+    """DAQP, a dual active-set method that is exact in a finite number of steps.
 
     Arnström, Bemporad and Axehill, "A dual active-set solver for embedded quadratic
     programming using recursive LDLᵀ updates", 2022.
@@ -101,10 +101,10 @@ class _Daqp:
 
 
 class _Osqp:
-    """Operator splitting with a polished answer (Stellato et al., "OSQP", 2020).
+    """OSQP, an operator-splitting method with a polished solution (Stellato et al., "OSQP", 2020).
 
-    The set-up problem is kept and its numbers are replaced. Extra rows change its shape,
-    so a problem that has some is set up anew.
+    The problem is set up once and its numbers are updated. Extra rows change its shape, so a
+    problem with extra rows is set up anew.
     """
 
     def __init__(self, n: int) -> None:
@@ -145,7 +145,7 @@ class _Osqp:
 
 
 class _Qpsolvers:
-    """Any other QP solver that is installed, by way of qpsolvers; its cost comes on top."""
+    """Any other installed QP solver, called through qpsolvers at some extra cost."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -172,7 +172,7 @@ class _Qpsolvers:
 
 
 def backends() -> tuple[str, ...]:
-    """Names of the QP solvers that can be chosen: the two called directly come first."""
+    """Return the names of the QP solvers that can be chosen, those called directly first."""
     direct = ("daqp", "osqp")
     return (*direct, *(name for name in qpsolvers.available_solvers if name not in direct))
 

@@ -21,10 +21,10 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 
 _STEPS = 50
-"""QPs per start of a diagnosis."""
+"""Largest number of QPs per start of a diagnosis."""
 _CALM = 3.0
-"""λ per squared error where a distance remains: at its least the arm is stretched or stands
-against limits, and long steps swing past it."""
+"""λ per squared error where the target is not reached: the closest configuration is stretched or at
+joint limits, where long steps overshoot."""
 
 
 def diagnosed(
@@ -32,9 +32,9 @@ def diagnosed(
 ) -> IkResult:
     """Return the best result of a failed search, with the reason found by dropping constraints.
 
-    Without the joint limits the pose is reached: they are the reason, and the joints that
-    would have to leave them are named. Without the orientation the position is not reached:
-    it is out of reach by the distance left. Else the search did not converge, or nothing
+    If the pose is reached without the joint limits, they are the reason, and the joints that would
+    have to leave them are named. If the position is not reached even without the orientation, it is
+    out of reach by the distance left. Otherwise the search did not converge, or no configuration
     reaches the position with this orientation: the remaining error is reported.
 
     Args:

@@ -29,24 +29,24 @@ from robo47_qp.model.tool_poses import Target
 
 @dataclass(frozen=True, kw_only=True)
 class Preference(Checked):
-    """Weights of the qualities of an answer; each quality runs from 0 to 1."""
+    """Weights of the qualities by which solutions are ranked; each quality runs from 0 to 1."""
 
     seed: NotNegative = 1.0
-    """Being close to the seed: one minus the root mean square of the joints' ways, each as a
+    """Closeness to the seed: one minus the root mean square of the joints' displacements, each as a
     share of its range."""
     limits: NotNegative = 0.5
-    """Room to the nearest joint limit, as a share of half the joint's range."""
+    """Distance to the nearest joint limit, as a share of half the joint's range."""
     manipulability: NotNegative = 0.2
-    """√det(J Jᵀ), as a share of the best answer's (Yoshikawa, "Manipulability of robotic
-    mechanisms", 1985)."""
+    """√det(J Jᵀ), relative to the largest among the solutions (Yoshikawa, "Manipulability of
+    robotic mechanisms", 1985)."""
     clearance: NotNegative = 0.2
-    """Distance to the nearest obstacle, as a share of the best answer's, where it is known."""
+    """Distance to the nearest obstacle, relative to the largest among the solutions, if known."""
 
     def _label(self, field: str) -> str:
         return f"preference for {field}"
 
     def ranked(self, arm: Arm, answers: Sequence[IkResult], q_seed: Vector) -> tuple[IkResult, ...]:
-        """Return the answers, best first; equal ones in the order given."""
+        """Return the solutions, best first; equal ones in the order given."""
         if len(answers) < 2:
             return tuple(answers)
         span = arm.q_max - arm.q_min
@@ -76,42 +76,43 @@ def _share(values: Sequence[float]) -> Vector:
 
 _HOPELESS = (Reason.INVALID_TARGET, Reason.OUT_OF_REACH)
 _DIAGNOSES = 8
-"""Starts of a diagnosis."""
+"""Number of starts of a diagnosis."""
 _SECOND_LOOKS = (10, 20, 40)
-"""After so many starts, the closest ends are taken up again by a more patient search: near a
-singularity the error falls too slowly for one that gives up early."""
+"""Numbers of starts after which the closest results are continued by a more patient search: near a
+singularity, the error falls too slowly for a search that stops early."""
 _ENDS = 4
-"""Ends that are taken up again."""
+"""Number of results that are continued."""
 _CLOSE = 0.05
-"""Error at which an end is worth it [m + rad]."""
+"""Largest error of a result that is continued [m + rad]."""
 _SAME = 0.05
-"""Ends closer to one another than this are one [rad or m]."""
+"""Results closer to one another than this count as one [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MultiStart(Checked):
-    """Try the seed, then the nearest of a library of configurations, then others of it.
+    """Starts a solver from the seed, then from a library, until there are enough solutions.
 
-    The library spreads configurations evenly over the joint limits; those whose tool poses
-    are nearest to the target go first, then the rest in their order. The budget is counted
-    in starts of the solver inside, not in time: the same question has the same answer.
+    The library spreads configurations evenly within the joint limits; those whose tool poses are
+    nearest to the target come first, then the rest in their order. The budget is counted in starts
+    of the solver, not in time, so that the result is reproducible.
     """
 
     solver: IkSolver
-    """What runs from each start; best with few iterations and a stall test of its own."""
+    """Solver that runs from each start; best with few iterations and a stall test."""
     max_restarts: CountOrZero = 100
     """Starts after the first before giving up."""
     seed_first: bool = True
-    """Start from the seed; without it, the nearest of the library goes first, which is faster
-    for targets far from the seed and forgets where the arm is."""
+    """True to start from the seed; False to start from the nearer of the seed and the library's
+    nearest configuration, which is faster for targets far from the seed."""
     library: Count = 3000
-    """Configurations to choose from."""
+    """Number of configurations in the library."""
     near: Count = 40
-    """Starts chosen for their nearness, before those chosen for their spread."""
+    """Number of starts chosen for nearness to the target, before those chosen for spread."""
     answers: Count = 1
-    """Answers to collect, where there are so many, before the preferred one is taken."""
+    """Number of different solutions to collect, if there are so many, before the preferred one is
+    taken."""
     apart: float = 0.3
-    """Two answers differ where a joint differs by this [rad or m]."""
+    """Two solutions differ if a joint differs by more than this [rad or m]."""
     preference: Preference = Preference()
 
     @property
@@ -124,12 +125,12 @@ class MultiStart(Checked):
         return self.solve_all(arm, T_world_target, q_seed)[0]
 
     def solve_all(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> tuple[IkResult, ...]:
-        """Up to `answers` answers that differ, the preferred one first.
+        """Return up to `answers` different solutions, the preferred one first.
 
-        Effort and time are those of the whole search.
+        Iterations and time are those of the whole search.
 
         Returns:
-            At least one result; a single one that tells the reason where there is no answer.
+            At least one result; a single one with the reason if there is no solution.
 
         Raises:
             InvalidValueError: `q_seed` is not a finite vector of shape (n,).
@@ -157,7 +158,7 @@ class MultiStart(Checked):
         )
 
     def _search(self, arm: Arm, T_world_target: Target, q_seed: Vector, tally: "_Tally") -> None:
-        """Search from one start after another until there are enough answers, or none can come."""
+        """Search from one start after another until enough solutions are found."""
         attempt = attempts_of(self.solver, arm, T_world_target)
         for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
             tally.starts += 1
@@ -169,7 +170,7 @@ class MultiStart(Checked):
                     return
 
     def _starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
-        """The seed in its place, the nearest of the library, then all others in their order."""
+        """Yield the starts: seed, nearest of the library, then the others in their order."""
         if not isinstance(T_world_target, SE3) or len(arm.robot.tools) > 1:
             yield from self._starts_of_tools(arm, T_world_target, q_seed)
             return
@@ -191,9 +192,9 @@ class MultiStart(Checked):
             yield library.q[k]
 
     def _starts_of_tools(self, arm: Arm, target: Target, q_seed: Vector) -> Iterator[Vector]:
-        """The seed, then for the joints of each tool those of its own library, as near as another.
+        """Yield the seed, then for each tool's joints those of its own library, by nearness.
 
-        All other joints stay at the seed. Joints that several tools share are those of the first.
+        All other joints stay at the seed. Joints shared by several tools are those of the first.
         """
         yield q_seed
         poses = (target,) if isinstance(target, SE3) else tuple(target.values())
@@ -207,7 +208,7 @@ class MultiStart(Checked):
             yield q_start
 
     def _by_nearness(self, arm: Arm, tool: int, pose: SE3) -> Iterator[int]:
-        """The nearest of a tool's library, then all others in their order."""
+        """Yield the nearest of a tool's library, then all others in their order."""
         library = library_of(arm, self.library, tool)
         distances, taken = library.distances(feature_of(pose)), list[int]()
         for place in library.nearest(distances, min(self.near, len(distances))):
@@ -227,7 +228,7 @@ class _Tally:
         self._close: list[IkResult | Unconverged] = []
 
     def take(self, result: IkResult | Unconverged) -> bool:
-        """Count a result; True where no further one is needed, or would help."""
+        """Count a result; return True if no further start is needed or useful."""
         self.iterations += result.iterations
         if isinstance(result, IkResult) and result.converged:
             if all(np.abs(result.q - other.q).max() > self._apart for other in self.found):
@@ -242,7 +243,7 @@ class _Tally:
         return result.reason in _HOPELESS or result.inevitable
 
     def ends(self) -> list[Vector]:
-        """Where the closest of the searches ended since the last call."""
+        """Return where the closest searches since the last call ended, for a search to continue."""
         close = sorted(self._close, key=_rank)
         self._close = []
         ends: list[Vector] = []
@@ -253,7 +254,7 @@ class _Tally:
 
 
 def _rank(result: IkResult | Unconverged) -> tuple[bool, float]:
-    """How far a result is from an answer: one that is reached but too close comes first."""
+    """Return the remaining error; a pose that is reached with too little clearance comes first."""
     if isinstance(result, Unconverged) or result.reason is not Reason.COLLISION:
         return True, result.error
     return False, -(result.clearance or 0.0)

@@ -1,4 +1,4 @@
-"""Logarithm of a pose and its slope, in place: the error of mink's FrameTask."""
+"""Logarithm of a pose and its derivative, computed in place: the error of mink's FrameTask."""
 
 from math import tan
 
@@ -14,10 +14,10 @@ _SKEW_ALL = (*_SKEW, (2, 1, 1.0, 0))
 
 
 class PoseLog:
-    """Memory for the logarithm; what `expand` returns belongs to its last call."""
+    """Scratch memory for the logarithm; each call of `expand` overwrites the last result."""
 
     def __init__(self) -> None:
-        """Make the memory."""
+        """Allocate the memory."""
         blocks = [(0, 0, 3), (3, 3, 3), (0, 3, 0)]
         entries = [
             (6 * (row + i) + column + k, sign, source + axis)
@@ -35,11 +35,11 @@ class PoseLog:
         self._v = self._twist[:3]
 
     def expand(self, e: Vector) -> tuple[Vector, Matrix]:
-        """The steady twist that covers a way in unit time, and how it falls on the way.
+        """Return the constant twist that reaches a pose in unit time, and its decrease per twist.
 
         With w the rotation vector and p the displacement, the twist is (v, w), v = A p,
-        A = I - ½ [w]× + c [w]×², c = (1 - (θ/2) cot(θ/2)) / θ², θ = ‖w‖. It falls per twist
-        of the tool by the inverse of the left Jacobian of SE(3),
+        A = I - ½ [w]× + c [w]×², c = (1 - (θ/2) cot(θ/2)) / θ², θ = ‖w‖. Per twist of the tool,
+        it decreases by the inverse of the left Jacobian of SE(3),
         I - ½ ad + c₂ ad² + c₄ ad⁴, ad the matrix of the twist's Lie bracket
         (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 2012, ch. 10).
 
@@ -47,7 +47,7 @@ class PoseLog:
             e: Displacement [m] and rotation vector [rad] (6,), in one frame.
 
         Returns:
-            The twist (6,), linear part first, and its slope (6, 6).
+            The twist (6,), linear part first, and its decrease per twist of the tool (6, 6).
         """
         twist, v, slope, turning = self._twist, self._v, self._slope, self._turning
         flat_slope, flat, flat2, flat4 = self._flat
@@ -69,7 +69,7 @@ class PoseLog:
 
 
 def _coefficients(angle: float) -> tuple[float, float, float]:
-    """c, c₂ and c₄ at an angle in [0, π]; their series where the terms would cancel.
+    """Return c, c₂ and c₄ at an angle in [0, π], by their series where terms would cancel.
 
     The slope's even part is h(θ) = (θ/2) cot(θ/2) on the eigenvalues ±iθ of ad, each double:
     value and derivative give 1 - c₂ θ² + c₄ θ⁴ = h and -2 c₂ θ + 4 c₄ θ³ = h'.

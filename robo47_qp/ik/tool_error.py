@@ -1,4 +1,4 @@
-"""The tool's way to a target and its slope, recomputed in place on the hot path."""
+"""Pose error of the tool and its Jacobian, recomputed in place on the hot path."""
 
 from functools import partial
 
@@ -12,21 +12,21 @@ from robo47_qp.model.tool_poses import Target, ToolPoses
 
 
 class ToolError:
-    """Memory for one arm. What `e` and `J` show belongs to the last `move`.
+    """Pose error and Jacobian of one tool; `move` and `update_jacobian` overwrite them.
 
-    Both have the axes of the world and the tool point as their origin: norms are those of
-    the tool frame, and no Jacobian needs to be turned.
+    Both have the axes of the world and the tool point as their origin: norms are the same as in the
+    tool frame, and no Jacobian needs to be rotated.
     """
 
     def __init__(self, arm: Arm, tool: int = 0) -> None:
-        """Make the memory for a tool of an arm."""
+        """Allocate the memory for a tool of an arm."""
         m, d = arm.model, mujoco.MjData(arm.model)
         tcp = arm.tool_sites[tool]
         self._data, self._q, self._position = d, d.qpos, d.site_xpos[tcp]
         self._target_position, self._target_quaternion = np.zeros(3), np.zeros(4)
         turn, quaternion = np.zeros(3), d.site_xquat[tcp]
         self.e: Vector = np.zeros(6)
-        """To the target: displacement [m], rotation vector [rad]."""
+        """Displacement [m] and rotation vector [rad] to the target."""
         self._p, self._w = self.e[:3], self.e[3:]
         self.J: Matrix = np.zeros((6, arm.n))
         """Twist of the tool per joint, linear part first."""
@@ -43,14 +43,14 @@ class ToolError:
         return self._data
 
     def set_target(self, T_world_target: Target) -> None:
-        """Measure to this pose from now on."""
+        """Set the target pose."""
         if not isinstance(T_world_target, SE3):
             (T_world_target,) = T_world_target.values()
         pose = T_world_target.wxyz_xyz
         self._target_quaternion[:], self._target_position[:] = pose[:4], pose[4:]
 
     def move(self, q: Vector) -> tuple[float, float]:
-        """Put the arm at q; the squared distance [m²] and the squared angle [rad²] that remain."""
+        """Move the arm to q; return the squared distance [m²] and angle [rad²] to the target."""
         self._q[:] = q
         self._kinematics()
         p, w = self._p, self._w
@@ -60,28 +60,28 @@ class ToolError:
         return float(p.dot(p)), float(w.dot(w))
 
     def update_jacobian(self) -> None:
-        """Bring `J` up to date with the last `move`."""
+        """Update `J` for the configuration of the last `move`."""
         self._com_position()
         self._jacobian()
 
 
 class ToolsError(ToolError):
-    """The same of several tools, one after the other: `e` (6 tools,) and `J` (6 tools, n)."""
+    """Pose errors and Jacobians of several tools, stacked: `e` (6 tools,) and `J` (6 tools, n)."""
 
     def __init__(self, arm: Arm, tools: tuple[int, ...]) -> None:
-        """Make the memory for some tools of an arm."""
+        """Allocate the memory for some tools of an arm."""
         super().__init__(arm)
         self._parts = [ToolError(arm, tool) for tool in tools]
         self.e, self.J = np.zeros(6 * len(tools)), np.zeros((6 * len(tools), arm.n))
 
     def set_target(self, T_world_target: Target) -> None:
-        """Measure to these poses from now on, given in the order of the tools."""
+        """Set the target poses, in the order of the tools."""
         if isinstance(T_world_target, ToolPoses):
             for part, pose in zip(self._parts, T_world_target.values(), strict=True):
                 part.set_target(pose)
 
     def move(self, q: Vector) -> tuple[float, float]:
-        """Put the arm at q; the sums of the squared distances [m²] and angles [rad²]."""
+        """Move the arm to q; return the sums of squared distances [m²] and angles [rad²]."""
         distance2 = angle2 = 0.0
         for i, part in enumerate(self._parts):
             p2, w2 = part.move(q)
@@ -90,14 +90,14 @@ class ToolsError(ToolError):
         return distance2, angle2
 
     def update_jacobian(self) -> None:
-        """Bring `J` up to date with the last `move`."""
+        """Update `J` for the configuration of the last `move`."""
         for i, part in enumerate(self._parts):
             part.update_jacobian()
             self.J[6 * i : 6 * i + 6] = part.J
 
 
 def error_to(arm: Arm, tools: tuple[int, ...]) -> ToolError:
-    """Return the memory for the ways of some tools of an arm."""
+    """Return the pose error of one or several tools of an arm."""
     return ToolError(arm, tools[0]) if len(tools) == 1 else ToolsError(arm, tools)
 
 

@@ -1,4 +1,4 @@
-"""PolicyCell: observations for a policy, and its actions carried out."""
+"""PolicyCell: gives observations to a policy and carries out its actions."""
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
@@ -17,7 +17,7 @@ from robo47_qp.run.policy.policy import (
 
 
 class PolicyCell:
-    """A control loop as a policy sees it: observations out, actions in."""
+    """A control loop as a policy sees it: it returns observations and carries out actions."""
 
     def __init__(self, loop: ControlLoop) -> None:
         """Use a control loop."""

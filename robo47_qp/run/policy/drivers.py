@@ -1,4 +1,4 @@
-"""Drivers of a run in place of the task's program: a policy, or one action at a time."""
+"""Drivers that move the arm by a policy, or by one action at a time, instead of a program."""
 
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
@@ -48,7 +48,7 @@ def check_judged(task: Task, simulation: Simulation) -> None:
 
 
 class PolicyDriver:
-    """Lets a policy move the arm, in a run like any other.
+    """Lets a policy move the arm during a run.
 
     The episode ends when the policy returns None, when its time is over, when the policy raises
     or returns an invalid action, or when the watchdog ends it. Then the arm comes to rest and the
@@ -107,7 +107,7 @@ class PolicyDriver:
 
 
 class StepwiseDriver:
-    """Runs a scenario with actions from a caller, one at a time."""
+    """Carries out a caller's actions one at a time, as in a Gymnasium environment."""
 
     def __init__(self, scenario: Scenario, simulation: Simulation, timing: PolicyTiming) -> None:
         """Reset the world to the start of the scenario."""
@@ -118,7 +118,7 @@ class StepwiseDriver:
 
     @property
     def over(self) -> bool:
-        """True once its time is over."""
+        """True once the time limit is reached."""
         return self._periods >= round(self._timing.seconds / TIMESTEP)
 
     @property

@@ -1,4 +1,4 @@
-"""Motions of the three kinds of actions: joint targets, tool targets and torques."""
+"""Motions for the three kinds of actions: joint targets, tool targets and torques."""
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.policy.policy import pose_of
 
 _ROUNDING = 1e-9
-"""Rounding error of a position at its limit [rad]; it is clipped."""
+"""Rounding error of a position at its limit, which is clipped [rad]."""
 _SMOOTHED = 40
-"""Control periods over which streamed commands are averaged: a lag of 20 ms."""
+"""Number of control periods over which streamed commands are averaged, a lag of 20 ms."""
 _TAKEOVER = 0.1
 """Time over which the controller takes over after torques of the policy [s]."""
 
@@ -114,7 +114,7 @@ class ToolTargets:
 
 
 class OwnTorques:
-    """Applies torques of the policy; the reference follows the measured state."""
+    """Applies the policy's torques; the reference follows the measured state."""
 
     def __init__(self, loop: ControlLoop) -> None:
         """Use a control loop."""

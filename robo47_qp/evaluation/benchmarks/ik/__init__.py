@@ -1,1 +1,1 @@
-"""Benchmark of IK solvers: target sets, one judge, statistics, and what people look at."""
+"""Benchmark of IK solvers: target sets, independent evaluation, statistics and reports."""

@@ -1,4 +1,4 @@
-"""The answers of one solver to one target set, as columns, and the outcome of each."""
+"""Results of one solver on one target set, and the outcome of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,41 +15,41 @@ from robo47_qp.evaluation.benchmarks.ik.targets import TargetSet
 from robo47_qp.evaluation.benchmarks.ik.unreachable import EXPECTED
 
 RAISED = "RAISED"
-"""Stands for the reason where a solver raised instead of giving one."""
+"""Reason recorded where a solver raised an exception."""
 
 
 class Answer(NamedTuple):
-    """One solve: what came back, what it cost, and what it is worth."""
+    """Result of one solve, with its cost and its independent evaluation."""
 
     q: Vector
     """Configuration (n,) [rad]; NaN where the solver raised."""
     reason: str | None
-    """Name of the solver's reason; None where it claims success; RAISED with its message."""
+    """Name of the solver's failure reason; None where it reports success, RAISED if it raised."""
     explanation: str
-    """The solver's own words."""
+    """The solver's message."""
     iterations: int
     restarts: int
     seconds: float
-    """Processor time of the call, taken outside the solver."""
+    """Processor time of the call, measured outside the solver."""
     verdict: IkVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
-    """All answers of one solver to one target set, so far."""
+    """All results of one solver on one target set, so far."""
 
     solver: str
     targets: TargetSet
     q_seeds: Matrix
-    """Where each search starts (targets, n) [rad]."""
+    """Seed configuration of each target (targets, n) [rad]."""
     first_seconds: float
-    """Processor time of a first solve that does not count: what is built once per robot."""
+    """Processor time of an untimed first solve, which builds what is kept per robot."""
     items: list[Answer] = field(default_factory=list)
     """In the order of the targets; grows while the comparison runs."""
 
     @property
     def n(self) -> int:
-        """Number of answers."""
+        """Number of results so far."""
         return len(self.items)
 
     @property
@@ -64,51 +64,51 @@ class Answers:
 
     @property
     def iterations(self) -> NDArray[np.int64]:
-        """Steps of each call, over all starts."""
+        """Iterations of each call, over all starts."""
         return np.array([answer.iterations for answer in self.items], dtype=np.int64)
 
     @property
     def restarts(self) -> NDArray[np.int64]:
-        """Starts after the first of each call."""
+        """Restarts of each call: its starts after the first."""
         return np.array([answer.restarts for answer in self.items], dtype=np.int64)
 
     @property
     def success(self) -> NDArray[np.bool_]:
-        """Within 1 mm and 0.1 degrees, every joint in its range."""
+        """True where the pose is within 1 mm and 0.1 degrees and all joints are within limits."""
         return np.array([a.verdict.within(LOOSE) for a in self.items], dtype=np.bool_)
 
     @property
     def tight(self) -> NDArray[np.bool_]:
-        """Within 0.1 mm and 1 mrad, every joint in its range."""
+        """True where the pose is within 0.1 mm and 1 mrad and all joints are within limits."""
         return np.array([a.verdict.within(TIGHT) for a in self.items], dtype=np.bool_)
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Nothing touches."""
+        """True where nothing collides."""
         return np.array([a.verdict.free for a in self.items], dtype=np.bool_)
 
     @property
     def in_place(self) -> NDArray[np.bool_]:
-        """The tool's point within 1 mm, whatever its orientation and the limits."""
+        """True where the position error is within 1 mm, whatever the orientation and the limits."""
         return np.array([a.verdict.position_error for a in self.items]) <= LOOSE.position
 
     @property
     def outside(self) -> NDArray[np.bool_]:
-        """A joint outside its range."""
+        """True where a joint is outside its limits."""
         return np.array([a.verdict.limit_excess for a in self.items]) > 0.0
 
     @property
     def claimed(self) -> NDArray[np.bool_]:
-        """The solver says that it got there."""
+        """True where the solver reports success."""
         return np.array([a.reason is None for a in self.items], dtype=np.bool_)
 
     def digest(self) -> str:
-        """SHA-256 of all configurations: equal where all answers are equal to the bit."""
+        """Return the SHA-256 of all configurations, equal if they are equal to the bit."""
         return sha256(np.ascontiguousarray(self.q).tobytes()).hexdigest()
 
 
 class Outcome(Enum):
-    """What became of a target; the value is shown to people."""
+    """Outcome of one target; its value is the text in reports and plots."""
 
     REACHED = "reached, inside the limits, touching nothing"
     COLLIDING = "reached inside the limits, but in collision"
@@ -132,7 +132,7 @@ GOOD = frozenset({Outcome.REACHED, Outcome.REFUSED})
 
 
 def outcomes(answers: Answers) -> list[Outcome]:
-    """What became of each target, in their order."""
+    """Return the outcome of each target, in their order."""
     kinds: Sequence[str] = answers.targets.kinds
     return [
         _unreachable(answer, kinds[k]) if kinds else _reachable(answer)

@@ -27,7 +27,7 @@ from robo47_qp.model.robot import Robot
 TOLERANCE = Tolerance()
 """Tolerance at which every solver may stop."""
 SINGLE, STARTS, EACH = 200, 101, 30
-"""Budgets, the same for all: iterations of a single start; starts, and iterations of each."""
+"""Budgets of all solvers: iterations of a single start; starts, and iterations of each."""
 CLEARANCE = 0.005
 """Distance between links that the solver "clear" keeps [m]."""
 TABLE = Obstacle(
@@ -48,15 +48,15 @@ QUESTIONS = (
     ("qp-daqp-multi", "default"),
     ("qp-daqp-multi", "fast"),
 )
-"""Do limits help, does the QP, does its solver matter, do restarts, does the QP if there are
-restarts, and what does giving up early cost?"""
+"""Planned comparisons: the effect of limits, of the QP, of its backend, of restarts, of the QP when
+there are restarts, and of stopping stalled starts early."""
 
 
 def solvers() -> dict[str, IkSolver]:
     """Return all solvers by name: each alone, each with restarts, and the package's defaults.
 
-    The last three have as many starts; they abandon a start that is stuck, and continue the best
-    ones. The very last keeps a clearance between the links.
+    The last three have the same number of starts; they stop a start that stalls and continue the
+    closest ones. "clear" also keeps a clearance between the links.
     """
 
     def each(steps: int) -> dict[str, IkSolver]:
@@ -86,7 +86,7 @@ def solvers() -> dict[str, IkSolver]:
 
 
 def peers() -> tuple[dict[str, IkSolver], dict[str, str]]:
-    """Return solvers of other packages by name, and why the missing ones are left out.
+    """Return the solvers of other packages by name, and why missing ones are left out.
 
     Drake and Pink get the same starts as all others; OptIK and Robotics Toolbox draw as many
     restarts themselves.

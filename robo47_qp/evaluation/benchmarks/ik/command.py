@@ -1,4 +1,4 @@
-"""Inverse kinematics compared: damped least squares, QP, restarts, on paired targets."""
+"""Compare IK solvers on the same targets: damped least squares, QP, with and without restarts."""
 
 import json
 import sys
@@ -30,7 +30,7 @@ Member = TypeVar("Member")
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(Checked):
-    """Options of a comparison."""
+    """Options of `robo47 compare-ik`."""
 
     robot: str = "panda"
     """Robot whose inverse kinematics is solved."""
@@ -45,7 +45,7 @@ class CompareOptions(Checked):
     start: Literal["home", "random"] = "home"
     """Where every search starts: the robot's home, or a random configuration per target."""
     peers: bool = False
-    """Also compare the solvers of other packages; those that are not installed are named."""
+    """Also compare the solvers of other packages; those that are not installed are listed."""
     log: Annotated[Path, Suffix(".rrd")] = LOGS / "ik.rrd"
     """Recording to write; the report goes beside it, with the ending .json."""
     plot: Annotated[Path, Suffix(".png")] | None = None

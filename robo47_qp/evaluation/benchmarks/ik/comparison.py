@@ -1,4 +1,4 @@
-"""Comparison: every solver on every target, one after the other, judged by one judge."""
+"""Comparison of IK solvers: all solve the same targets, and one judge evaluates the results."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,21 +22,21 @@ _RAISES = (
     *(Robo47Error, ValueError, TypeError, ArithmeticError, AttributeError, LookupError),
     *(RuntimeError, SystemError),  # compiled peers
 )
-"""What a solver is known to raise on a bad target; never a reason to stop the comparison."""
+"""Exceptions that solvers raise on bad targets; they do not stop the comparison."""
 
 
 class Start(Enum):
-    """Where the searches start."""
+    """Seed configuration of the searches."""
 
     HOME = "home"
     """The robot's rest configuration, always."""
     RANDOM = "random"
-    """A configuration drawn from the joint ranges for each target, the same for all solvers."""
+    """A random configuration per target, the same for all solvers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Field:
-    """A target set and the judge of its answers."""
+    """A target set and the judge of its results."""
 
     make: MakeTargets
     judge: Judge
@@ -44,7 +44,7 @@ class Field:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """Who is compared on what. Every solver gets the same targets from the same seeds."""
+    """Runs several solvers on the same targets from the same seed configurations."""
 
     arm: Arm
     solvers: Mapping[str, IkSolver]
@@ -53,12 +53,13 @@ class Comparison:
     n: int
     """Targets per set."""
     seed: int = 0
-    """Each set is drawn from a generator of its own: it does not depend on the others."""
+    """Seed of the targets; each set has a generator of its own and does not depend on the
+    others."""
     start: Start = Start.HOME
     block: int = 50
-    """Targets between two changes of the solver."""
+    """Number of targets that one solver solves before the next one takes its turn."""
     warm: int = 5
-    """Targets of a block that a solver is asked once more before, without being timed."""
+    """Number of a block's targets that a solver first solves untimed, as a warm-up."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -75,24 +76,23 @@ class Comparison:
                 raise InvalidValueError(option, "none", "at least one name")
 
     def q_seeds(self, name: str) -> Matrix:
-        """Where the searches of one target set start (n, joints) [rad]."""
+        """Return the seed configurations of one target set (n, joints) [rad]."""
         if self.start is Start.HOME:
             return np.tile(self.arm.home, (self.n, 1))
         rng = np.random.default_rng([self.seed, 1, *name.encode()])
         return rng.uniform(self.arm.q_min, self.arm.q_max, (self.n, self.arm.n))
 
     def target_set(self, name: str) -> TargetSet:
-        """The targets of one name: the same for the same seed, whatever else is compared."""
+        """Return the target set of one name, the same for the same seed."""
         rng = np.random.default_rng([self.seed, 0, *name.encode()])
         return self.fields[name].make(self.arm, self.n, rng)
 
     def run(self, show: Callable[[Sequence[Answers], int], None]) -> Iterator[Sequence[Answers]]:
-        """Yield the answers of all solvers, set by set.
+        """Yield the results of all solvers, set by set.
 
-        Blocks of targets are the outer loop: a comparison that is interrupted is still paired,
-        and what slows the machine down for a while slows all solvers. Before its turn a solver
-        warms up on the first targets of the block, so that it is timed at work, not while its
-        code and data come back into the processor's caches.
+        Solvers take turns block by block: an interrupted comparison is still paired, and a slow
+        phase of the machine affects all solvers. Before each block, a solver warms up on its first
+        targets, so that cold caches are not timed.
 
         Args:
             show: Called after each block with the answers so far and their number.
@@ -114,7 +114,7 @@ class Comparison:
             yield rows
 
     def _row(self, solver: str, targets: TargetSet) -> Answers:
-        """No answers yet, after a solve of what needs no step: it builds what is kept."""
+        """Return an empty list of results, after an untimed solve that builds cached data."""
         started = process_time()
         self.solvers[solver].solve(self.arm, self.arm.pose(self.arm.home), self.arm.home.copy())
         return Answers(
@@ -135,7 +135,7 @@ class Comparison:
         ]
 
     def _solved(self, row: Answers, k: int) -> _Unjudged:
-        """An answer that waits for its verdict."""
+        """A result without its verdict."""
         target, seed = row.targets.targets[k], row.q_seeds[k].copy()
         solve = self.solvers[row.solver].solve
         started = process_time()

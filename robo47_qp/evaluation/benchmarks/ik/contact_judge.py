@@ -1,4 +1,4 @@
-"""What an answer among obstacles is worth, by MuJoCo's contacts."""
+"""Evaluation of IK results among obstacles by MuJoCo's contacts."""
 
 from collections.abc import Sequence
 
@@ -14,18 +14,18 @@ from robo47_qp.model.robot import Robot
 SEEN = 0.2
 """Contacts are reported up to this distance [m]."""
 REACHED = 1e-6
-"""What the judge accepts beside the pose asked for [m, rad], plus rounding."""
+"""Accepted position [m] and orientation [rad] errors, with room for rounding."""
 
 
 class ContactJudge:
-    """The robot's own file and the cell, compiled apart from the package; its contacts.
+    """Contacts of the robot's own file among obstacles, in a model compiled apart from the package.
 
-    Capsules are a cylinder and two spheres here, so that other routines of MuJoCo measure them.
-    Neighbours are left out where the robot's file excludes them, and nowhere else.
+    Capsules are modelled as a cylinder and two spheres, so that MuJoCo uses other distance
+    routines. Neighbouring links are left out only where the robot's file excludes them.
     """
 
     def __init__(self, robot: Robot, obstacles: Sequence[Obstacle]) -> None:
-        """Compile the robot's file among the obstacles."""
+        """Compile the robot's file with the obstacles."""
         self._tcp = robot.tcp
         spec = mujoco.MjSpec.from_file(str(robot.mjcf))
         for obstacle in obstacles:
@@ -52,7 +52,7 @@ class ContactJudge:
         self.ranges = self.model.jnt_range[[self.model.joint(name).id for name in robot.joints]]
 
     def clearance(self, q: Vector) -> float:
-        """Smallest distance of any contact [m]; SEEN where there is none."""
+        """Return the smallest distance of any contact [m]; SEEN where there is none."""
         self.data.qpos[:] = 0.0
         self.data.qpos[self.q] = q
         mujoco.mj_kinematics(self.model, self.data)
@@ -61,7 +61,7 @@ class ContactJudge:
         return float(np.min(self.data.contact.dist, initial=SEEN))
 
     def accepts(self, result: IkResult, target: SE3) -> bool:
-        """True where the pose is reached inside the joint limits, whatever the result says."""
+        """Return True if the pose is reached within the joint limits, by own measurement."""
         self.clearance(result.q)
         site = self.data.site(self._tcp)
         away = np.linalg.norm(site.xpos - target.translation())

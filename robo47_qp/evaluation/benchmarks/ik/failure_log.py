@@ -1,4 +1,4 @@
-"""Recording of a comparison: targets coloured by outcome, and each failure with the arm."""
+"""Recording of a comparison: targets coloured by outcome, and the arm at each failure."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,15 +18,15 @@ from robo47_qp.report.rerun.scene import body_name, body_shapes
 from robo47_qp.report.rerun.stream import RerunStream
 
 MOST = 200
-"""Failures of one solver that are drawn; of more, evenly chosen ones."""
+"""Largest number of failures shown per solver; of more, an evenly spaced selection."""
 _AXIS_COLOURS = ((225, 70, 70), (80, 190, 90), (80, 130, 240))
 _GAP = (255, 70, 150)
 _LENGTH = 0.1
-"""Of the axes of a target [m]."""
+"""Length of the axes of a target [m]."""
 
 
 class Failure(NamedTuple):
-    """A target that a solver did not reach as it should."""
+    """A target on which a solver failed."""
 
     answers: Answers
     k: int
@@ -34,18 +34,18 @@ class Failure(NamedTuple):
 
     @property
     def q(self) -> Vector | None:
-        """What came back (n,) [rad]; None where that is no configuration."""
+        """The solver's configuration (n,) [rad]; None where that is none."""
         q = self.answers.items[self.k].q
         return q if np.isfinite(q).all() else None
 
     @property
     def target(self) -> Vector:
-        """The wanted pose, wxyz and position (7,)."""
+        """Return the target pose, wxyz and position (7,)."""
         return np.asarray(self.answers.targets.targets[self.k].wxyz_xyz)
 
 
 class FailureLog:
-    """Writes the recording of a comparison; hostile targets, which are no poses, are left out."""
+    """Writes the recording of a comparison, without the hostile targets, which are no poses."""
 
     def __init__(self, path: Path, robot: Robot, solvers: Sequence[str]) -> None:
         """Open the file.
@@ -61,7 +61,7 @@ class FailureLog:
         self._home = np.asarray(robot.home)
 
     def write(self, fields: Sequence[Sequence[Answers]], figures: str) -> None:
-        """Write all there is, and the figures as Markdown.
+        """Write all targets and failures, and the figures as Markdown.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -76,7 +76,7 @@ class FailureLog:
         self._stream.finish(0.0)
 
     def close(self) -> None:
-        """Close the file, complete or not; a second time does nothing."""
+        """Close the file, complete or not; may be called twice."""
         self._stream.close()
 
     def _solver(self, root: str, own: Sequence[Answers]) -> None:
@@ -100,7 +100,7 @@ class FailureLog:
             self._goals(root, [failures[i] for i in picked])
 
     def _arm(self, root: str, failures: Sequence[Failure]) -> None:
-        """The shapes of all bodies, and where they are at each failure; at home if none."""
+        """Log the geometry of all bodies, and their poses at each failure, or at home."""
         m = self._model
         positions, quaternions = [], []
         for q in [failure.q for failure in failures] or [None]:
@@ -121,7 +121,7 @@ class FailureLog:
                 self._stream.send_at(path, index, columns)
 
     def _goals(self, root: str, failures: Sequence[Failure]) -> None:
-        """The wanted frame, and the way that is left from the tool to it."""
+        """Log the target's frame, and the line from the tool to it."""
         axes = rr.Arrows3D(vectors=_LENGTH * np.eye(3), colors=_AXIS_COLOURS, radii=0.004)
         self._stream.log(f"{root}/goal/axes", axes)
         self._stream.log(f"{root}/gap", rr.LineStrips3D.from_fields(colors=_GAP, radii=0.003))
@@ -136,7 +136,7 @@ class FailureLog:
         self._stream.send_at(f"{root}/gap", index, rr.LineStrips3D.columns(strips=gaps))
 
     def _at(self, q: Vector | None) -> mujoco.MjData:
-        """The robot at a configuration; at home where there is none."""
+        """Place the robot at a configuration; at home where there is none."""
         d = self._data
         d.qpos[:] = self._model.qpos0
         d.qpos[self._q] = self._home if q is None else q
@@ -154,13 +154,13 @@ def _index(count: int) -> rr.TimeColumn:
 
 
 FAILURE = "failure"
-"""Timeline: the number of a failure, counted for each solver on its own."""
+"""Timeline: number of the failure, counted per solver."""
 FIGURES = "figures"
-"""Entity of the tables."""
+"""Entity path of the tables."""
 
 
 def pages(solvers: Sequence[str]) -> rrb.Blueprint:
-    """One tab for each solver, the figures first."""
+    """Return the layout: one tab per solver, with the figures first."""
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.TextDocumentView(name="Figures", origin=f"/{FIGURES}"),
@@ -192,13 +192,13 @@ def _page(solver: str) -> rrb.Horizontal:
 
 
 def why(answers: Answers, k: int, outcome: Outcome, place: str) -> str:
-    """One failure: what was wanted, what came back, and the solver's own words.
+    """Describe one failure: the target, the result and the solver's message.
 
     Args:
-        answers: All answers of the solver.
-        k: Which of them.
-        outcome: What became of it.
-        place: Which failure this is, of how many.
+        answers: All results of the solver.
+        k: Index of the target.
+        outcome: Its outcome.
+        place: Number of this failure and count of all.
     """
     answer = answers.items[k]
     verdict = answer.verdict
@@ -228,14 +228,14 @@ def why(answers: Answers, k: int, outcome: Outcome, place: str) -> str:
 
 
 def legend() -> str:
-    """What the colours of the targets mean."""
+    """Return the legend of the targets' colours as Markdown."""
     lines = ["| colour (red, green, blue) | outcome |", "|---|---|"]
     lines += [f"| {COLOURS[outcome]} | {outcome.value} |" for outcome in Outcome]
     return "\n".join(lines)
 
 
 def figures_markdown(summary: Mapping[str, Any]) -> str:
-    """The rows of a report as tables."""
+    """Return the rows of a report as Markdown tables."""
     rows: Sequence[Mapping[str, Any]] = summary["rows"]
     lines = [f"# Inverse kinematics of {summary['robot']}, seed {summary['seed']}", ""]
     for name in dict.fromkeys(row["targets"] for row in rows):

@@ -1,4 +1,4 @@
-"""Judge: what an answer is worth, by MuJoCo on the robot's own file, whoever gave it."""
+"""Independent evaluation of IK results by MuJoCo, on the robot's own file."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,27 +15,27 @@ from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
 LOOSE = Tolerance(position=1e-3, orientation=float(np.radians(0.1)))
-"""What counts as success: 1 mm and 0.1 degrees."""
+"""Errors that count as success: 1 mm and 0.1 degrees."""
 TIGHT = Tolerance(position=1e-4, orientation=1e-3)
-"""0.1 mm and 1 mrad."""
+"""Tighter errors: 0.1 mm and 1 mrad."""
 
 
 class IkVerdict(NamedTuple):
-    """What a configuration does, measured."""
+    """Measured errors, limit violation and collision of a configuration."""
 
     position_error: float
-    """Distance of the tool from the target [m]; infinite where there is no answer."""
+    """Distance of the tool from the target [m]; infinite where there is no configuration."""
     orientation_error: float
-    """Angle between the tool and the target [rad]; infinite where there is no answer."""
+    """Angle between the tool and the target [rad]; infinite where there is no configuration."""
     limit_excess: float
-    """How far the worst joint is outside its range, 0 where none is [rad or m]."""
+    """Largest violation of a joint limit; 0 where there is none [rad or m]."""
     penetration: float
-    """Depth of the deepest contact, 0 where nothing touches [m]."""
+    """Depth of the deepest contact; 0 where nothing touches [m]."""
     pair: tuple[str, str] | None
     """Bodies of the deepest contact."""
 
     def within(self, tolerance: Tolerance) -> bool:
-        """True for an answer that is close enough and has every joint in its range."""
+        """Return True if the errors are within the tolerance and all joints within their limits."""
         return (
             self.position_error <= tolerance.position
             and self.orientation_error <= tolerance.orientation
@@ -44,7 +44,7 @@ class IkVerdict(NamedTuple):
 
     @property
     def free(self) -> bool:
-        """True where nothing touches."""
+        """True where nothing collides."""
         return self.penetration <= 0.0
 
 
@@ -52,15 +52,14 @@ _NO_ANSWER = IkVerdict(np.inf, np.inf, 0.0, 0.0, None)
 
 
 class Judge:
-    """Forward kinematics, joint ranges and contacts; no code of any solver.
+    """Evaluates configurations by forward kinematics, limits and contacts, without solver code.
 
-    Contacts are those of the model: the robot with itself, and with what stands around it.
-    Geoms that touch at home are built that way and do not count. Joints that the arm does
-    not drive, such as fingers, are at zero.
+    Contacts are those of the robot with itself and with the obstacles. Geoms that touch at home by
+    construction do not count. Joints that the arm does not drive, such as fingers, are at zero.
     """
 
     def __init__(self, robot: Robot, obstacles: Sequence[Obstacle] = ()) -> None:
-        """Compile the robot's own file with obstacles around it."""
+        """Compile the robot's own file with obstacles."""
         spec = robot_spec(robot)
         for obstacle in obstacles:
             add_obstacle(spec, obstacle)
@@ -76,7 +75,7 @@ class Judge:
         self._built_in = frozenset(pair for pair, _ in self._contacts())
 
     def verdict(self, T_world_target: SE3, q: ArrayLike) -> IkVerdict:
-        """Judge a configuration; one that is no finite vector of n joints is no answer."""
+        """Evaluate a configuration; what is no finite vector of n joints counts as no result."""
         values = np.asarray(q, dtype=np.float64)
         target = np.asarray(getattr(T_world_target, "wxyz_xyz", ()), dtype=np.float64)
         if values.shape != self._low.shape or not np.isfinite(values).all():
@@ -97,7 +96,7 @@ class Judge:
         mujoco.mj_collision(self._model, self._data)
 
     def _errors(self, target: Vector) -> tuple[float, float]:
-        """Distance and angle between the tool and a target; infinite where it is no pose."""
+        """Return distance and angle between the tool and a target; infinite if it is no pose."""
         if target.shape != (7,) or not np.isfinite(target).all() or not target[:4].any():
             return np.inf, np.inf
         wxyz = target[:4] / np.linalg.norm(target[:4])
@@ -110,7 +109,7 @@ class Judge:
         return float(np.linalg.norm(target[4:] - self._data.site_xpos[self._tcp])), angle
 
     def _contacts(self) -> list[tuple[tuple[int, int], float]]:
-        """Geoms that touch and are not built that way, with their distance [m]."""
+        """Return the geoms in collision and their distances, built-in contacts left out [m]."""
         d = self._data
         pairs = np.sort(d.contact.geom, axis=1)
         found = [

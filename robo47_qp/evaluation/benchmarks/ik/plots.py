@@ -1,4 +1,4 @@
-"""A picture of a comparison: success against budget, and where each solver fails."""
+"""Plot of a comparison: success against cost, and where each solver fails."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,13 +21,13 @@ _PALETTE = (
     *("#8e44ad", "#c2185b", "#6d4c41", "#7cb342", "#f06292"),
 )
 _RESTARTED = "-multi"
-"""Ending of the names of solvers with restarts: the same colour, a full line."""
+"""Ending of the names of solvers with restarts: drawn in the same colour, with a solid line."""
 _MAPS_PER_ROW = 8
 _SHOWN = (Outcome.COLLIDING, Outcome.OUTSIDE, Outcome.MISSED, Outcome.RAISED)
 
 
 def plot_comparison(arm: Arm, fields: Sequence[Sequence[Answers]], path: Path) -> None:
-    """Write a PNG; target sets that cannot be reached are left out.
+    """Write a PNG, without target sets that cannot be reached.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -50,7 +50,7 @@ def plot_comparison(arm: Arm, fields: Sequence[Sequence[Answers]], path: Path) -
 
 
 def _styles(solvers: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Colour and line of each solver."""
+    """Return the colour and line style of each solver."""
     single = {name.removesuffix(_RESTARTED) for name in solvers if name.endswith(_RESTARTED)}
     kinds = list(dict.fromkeys(name.removesuffix(_RESTARTED) for name in solvers))
     return {
@@ -92,7 +92,7 @@ def _budgets(
 
 
 def _curve(axes: Axes, cost: Vector, answers: Answers, colour: str, line: str) -> None:
-    """Part of the targets that are reached at no more than a cost."""
+    """Return the share of targets that are reached within each cost."""
     costs = np.sort(cost[answers.success]).astype(np.float64)
     least = max(float(cost[cost > 0].min()), 1e-4)
     x = np.concatenate([[least], np.maximum(costs, least), [float(cost.max())]])
@@ -101,7 +101,7 @@ def _curve(axes: Axes, cost: Vector, answers: Answers, colour: str, line: str) -
 
 
 def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], rows: int) -> None:
-    """A map per solver: distance of the target from the first joint's axis, and height."""
+    """Plot a map per solver: distance of the target from the first joint's axis, and height."""
     count = len(fields[0])
     panels = figure.subplots(rows, _MAPS_PER_ROW, sharex=True, sharey=True, squeeze=False)
     for panel in panels.ravel()[count:]:

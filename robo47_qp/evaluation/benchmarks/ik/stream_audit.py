@@ -1,4 +1,4 @@
-"""What a stream of commands kept: limits by differences, clearances by MuJoCo's contacts."""
+"""Audit of streamed commands: limits by finite differences, clearances by MuJoCo's contacts."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ from robo47_qp.model.robot import MotionProfile, Robot
 def audit(
     arm: Arm, profile: MotionProfile, dt: float, q0: Vector, q: Matrix, v: Matrix, a: Matrix
 ) -> dict[str, Any]:
-    """Ticks beyond a limit, by what was told and by differences of positions alone."""
+    """Count the ticks that exceed a limit, by the reported values and by finite differences."""
     v_max, a_max = profile.v_max, profile.a_max
     path = np.vstack([q0, q])
     speeds = np.diff(path, axis=0) / dt
@@ -36,10 +36,10 @@ def audit(
 def clearance_audit(
     robot: Robot, obstacles: Sequence[Obstacle], q: Matrix, least: float
 ) -> dict[str, Any]:
-    """Smallest distance at every tick, by the contacts of a model built here.
+    """Compare the distance at every tick with the clearance, by the contacts of a separate model.
 
-    MuJoCo finds no contacts between a link and the next one. Its contacts of two boxes that are
-    apart measure the gap along one axis, which can be less than their distance.
+    MuJoCo reports no contacts between neighbouring links. For two separate boxes its contact
+    distance is measured along one axis and can be less than their distance.
     """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf))
     for obstacle in obstacles:
@@ -67,7 +67,7 @@ def clearance_audit(
 
 
 def between_boxes(m: mujoco.MjModel, d: mujoco.MjData, a: int, b: int) -> float:
-    """Distance of two boxes that are apart, by least squares over the points of both [m]."""
+    """Return the distance of two separate boxes by least squares over their points [m]."""
     axes = np.hstack([d.geom_xmat[a].reshape(3, 3), -d.geom_xmat[b].reshape(3, 3)])
     size = np.concatenate([m.geom_size[a], m.geom_size[b]])
     nearest = lsq_linear(axes, d.geom_xpos[b] - d.geom_xpos[a], (-size, size), tol=1e-14)

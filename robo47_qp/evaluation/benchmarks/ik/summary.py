@@ -1,4 +1,4 @@
-"""Figures of a comparison: a row per solver and target set, reasons, paired tests, report."""
+"""Statistics of a comparison: success, time, failure reasons, paired tests, report."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -17,38 +17,38 @@ from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, wilson
 from robo47_qp.report.run_report import plain, versions
 
 Question = tuple[str, str]
-"""Two solvers that were to be compared before there were figures."""
+"""A planned comparison of two solvers, chosen before the results were known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairedTest:
-    """Two solvers on the same targets: McNemar's exact test on those that only one solved."""
+    """Paired comparison of two solvers: McNemar's exact test on targets that only one solved."""
 
     targets: str
     a: str
     b: str
     only_a: int
-    """Targets that a alone solved."""
+    """Number of targets that only a solved."""
     only_b: int
-    """Targets that b alone solved."""
+    """Number of targets that only b solved."""
     p: float
-    """Chance of a split at least as uneven, were both equally good; two-sided."""
+    """Two-sided p-value of the exact test."""
     p_holm: float
-    """The same, corrected for the number of tests (Holm, 1979): the planned ones among
-    themselves, the others among all others."""
+    """p-value with the correction of Holm (1979); planned and other tests are corrected
+    separately."""
     planned: bool
-    """True for a comparison that was chosen before there were figures."""
+    """True for a planned comparison."""
 
 
 def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
-    """The figures of one solver on one target set, as JSON.
+    """Return the statistics of one solver on one target set, as JSON.
 
-    Rates are of all n targets. Times are of those that some solver reached: how long a
-    solver searches in vain for what is not there is told beside them.
+    Success rates refer to all n targets. Times refer to targets that at least one solver reached;
+    times of the others are listed separately.
 
     Args:
-        answers: What the solver answered.
-        reached: For each target, whether some solver of the comparison reached it, tight.
+        answers: The solver's results.
+        reached: For each target, whether a solver of the comparison reached it within TIGHT.
     """
     timed = reached if reached.any() else np.ones(answers.n, dtype=np.bool_)
     in_vain = answers.milliseconds[~reached]
@@ -87,13 +87,13 @@ def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def rows(field: Sequence[Answers]) -> list[dict[str, Any]]:
-    """The rows of all solvers on one target set."""
+    """Return the statistics of all solvers on one target set."""
     some = np.logical_or.reduce([answers.tight for answers in field])
     return [row(answers, some) for answers in field]
 
 
 def reason_rows(answers: Answers) -> list[dict[str, Any]]:
-    """Per kind of unreachable target, how often the solver named the right class of reason."""
+    """Return how often each solver named the right class of reason, per kind of target."""
     kinds = np.array(answers.targets.kinds[: answers.n])
     found = []
     for kind in dict.fromkeys(kinds.tolist()):
@@ -121,9 +121,9 @@ def reason_rows(answers: Answers) -> list[dict[str, Any]]:
 def paired_tests(
     fields: Sequence[Sequence[Answers]], planned: Collection[Question]
 ) -> list[PairedTest]:
-    """All pairs of solvers on all target sets that can be reached.
+    """Return the paired tests of all solvers on all target sets that can be reached.
 
-    Success is that of the row: 1 mm, 0.1 degrees, inside the limits.
+    Success means within 1 mm and 0.1 degrees, inside the limits.
     """
     tests = []
     for field in fields:
@@ -161,13 +161,13 @@ def summary(
     *,
     complete: bool,
 ) -> dict[str, Any]:
-    """All figures and all settings.
+    """Return the report: all statistics and all settings.
 
     Args:
-        comparison: Who was compared on what.
-        fields: The answers, per target set.
-        questions: Pairs of solvers that were to be compared before there were figures.
-        left_out: Solvers that are not there, with why.
+        comparison: The comparison.
+        fields: The results, per target set.
+        questions: Planned comparisons of two solvers.
+        left_out: Solvers that are not installed, with the reason.
         complete: False where the comparison was interrupted.
     """
     told = [answers for field in fields for answers in field if answers.targets.kinds]

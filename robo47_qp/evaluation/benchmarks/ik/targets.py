@@ -1,4 +1,4 @@
-"""Target sets: poses to be reached."""
+"""Target sets for IK solvers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,28 +12,28 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.motion.waypoint import tool_down
 
 _NEAR = 0.01
-"""Near a limit: within this part of the joint's range."""
+"""Distance from a joint limit that counts as near, as a share of the joint's range [-]."""
 _DRAWS = 25
-"""Configurations of which the one closest to a singularity is kept."""
+"""Number of configurations of which the most singular is kept."""
 _TILT = np.radians(20.0)
-"""Largest angle between the tool and the vertical on the table [rad]."""
+"""Largest angle between the tool and the vertical above the table [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TargetSet:
-    """Targets that every solver gets, in the same order."""
+    """A named sequence of targets, the same for every solver."""
 
     name: str
     targets: Sequence[SE3]
-    """Wanted T_world_tcp, n of them."""
+    """Target poses T_world_tcp, n of them."""
     reachable: bool | None
-    """True where every target was made by FK inside the limits, False where none can be
-    reached, None where it is not known."""
+    """True where every target is the forward kinematics of a configuration within limits, False
+    where none can be reached, None where it is not known."""
     kinds: Sequence[str] = field(default=())
-    """Why each target cannot be reached, a key of `unreachable.EXPECTED`; empty where not told."""
+    """Why each target cannot be reached, a key of `unreachable.EXPECTED`; empty if not known."""
 
     def positions(self, n: int) -> Matrix:
-        """Where the first n targets are (n, 3), NaN for what is no pose [m]."""
+        """Return the positions of the first n targets (n, 3), NaN for what is no pose [m]."""
         found = np.full((n, 3), np.nan)
         for place, target in zip(found, self.targets, strict=False):
             numbers = np.asarray(getattr(target, "wxyz_xyz", ()))
@@ -50,12 +50,12 @@ MakeTargets = Callable[[Arm, int, np.random.Generator], TargetSet]
 
 
 def uniform(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """Poses of configurations spread evenly over the joint ranges."""
+    """Return poses of configurations that are uniformly distributed within the joint limits."""
     return _made_by_fk("uniform", arm, _configurations(arm, n, rng))
 
 
 def near_limits(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """Poses of configurations in which half of the joints are within 1 % of a limit."""
+    """Return poses of configurations with half of the joints within 1 % of a limit."""
     q = _configurations(arm, n, rng)
     span = arm.q_max - arm.q_min
     away = rng.uniform(0.0, _NEAR, q.shape) * span
@@ -66,7 +66,10 @@ def near_limits(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
 
 
 def near_singular(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """Poses of the most singular of 25 configurations each: least singular value of J."""
+    """Return poses of configurations near singularities.
+
+    Each is the one of 25 with the smallest singular value of J.
+    """
     q = np.empty((n, arm.n))
     for k in range(n):
         drawn = _configurations(arm, _DRAWS, rng)
@@ -76,12 +79,11 @@ def near_singular(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
 
 
 def tabletop(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """Poses of a tool that works on a table in front of the arm.
+    """Return poses of a tool that works on a table in front of the arm.
 
-    Positions are even over a box measured in the arm's own reach R: 0.35 R to 0.75 R ahead,
-    0.45 R to either side, from 20 mm above the base's foot to 0.4 R; the tool points down,
-    tilted by up to 20 degrees in any direction and turned by any angle. No configuration
-    stands behind them: some may be out of reach.
+    Positions are uniform in a box, relative to the arm's reach R: 0.35 R to 0.75 R ahead, 0.45 R to
+    either side, from 20 mm above the base to 0.4 R. The tool points down, tilted by up to 20
+    degrees in any direction and turned by any angle. Some poses may be out of reach.
     """
     R = find_reach(arm).across
     foot = arm.model.body(int(arm.model.body_rootid[arm.model.jnt_bodyid[0]])).pos

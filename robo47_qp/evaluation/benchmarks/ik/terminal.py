@@ -1,4 +1,4 @@
-"""What a comparison says in the terminal: a table that grows, then what it means."""
+"""Terminal output of a comparison: live tables of results, reasons and paired tests."""
 
 from collections.abc import Mapping, Sequence
 from time import monotonic
@@ -14,7 +14,7 @@ from robo47_qp.evaluation.benchmarks.ik.answers import Answers
 from robo47_qp.evaluation.benchmarks.ik.summary import rows
 
 _REFRESH = 1.0
-"""Time between two looks at the figures while they grow [s]."""
+"""Time between two updates of the table [s]."""
 _COLUMNS = (
     *("success %", "95 % interval", "tight %", "free %", "point %", "missed", "outside"),
     *("median ms", "p95 ms", "p99 ms"),
@@ -22,10 +22,10 @@ _COLUMNS = (
 
 
 class LiveTable:
-    """The table of the target set that is being solved, with a bar over all targets."""
+    """Table of the current target set, with a progress bar over all targets."""
 
     def __init__(self, console: Console, total: int) -> None:
-        """Prepare an empty bar over `total` targets."""
+        """Create a progress bar over `total` targets."""
         self._progress = Progress(
             TextColumn("{task.description:<14}"),
             BarColumn(bar_width=40),
@@ -38,7 +38,7 @@ class LiveTable:
         self._before, self._next = 0, 0.0
 
     def __enter__(self) -> "LiveTable":
-        """Show it."""
+        """Show the table."""
         self._live.start()
         return self
 
@@ -48,11 +48,11 @@ class LiveTable:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Remove it."""
+        """Remove the table."""
         self._live.stop()
 
     def show(self, field: Sequence[Answers], done: int) -> None:
-        """Move the bar, and now and then show it and the figures."""
+        """Advance the progress bar, and redraw it and the table about once a second."""
         name = field[0].targets.name
         self._progress.update(self._bar, completed=self._before + done, description=name)
         if monotonic() >= self._next:
@@ -70,7 +70,7 @@ class LiveTable:
 
 
 def field_table(figures: Sequence[Mapping[str, Any]]) -> Table:
-    """The rows of one target set."""
+    """Return the table of one target set."""
     first = figures[0]
     title = f"{first['targets']}: {first['n']} targets, {first['reached_by_any']} reached by any"
     table = Table(title=title, title_justify="left", header_style="", box=None, pad_edge=False)
@@ -94,7 +94,7 @@ def field_table(figures: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def reasons_table(found: Sequence[Mapping[str, Any]]) -> Table:
-    """How often the right class of reason was named, per solver and kind of target."""
+    """Return the table of how often each solver named the right class of reason."""
     kinds = list(dict.fromkeys(row["kind"] for row in found))
     solvers = list(dict.fromkeys(row["solver"] for row in found))
     table = Table(
@@ -115,7 +115,7 @@ def reasons_table(found: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def paired_table(tests: Sequence[Mapping[str, Any]]) -> Table:
-    """Pairs of solvers on the same targets."""
+    """Return the table of paired tests."""
     table = Table(
         title="targets that only one of two solved (exact McNemar test, Holm-corrected)",
         title_justify="left",

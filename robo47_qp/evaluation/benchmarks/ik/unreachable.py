@@ -1,4 +1,4 @@
-"""Targets that no configuration reaches, and what an honest solver says about each."""
+"""Targets that no configuration reaches, and the reasons that solvers should give."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -25,24 +25,24 @@ EXPECTED: dict[str, frozenset[str]] = {
     "no_rotation": frozenset({Reason.INVALID_TARGET.name}),
     "wrong_shape": frozenset({Reason.INVALID_TARGET.name}),
 }
-"""Names of the reasons that are right for each kind of target. The tool of an arm that is
-inside its own base would be in collision, if the joints get there at all; a tool that looks
-back from the edge of the workspace has its hand outside."""
+"""Names of the correct reasons for each kind of target. Inside the base the tool would collide, if
+the joints reach it; a tool that points back from the edge of the workspace needs its wrist
+outside."""
 HOSTILE = ("nan", "infinite", "no_rotation", "wrong_shape")
 """Kinds that are no pose at all."""
 
 _MARGIN = 1.02
-"""How far beyond the farthest point found a target is at least."""
+"""Least distance of a target, relative to the farthest point found [-]."""
 _LEVER = 0.05
-"""A wrist this close to the tool makes no difference to where it can be [m]."""
+"""Least distance of the wrist from the tool at which poses turned away are made [m]."""
 _Make = Callable[[np.random.Generator], SE3]
 
 
 def unreachable(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """Poses beyond reach, below, looking back from the edge, or inside the base, in turn.
+    """Return poses that are too far, below the floor, turned away or inside the base, in turn.
 
-    A kind that an arm has none of is left out: an arm without a wrist that is away from the
-    tool cannot look back from outside, and an arm without shapes has no inside.
+    Kinds that an arm has none of are left out: an arm whose wrist is at the tool has no poses
+    turned away, and an arm without collision geoms has none inside its base.
     """
     reach = find_reach(arm)
     makers: dict[str, _Make] = {
@@ -59,7 +59,7 @@ def unreachable(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
 
 
 def hostile(_arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
-    """What is no pose: NaN, infinite, a quaternion of no length, an array of another shape."""
+    """Return invalid targets: NaN, infinite, a zero quaternion, an array of a wrong shape."""
     makers: dict[str, _Make] = {
         "nan": lambda rng: _spoilt(np.nan, rng),
         "infinite": lambda rng: _spoilt(np.inf * rng.choice([-1.0, 1.0]), rng),
@@ -78,20 +78,20 @@ def _in_turn(name: str, n: int, rng: np.random.Generator, makers: dict[str, _Mak
 
 
 def _at(reach: Reach, factor: float, rng: np.random.Generator) -> SE3:
-    """Any orientation, at a multiple of the tool's reach, in any direction."""
+    """Return a pose at a multiple of the tool's reach, in a random direction and orientation."""
     position = reach.centre + factor * reach.tool * _direction(rng)
     return SE3.from_rotation_and_translation(_rotation(rng), position)
 
 
 def _below(reach: Reach, rng: np.random.Generator) -> SE3:
-    """Under the floor: straight down, a little to the side, farther than the tool gets."""
+    """Return a pose below the floor and beyond reach, almost straight down."""
     down = np.array([*rng.uniform(-0.2, 0.2, 2), -1.0])
     position = reach.centre + rng.uniform(1.3, 1.8) * reach.tool * down
     return SE3.from_rotation_and_translation(_rotation(rng), position)
 
 
 def _turned_away(reach: Reach, rng: np.random.Generator) -> SE3:
-    """A point within reach, the tool turned so that the wrist would be out of its own."""
+    """Return a pose within the tool's reach whose wrist would be out of the wrist's reach."""
     while True:
         pose = _at(reach, rng.uniform(0.9, 0.99), rng)
         wrist = pose.apply(reach.p_tcp_wrist)
@@ -106,7 +106,7 @@ def _base_geoms(arm: Arm) -> list[int]:
 
 
 def _inside(arm: Arm, geoms: Sequence[int], rng: np.random.Generator) -> SE3:
-    """A point deep inside one of the shapes of the base."""
+    """Return a pose deep inside one of the geoms of the base."""
     m = arm.model
     geom = int(rng.choice(geoms))
     local = m.geom_aabb[geom, :3] + rng.uniform(-0.5, 0.5, 3) * m.geom_aabb[geom, 3:]
@@ -127,14 +127,14 @@ def _fixed_pose(arm: Arm, body: int) -> SE3:
 
 
 def _spoilt(number: float, rng: np.random.Generator) -> SE3:
-    """A pose with a number that is none in one of its places."""
+    """Return a pose with one number replaced."""
     numbers = np.concatenate([_rotation(rng).wxyz, rng.uniform(-0.5, 0.5, 3)])
     numbers[rng.integers(0, 7)] = number
     return SE3(numbers)
 
 
 def _wrong_shape(rng: np.random.Generator) -> Any:
-    """A matrix in place of a pose, or a pose whose numbers were replaced (`SE3` checks its own)."""
+    """Return a matrix instead of a pose, or an SE3 with a vector of a wrong size."""
     if rng.integers(0, 2):
         return np.eye(4)
     pose = SE3(np.concatenate([_rotation(rng).wxyz, rng.uniform(-0.5, 0.5, 3)]))

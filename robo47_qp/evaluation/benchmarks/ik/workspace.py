@@ -1,4 +1,4 @@
-"""How far an arm really reaches, found by search over its joint ranges."""
+"""Reach of an arm, by search over its joint ranges."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from robo47_qp.model.arm import Arm
 
 _SAMPLES = 2048
 _POLISHED = 3
-"""Samples from which the farthest points are climbed to."""
+"""Number of samples from which the farthest points are optimised."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
-    """Greatest distances from the first joint, by search: lower bounds that are hardly any."""
+    """Greatest distances from the first joint, by search: tight lower bounds."""
 
     centre: Vector
-    """The first joint (3,) [m]."""
+    """Position of the first joint (3,) [m]."""
     tool: float
     """Greatest distance of the tool point [m]."""
     wrist: float
     """Greatest distance of the last joint [m]."""
     p_tcp_wrist: Vector
-    """The last joint in the tool frame (3,) [m]."""
+    """Position of the last joint in the tool frame (3,) [m]."""
     across: float
     """Horizontal distance that 99 % of the tool points stay within [m]."""
 
@@ -36,7 +36,7 @@ _Point = Callable[[Vector], Vector]
 
 
 class _Points:
-    """The tool and the last joint of an arm, by MuJoCo alone."""
+    """Positions of the tool and of the last joint of an arm, by MuJoCo alone."""
 
     def __init__(self, arm: Arm) -> None:
         self._m, self._d = arm.model, mujoco.MjData(arm.model)
@@ -60,7 +60,7 @@ class _Points:
 
 
 def find_reach(arm: Arm) -> Reach:
-    """Search the joint ranges, once for an arm: evenly spread samples, the best polished."""
+    """Return the reach of an arm, searched once: low-discrepancy samples, the best optimised."""
     return arm.derived(_reach)
 
 
@@ -82,7 +82,7 @@ def _reach(arm: Arm) -> Reach:
 
 
 def _farthest(arm: Arm, samples: Matrix, found: Matrix, point: _Point, centre: Vector) -> float:
-    """Greatest distance of a point from the centre [m]."""
+    """Return the greatest distance of a point from the centre [m]."""
     distances = np.linalg.norm(found - centre, axis=1)
     bounds = list(zip(arm.q_min, arm.q_max, strict=True))
     best = float(distances.max())

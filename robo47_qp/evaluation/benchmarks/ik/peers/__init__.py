@@ -1,1 +1,1 @@
-"""Solvers of other packages behind the protocol of this one, for comparison."""
+"""IK solvers of other packages, behind the protocol of this one."""

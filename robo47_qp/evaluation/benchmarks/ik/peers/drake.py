@@ -17,20 +17,20 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 
 _FEASIBLE = 1e-9
-"""How exactly the constraints are met. That on the angle is its cosine: 1e-9 is 4.5e-5 rad."""
+"""Feasibility tolerance; the constraint on the angle is on its cosine: 1e-9 is 4.5e-5 rad."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DrakeIk:
-    """`InverseKinematics` with the position and the orientation as constraints."""
+    """Drake's `InverseKinematics` with constraints on position and orientation."""
 
     max_iterations: int = 200
     """Major iterations of SNOPT."""
     tolerance: Tolerance = Tolerance(position=1e-6, orientation=1e-4)
-    """The angle cannot be asked for more exactly, as `_FEASIBLE` says."""
+    """Position and orientation tolerance; the angle cannot be tighter than `_FEASIBLE` allows."""
 
     def __post_init__(self) -> None:
-        """Look for the package.
+        """Check that Drake is installed.
 
         Raises:
             MissingExtraError: Drake is not installed.
@@ -48,7 +48,7 @@ class DrakeIk:
 
 
 class _Drake:
-    """The plant, built once."""
+    """Drake's model of the arm, built once."""
 
     def __init__(self, arm: Arm, max_iterations: int) -> None:
         plant_module: Any = import_module("pydrake.multibody.plant")
@@ -73,7 +73,7 @@ class _Drake:
         self._options.SetOption(name, "Major iterations limit", max_iterations)
 
     def pose(self, q: Vector) -> Matrix:
-        """T_world_tcp (4, 4) by Drake."""
+        """Return T_world_tcp (4, 4) by Drake."""
         self._plant.SetPositions(self._context, self._shuffled(q))
         T = self._tip.CalcPoseInWorld(self._context).GetAsMatrix4()
         return np.asarray(T, dtype=np.float64)
@@ -100,5 +100,5 @@ class _Drake:
 
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
-    """T_world_tcp (4, 4) by Drake, to see that it is the same arm."""
+    """Return T_world_tcp (4, 4) by Drake, to check that the models agree."""
     return arm.derived(_Drake, 1).pose(q)

@@ -1,4 +1,4 @@
-"""The chain of an arm for other packages: the same kinematics, taken from its model."""
+"""Kinematic chain of an arm for other packages, read from its model."""
 
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
@@ -17,7 +17,7 @@ BASE, TIP = "base", "tip"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KinematicChain:
-    """Joints in a row, all at position zero: a product of exponentials.
+    """Joints in series at position zero, as a product of exponentials.
 
     (Brockett, "Robotic manipulators and the product of exponentials formula", 1984.)
     """
@@ -25,16 +25,16 @@ class KinematicChain:
     anchors: Matrix
     """A point on each joint's axis (n, 3), in the world [m]."""
     axes: Matrix
-    """Direction of each joint (n, 3), in the world, of unit length."""
+    """Direction of each joint's axis (n, 3), in the world, of unit length."""
     slides: tuple[bool, ...]
-    """True for a joint that slides, False for one that turns."""
+    """True for sliding joints, False for hinges."""
     q_min: Vector
     q_max: Vector
     T_world_tcp: SE3
-    """The tool with all joints at zero."""
+    """T_world_tcp with all joints at zero."""
 
     def urdf(self) -> str:
-        """The chain as URDF: links whose frames are the world's but for their origins."""
+        """Return the chain as URDF, with link frames that have the orientation of the world."""
         robot = ET.Element("robot", name="chain")
         names = [BASE, *(f"link{i}" for i in range(1, len(self.axes) + 1))]
         for name in (*names, TIP):
@@ -57,10 +57,10 @@ class KinematicChain:
 
 
 def kinematic_chain(arm: Arm) -> KinematicChain:
-    """The chain of an arm.
+    """Return the kinematic chain of an arm.
 
     Raises:
-        ModelError: The joints are not in one row from base to tool.
+        ModelError: The joints are not in series from base to tool.
     """
     m, d = arm.model, mujoco.MjData(arm.model)
     tcp = m.site(arm.robot.tcp).id
@@ -86,7 +86,7 @@ def kinematic_chain(arm: Arm) -> KinematicChain:
 
 
 def _link(robot: ET.Element, name: str) -> None:
-    """A link with some mass: parsers refuse links without."""
+    """Return a URDF link with some mass, as parsers reject links without."""
     inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
     ET.SubElement(inertial, "mass", value="1")
     moments = {"ixx": "0.01", "iyy": "0.01", "izz": "0.01", "ixy": "0", "ixz": "0", "iyz": "0"}

@@ -1,4 +1,4 @@
-"""OptIK: nonlinear optimisation with restarts, compiled from Rust."""
+"""OptIK: nonlinear optimisation with restarts, written in Rust."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,19 +17,19 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 
 _UNLIMITED = 1e3
-"""Time that is never reached: the budget is counted in starts [s]."""
+"""Time limit that is never reached, as the budget is counted in starts [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OptikIk:
-    """`optik.Robot.ik` on one thread; its restarts are its own."""
+    """`optik.Robot.ik` on one thread, with its own restarts."""
 
     max_restarts: int = 140
     """Starts after the first."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
-        """Look for the package.
+        """Check that OptIK is installed.
 
         Raises:
             MissingExtraError: OptIK is not installed.
@@ -64,5 +64,5 @@ def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:
 
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
-    """T_world_tcp (4, 4) by OptIK, to see that it is the same arm."""
+    """Return T_world_tcp (4, 4) by OptIK, to check that the models agree."""
     return np.array(arm.derived(_optik, 1, 1.0)[0].fk(q.tolist()), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Pink: weighted tasks and limits as a QP, over Pinocchio."""
+"""Pink: weighted tasks and limits as a QP, based on Pinocchio."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,20 +18,20 @@ from robo47_qp.model.tool_poses import Target
 
 @dataclass(frozen=True, kw_only=True)
 class PinkIk:
-    """Steps of `pink.solve_ik` on a frame task and a weak posture task, dt 1 s."""
+    """Iterations of `pink.solve_ik` with a frame task and a weak posture task, dt = 1 s."""
 
     backend: str = "daqp"
-    """QP solver."""
+    """Backend of the QP."""
     max_iterations: int = 100
-    """QPs before giving up."""
+    """Largest number of QPs."""
     lm_damping: float = 0.01
     """Damping per squared error, as in the QP of this package."""
     posture_cost: float = 1e-6
-    """Beside the pose error's weight of 1."""
+    """Weight of the posture task; that of the frame task is 1."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
-        """Look for the package.
+        """Check that Pink is installed.
 
         Raises:
             MissingExtraError: Pink is not installed.
@@ -55,7 +55,7 @@ class PinkIk:
 
 
 class _Pink:
-    """Model, configuration and tasks, built once."""
+    """Pink's model, configuration and tasks, built once."""
 
     def __init__(self, arm: Arm, lm_damping: float, posture_cost: float) -> None:
         self._pink: Any = import_module("pink")
@@ -76,7 +76,7 @@ class _Pink:
         return np.array(self._configuration.q, dtype=np.float64)
 
     def pose(self, q: Vector) -> Matrix:
-        """T_world_tcp (4, 4) by Pinocchio."""
+        """Return T_world_tcp (4, 4) by Pinocchio."""
         self._configuration.update(q)
         T = self._configuration.get_transform_frame_to_world(TIP).homogeneous
         return np.array(T, dtype=np.float64)
@@ -93,7 +93,7 @@ class _Pink:
         return bool(close and np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation)
 
     def advance(self, backend: str) -> bool:
-        """One step; False where the QP solver gave no answer."""
+        """Do one iteration; return False if the QP has no solution."""
         try:
             v = self._pink.solve_ik(
                 self._configuration,
@@ -111,5 +111,5 @@ class _Pink:
 
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
-    """T_world_tcp (4, 4) by Pinocchio, to see that it is the same arm."""
+    """Return T_world_tcp (4, 4) by Pinocchio, to check that the models agree."""
     return arm.derived(_Pink, 0.0, 1.0).pose(q)

@@ -1,4 +1,4 @@
-"""Whether the package of a peer is there."""
+"""Check that an optional package is installed."""
 
 from importlib.util import find_spec
 
@@ -6,15 +6,15 @@ from robo47_qp.errors import MissingExtraError
 
 
 def require(solver: str, module: str, package: str) -> None:
-    """Refuse a solver whose package is not installed.
+    """Check that the package of a solver is installed.
 
     Args:
-        solver: What is asked for.
-        module: What it imports.
-        package: What brings the module.
+        solver: Name of the solver.
+        module: Module that it imports.
+        package: Package with the module.
 
     Raises:
-        MissingExtraError: The module is not there.
+        MissingExtraError: It is not installed.
     """
     if find_spec(module) is None:
         raise MissingExtraError(solver, package, "peers")

@@ -1,4 +1,4 @@
-"""Robotics Toolbox: its Levenberg-Marquardt in C++, with restarts."""
+"""Robotics Toolbox: its Levenberg-Marquardt solver in C++, with restarts."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,16 +17,16 @@ from robo47_qp.model.tool_poses import Target
 
 @dataclass(frozen=True, kw_only=True)
 class ToolboxIk:
-    """`ETS.ik_LM` with its default method; its restarts are random, and its own."""
+    """Robotics Toolbox's `ETS.ik_LM` with its default method and its own random restarts."""
 
     max_iterations: int = 30
-    """Steps of each start."""
+    """Iterations of each start."""
     starts: int = 141
-    """Starts, the seed included."""
+    """Number of starts, with the seed."""
     tolerance: Tolerance = Tolerance()
 
     def __post_init__(self) -> None:
-        """Look for the package.
+        """Check that Robotics Toolbox is installed.
 
         Raises:
             MissingExtraError: Robotics Toolbox is not installed.
@@ -53,7 +53,7 @@ class ToolboxIk:
 
 
 def _ets(arm: Arm) -> Any:
-    """Constant transforms and joints about their own z axes, in turn."""
+    """Return the chain as constant transforms and joints with local z axes, alternating."""
     toolbox: Any = import_module("roboticstoolbox")
     chain, elements, T_before = kinematic_chain(arm), [], np.eye(4)
     for i, (anchor, axis) in enumerate(zip(chain.anchors, chain.axes, strict=True)):
@@ -68,7 +68,7 @@ def _ets(arm: Arm) -> Any:
 
 
 def _with_z(axis: Vector) -> Matrix:
-    """A rotation matrix with a given third column."""
+    """Return a rotation matrix with a given third column."""
     other = np.eye(3)[np.abs(axis).argmin()]
     x = np.cross(other, axis)
     x /= np.linalg.norm(x)
@@ -76,5 +76,5 @@ def _with_z(axis: Vector) -> Matrix:
 
 
 def tool_pose(arm: Arm, q: Vector) -> Matrix:
-    """T_world_tcp (4, 4) by Robotics Toolbox, to see that it is the same arm."""
+    """Return T_world_tcp (4, 4) by Robotics Toolbox, to check that the models agree."""
     return np.array(arm.derived(_ets).eval(q), dtype=np.float64)
