@@ -69,6 +69,18 @@ class Range(Rule):
         return ("a whole number, " if self.whole else "") + " and ".join(words)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ends(Range):
+    """A rule for a `Span`: the range that the number, or both ends, lie in."""
+
+    def _accepts(self, value: Any) -> bool:
+        low, *high = np.ravel(value).tolist()
+        return super()._accepts(value) and len(high) < 2 and all(low <= end for end in high)
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}: one number, or two in rising order"
+
+
 @dataclass(frozen=True)
 class Suffix(Rule):
     """A rule for files: the suffix of their names."""
@@ -107,6 +119,14 @@ NotNegative: TypeAlias = Annotated[float, Range(at_least=0.0)]
 Ratio: TypeAlias = Annotated[float, Range(above=0.0, at_most=1.0)]
 Count: TypeAlias = Annotated[int, Range(at_least=1, whole=True)]
 CountOrZero: TypeAlias = Annotated[int, Range(at_least=0, whole=True)]
+Span: TypeAlias = float | tuple[float, float]
+"""A number, or the two ends of a range."""
+
+
+def ends(span: Span) -> tuple[float, float]:
+    """Return both ends of a span; they are equal if it is a number."""
+    low, *high = np.ravel(span).tolist()
+    return low, high[0] if high else low
 
 
 class Checked:

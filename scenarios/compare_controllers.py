@@ -93,9 +93,9 @@ def conditions(start: float) -> list[TrialCondition]:
             told=loads[0.5],
         ),
         *(TrialCondition(name=f"push {f} N", disturbance=pushed(f)) for f in (10, 30, 50)),
-        TrialCondition(name="noise", disturbance=Disturbance(noise_q=1e-4, noise_v=1e-2)),
+        TrialCondition(name="noise", disturbance=Disturbance(noise_q=1e-4)),
         *(
-            TrialCondition(name=f"delay {k} ms", disturbance=Disturbance(delay=k))
+            TrialCondition(name=f"delay {k} ms", disturbance=Disturbance(torque_delay=k * 1e-3))
             for k in (1, 2, 3, 4, 5)
         ),
         *(
@@ -106,7 +106,7 @@ def conditions(start: float) -> list[TrialCondition]:
 
 
 def _heavier(percent: int) -> Disturbance:
-    return Disturbance(inertia_factor=1.0 + percent / 100.0)
+    return Disturbance(link_mass_factor=1.0 + percent / 100.0)
 
 
 def _load(mass: float) -> Payload:

@@ -56,7 +56,7 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     perturb: Literal["none", "moderate", "severe"] = "none"
     """How much the world differs from the controller's models: moderate is 5 mm of camera noise,
     30 % of mass and friction, 2 ms of latency."""
-    perturbations: Annotated[Mapping[str, float], option_group(_PERTURBATIONS)] = field(
+    perturbations: Annotated[Mapping[str, float | str], option_group(_PERTURBATIONS)] = field(
         default_factory=dict
     )
     """Single perturbations by the names of their options, in place of those of --perturb."""

@@ -2,66 +2,65 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, NotNegative, Positive, Range
-from robo47_qp.constants import TIMESTEP
+from robo47_qp.arrays import Ends, NotNegative, Range, Span, Vector, ends
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.sim.disturbance import Disturbance, Push
+from robo47_qp.sim.sensing import About, SensorErrors
 
 PUSHES = 3
 """Pushes that are drawn for every episode, used or not."""
+LINKS, JOINTS = 64, 32
+"""Bodies and joints of a robot that errors are drawn for, used or not."""
+_NONE = (0.0, 0.0, 0.0)
 _Share = Annotated[float, Range(at_least=0.0, below=1.0)]
 
 
-@dataclass(frozen=True)
-class About:
-    """Meaning of a perturbation, and its option on the command line."""
-
-    text: str
-    unit: str
-    """Unit of the option."""
-    option: str | None = None
-    """By default the name of the field."""
-    scale: float = 1
-    """Value of the field if the option is 1."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class Perturbation(Checked):
+class Perturbation(SensorErrors):
     """Ranges that the disturbance of an episode is drawn from; by default nothing is perturbed.
 
-    Each field states its range and meaning; units are SI.
+    Each field states its range and meaning; units are SI. A `Span` is one value for every
+    episode and every link or joint, or the range that each one's value is drawn from.
     """
 
-    pose_noise: Annotated[
-        NotNegative, About("Standard deviation of seen coordinates of an object, per frame", "m")
+    link_mass: Annotated[
+        Span, Ends(above=-1.0), About("Mass of every link, heavier by this part", "-")
     ] = 0.0
-    heading_noise: Annotated[
-        NotNegative, About("Standard deviation of the seen heading of an object, per frame", "rad")
+    link_inertia: Annotated[
+        Span,
+        Ends(above=-1.0),
+        About("Moments of inertia of every link, larger by this part than its mass says", "-"),
     ] = 0.0
-    pose_bias: Annotated[
+    link_com: Annotated[
         NotNegative,
-        About("Standard deviation of seen coordinates of an object, constant in an episode", "m"),
+        About("Centre of mass of every link, off by at most this along each axis", "m"),
     ] = 0.0
-    camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
+    joint_friction: Annotated[
+        Span, Ends(at_least=0.0), About("Dry friction of the joints 1 to 4", "N·m")
+    ] = 0.0
+    wrist_friction: Annotated[
+        NotNegative, About("Dry friction of the other joints, relative to that of 1 to 4", "-")
+    ] = 0.6
+    joint_damping: Annotated[
+        Span, Ends(at_least=-1.0), About("Viscous friction of every joint, more by this part", "-")
+    ] = 0.0
+    armature: Annotated[
+        Span, Ends(above=-1.0), About("Inertia of every joint's drive, larger by this part", "-")
+    ] = 0.0
+    payload_error: Annotated[
+        Span,
+        Ends(above=-1.0),
+        About("Weight of what is carried, told to the controller as more by this part", "-"),
+    ] = 0.0
     object_mass: Annotated[
         _Share, About("Mass of the free objects, more or less by at most this share", "-", "mass")
     ] = 0.0
     friction: Annotated[
         _Share, About("Friction of all contacts, more or less by at most this share", "-")
-    ] = 0.0
-    latency: Annotated[
-        NotNegative,
-        About("Time from a command to the motors, in whole control periods", "ms", scale=1e-3),
-    ] = 0.0
-    noise_q: Annotated[
-        NotNegative, About("Standard deviation of measured joint positions", "rad")
-    ] = 0.0
-    noise_v: Annotated[
-        NotNegative, About("Standard deviation of measured joint velocities", "rad/s")
     ] = 0.0
     pushes: Annotated[
         int,
@@ -84,23 +83,32 @@ class Perturbation(Checked):
         directions, sizes = rng.standard_normal((PUSHES, 3)), rng.uniform(0.0, 1.0, PUSHES)
         starts = rng.uniform(0.0, 1.0, PUSHES)
         directions /= np.linalg.norm(directions, axis=1)[:, None]
+        links, joints, told = rng.random((5, LINKS)), rng.random((3, JOINTS)), rng.random()
         passed_on = {f.name for f in fields(self)} & {f.name for f in fields(Disturbance)}
         return Disturbance(
             **{name: getattr(self, name) for name in passed_on - {"pushes"}},
+            link_mass_factor=1.0 + _drawn(self.link_mass, links[0]),
+            link_inertia_factor=1.0 + _drawn(self.link_inertia, links[1]),
+            link_com_shift=self.link_com * (2.0 * links[2:].T - 1.0) if self.link_com else _NONE,
+            dry_friction=_drawn(self.joint_friction, joints[0]),
+            damping_factor=1.0 + _drawn(self.joint_damping, joints[1]),
+            armature_factor=1.0 + _drawn(self.armature, joints[2]),
+            payload_factor=1.0 + float(_drawn(self.payload_error, told)),
             object_mass_factor=float(1.0 + self.object_mass * mass),
             friction_factor=float(1.0 + self.friction * friction),
             pushes=tuple(
                 Push(force=self.push_force * sizes[i] * directions[i], start=float(start))
                 for i, start in enumerate(self.push_time * starts[: self.pushes])
             ),
-            delay=round(self.latency / TIMESTEP),
         )
 
-    def with_options(self, chosen: Mapping[str, float]) -> "Perturbation":
+    def with_options(self, chosen: Mapping[str, float | str]) -> "Perturbation":
         """Return the perturbation with some values replaced, by the names of their options.
 
+        A range is written with a colon, as "-0.05:0.05".
+
         Raises:
-            InvalidValueError: A number is out of range.
+            InvalidValueError: A value is out of range, or neither number nor range.
             UnknownNameError: There is no such option.
         """
         known = options()
@@ -108,37 +116,64 @@ class Perturbation(Checked):
             if option not in known:
                 raise UnknownNameError("perturbation", option, known)
         values: dict[str, Any] = {
-            known[name][0]: value * known[name][2].scale for name, value in chosen.items()
+            known[option][0]: _scaled(_label(option), value, known[option][2].scale)
+            for option, value in chosen.items()
         }
         try:
             return replace(self, **values)
         except InvalidValueError as error:
             option = next(name for name in chosen if known[name][0] == error.name)
-            label = f"--{option.replace('_', '-')}"
-            raise InvalidValueError(label, chosen[option], error.expected) from error
+            raise InvalidValueError(_label(option), chosen[option], error.expected) from error
 
 
 def options() -> dict[str, tuple[str, type, About]]:
-    """Return field, type and meaning of every perturbation by the name of its option."""
+    """Return field, type and meaning of every perturbation by the name of its option.
+
+    The type of a `Span` is `str`.
+    """
     found = {}
     for name, hint in get_type_hints(Perturbation, include_extras=True).items():
-        about = next(one for one in hint.__metadata__ if isinstance(one, About))
-        found[about.option or name] = (name, hint.__origin__, about)
+        hints = (hint, *get_args(hint))
+        stated = next(one for one in hints if get_origin(one) is Annotated)
+        about = next(one for one in stated.__metadata__ if isinstance(one, About))
+        kind = stated.__origin__
+        found[about.option or name] = (name, kind if isinstance(kind, type) else str, about)
     return found
+
+
+def _label(option: str) -> str:
+    return f"--{option.replace('_', '-')}"
+
+
+def _scaled(label: str, value: float | str, scale: float) -> Span:
+    """Return the value of an option in SI units."""
+    if not isinstance(value, str):
+        return value * scale
+    try:
+        numbers = [float(part) * scale for part in value.split(":")]
+    except ValueError as error:
+        expected = "a number, or a range such as 0.1:0.2"
+        raise InvalidValueError(label, value, expected) from error
+    return numbers[0] if len(numbers) == 1 else tuple(numbers)  # type: ignore[return-value]
+
+
+def _drawn(span: Span, chance: Vector | float) -> Vector | float:
+    """Return values in a span by numbers between 0 and 1; one value if the span is a number."""
+    low, high = ends(span)
+    return low if low == high else low + (high - low) * chance
 
 
 PRESETS: Mapping[str, Perturbation] = {
     "none": Perturbation(),
-    "moderate": Perturbation(pose_noise=5e-3, object_mass=0.3, friction=0.3, latency=2e-3),
+    "moderate": Perturbation(pose_noise=5e-3, object_mass=0.3, friction=0.3, torque_delay=2e-3),
     "severe": Perturbation(
         pose_noise=10e-3,
         heading_noise=0.1,
         pose_bias=2e-3,
         object_mass=0.6,
         friction=0.5,
-        latency=3e-3,
+        torque_delay=3e-3,
         noise_q=1e-4,
-        noise_v=1e-2,
         pushes=2,
         push_force=10.0,
     ),

@@ -177,8 +177,9 @@ class ControlLoop:
 
     def set_payload(self, payload: Payload | None) -> None:
         """Set the payload that the controller assumes in the tool; None is nothing."""
-        if payload is not self.control.arm.payload:
-            arm = self.arm if payload is None else self.arm.with_payload(payload)
+        told = None if payload is None else self.sim.told_payload(payload)
+        if told is not self.control.arm.payload:
+            arm = self.arm if told is None else self.arm.with_payload(told)
             self.control.set_arm(arm, seconds=PAYLOAD_RAMP)
 
     def note(self, text: str, failure: Failure | None = None) -> None:

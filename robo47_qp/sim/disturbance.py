@@ -1,15 +1,15 @@
 """Disturbance: errors of the world that the controller does not know."""
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 from mink import SE3
+from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Size, Vector
+from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JointState
@@ -17,8 +17,11 @@ from robo47_qp.model.mjcf import add_payload
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import CameraNoise, ObjectCamera
-from robo47_qp.sim.scene import BuildScene
+from robo47_qp.sim.delay import Delay
+from robo47_qp.sim.scene import BuildScene, free_bodies
+from robo47_qp.sim.sensing import ForceSensor, JointSensor, SensorErrors
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.wrong_model import change_inertias, change_joints, numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,40 +37,37 @@ class Push(Checked):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disturbance(Checked):
-    """The errors of one world; by default none."""
+class Disturbance(SensorErrors):
+    """The errors of one world; by default none.
+
+    What every link, joint or object has may be one number for all of them, or one for each in
+    the order of the model, from base to tip; further ones are left out.
+    """
 
     payload: Payload | None = None
     """A body fixed to the tool that the controller does not know."""
-    inertia_factor: Positive = 1.0
-    """Mass and inertia of every link of the robot, relative to the model [-]."""
+    payload_factor: Positive = 1.0
+    """Mass and moments of what the tool carries, as told to the controller, relative to what
+    the program has told [-]."""
+    link_mass_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
+    """Mass and moments of every body of the robot, relative to the model [-]."""
+    link_inertia_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
+    """Further factor of its moments about the centre of mass [-]."""
+    link_com_shift: Annotated[ArrayLike, Range()] = (0.0, 0.0, 0.0)
+    """Shift of its centre of mass, along the axes of the body (3,) or (k, 3) [m]."""
+    dry_friction: Annotated[ArrayLike, Range(at_least=0.0)] = 0.0
+    """Dry friction of every joint, beyond that of the model [N·m]."""
+    wrist_friction: NotNegative = 0.6
+    """Share of it that the joints from the fifth of an arm on have [-]."""
+    damping_factor: Annotated[ArrayLike, Range(at_least=0.0)] = 1.0
+    """Viscous friction of every joint, relative to the model [-]."""
+    armature_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
+    """Inertia of the drive of every joint, relative to the model [-]."""
     pushes: Sequence[Push] = ()
-    delay: CountOrZero = 0
-    """Control periods from a command to the motors."""
-    noise_q: NotNegative = 0.0
-    """Standard deviation of the measured joint positions [rad]."""
-    noise_v: NotNegative = 0.0
-    """Standard deviation of the measured joint velocities [rad/s]."""
-    noise_force: NotNegative = 0.0
-    """Standard deviation of each component of the measured tool force [N]."""
     object_mass_factor: Positive = 1.0
     """Mass and inertia of the free bodies, relative to the model [-]."""
     friction_factor: Positive = 1.0
     """Sliding, torsional and rolling friction of all contacts, relative to the model [-]."""
-    pose_noise: NotNegative = 0.0
-    """Standard deviation of each measured coordinate of an object, per camera frame [m]."""
-    heading_noise: NotNegative = 0.0
-    """Standard deviation of an object's measured heading, per camera frame [rad]."""
-    pose_bias: NotNegative = 0.0
-    """Standard deviation of an object's constant error of each measured coordinate [m]."""
-    camera_rate: Positive = 30.0
-    """Frames per second of a camera with errors; one without measures poses at once [1/s]."""
-
-    @property
-    def noisy(self) -> bool:
-        """True where a measurement has an error."""
-        joints_and_force = self.noise_q or self.noise_v or self.noise_force
-        return bool(joints_and_force or self.pose_noise or self.heading_noise or self.pose_bias)
 
 
 class DisturbedSimulation(Simulation):
@@ -90,68 +90,92 @@ class DisturbedSimulation(Simulation):
             robot: See `Simulation`.
             build_scene: See `Simulation`.
             disturbance: The errors of the world.
-            rng: Source of the sensor noise; the camera's seed is drawn from it once, here.
+            rng: Source of the seeds of the sensors, which are drawn here; each sensor has random
+                numbers of its own, the same ones after every `reset`.
 
         Raises:
-            InvalidValueError: There is noise, but no generator.
+            InvalidValueError: There is noise, but no generator; there are fewer numbers than
+                links or joints.
             UnknownNameError, ModelError: See `Simulation`.
         """
         if rng is None and disturbance.noisy:
             raise InvalidValueError("rng", None, "a numpy Generator where there is sensor noise")
         self.disturbance = disturbance
-        self._rng = rng
-        self._delayed: deque[Vector] = deque()
+        self._seeds: list[int] | None = (
+            None if rng is None else rng.integers(2**63, size=2).tolist()
+        )
+        self._joint_sensor, self._force_sensor = JointSensor(disturbance), ForceSensor(disturbance)
+        self._torque_delay = Delay(disturbance.torque_delay)
+        self._told: tuple[Payload, Payload] | None = None
         self._camera: ObjectCamera | None = None
-        super().__init__(robot, _carrying(robot, build_scene, disturbance.payload))
-        self._scale_world()
+        super().__init__(robot, _changed(robot, build_scene, disturbance))
+        self.disturbance = self._of_this_world(disturbance)
+        self.model.geom_friction *= disturbance.friction_factor
+        self.model.pair_friction *= disturbance.friction_factor
         noise = CameraNoise(
             position=disturbance.pose_noise,
             heading=disturbance.heading_noise,
             bias=disturbance.pose_bias,
             rate=disturbance.camera_rate,
         )
-        if rng is not None and (noise.position or noise.heading or noise.bias):
-            self._camera = ObjectCamera(self.objects, noise, int(rng.integers(2**63)))
-            self._camera.take(self.time, self.object_pose)
+        if self._seeds is not None and (noise.position or noise.heading or noise.bias):
+            self._camera = ObjectCamera(self.objects, noise, self._seeds[1])
+        self.reset()
 
     def reset(self) -> None:
-        """See `Simulation.reset`; the delayed commands are those that hold the arm."""
+        """See `Simulation.reset`; the errors are the same again, and the arm was held so far."""
         super().reset()
+        streams: list[np.random.Generator | None] = [None] * 4
+        if self._seeds is not None:
+            streams = [np.random.default_rng([self._seeds[0], i]) for i in range(4)]
+        self._joint_noise, self._state_delays, self._torque_delays, self._force_noise = streams
+        self._joint_sensor.start(super().state(), self._joint_noise)
+        self._torque_delay.start(self.motor_torque())
+        if self._force_noise is not None:
+            self._force_sensor.start(self._force_noise)
         if self._camera is not None:
             self._camera.take(self.time, self.object_pose)
-        held = self.motor_torque()
-        self._delayed = deque(held.copy() for _ in range(self.disturbance.delay))
 
     def step(self, tau: Vector) -> None:
-        """See `Simulation.step`; with the command of `delay` periods ago and the pushes."""
-        self._delayed.append(tau.copy())
+        """See `Simulation.step`; with the command that has arrived, and the pushes."""
         if self.disturbance.pushes:
             self._push()
-        super().step(self._delayed.popleft())
+        super().step(self._torque_delay.sample(tau, self._torque_delays))
+        self._measure()
+
+    def _measure(self) -> None:
+        """Measure what is measured once in every period."""
+        if not self._joint_sensor.ideal:
+            self._joint_sensor.sample(super().state(), self._joint_noise, self._state_delays)
+        if self._force_noise is not None and not self._force_sensor.ideal:
+            self._force_sensor.sample(self._force_noise)
         if self._camera is not None:
             self._camera.watch(self.time, self.object_pose)
 
     def state(self) -> JointState:
-        """See `Simulation.state`."""
-        state, noise = super().state(), self.disturbance
-        if self._rng is None or not (noise.noise_q or noise.noise_v):
-            return state
-        n = len(state.q)
-        return JointState(
-            state.q + noise.noise_q * self._rng.standard_normal(n),
-            state.v + noise.noise_v * self._rng.standard_normal(n),
-        )
+        """See `Simulation.state`; the same however often it is asked for in a period."""
+        return super().state() if self._joint_sensor.ideal else self._joint_sensor.state()
 
     def felt_force(self) -> Vector:
         """See `Simulation.felt_force`."""
         force = super().felt_force()
-        if self._rng is None or not self.disturbance.noise_force:
-            return force
-        return force + self.disturbance.noise_force * self._rng.standard_normal(3)
+        return force if self._force_sensor.ideal else force + self._force_sensor.error
 
     def true_state(self) -> JointState:
         """See `Simulation.true_state`."""
         return super().state()
+
+    def told_payload(self, payload: Payload) -> Payload:
+        """See `Simulation.told_payload`."""
+        factor = self.disturbance.payload_factor
+        if factor == 1.0:
+            return payload
+        if self._told is None or self._told[0] is not payload:
+            moments = payload.inertia
+            inertia = (factor * moments[0], factor * moments[1], factor * moments[2])
+            wrong = replace(payload, mass=factor * payload.mass, inertia=inertia)
+            self._told = payload, wrong
+        return self._told[1]
 
     def seen_pose(self, name: str) -> SE3:
         """See `Simulation.seen_pose`; measured in the last frame of the camera."""
@@ -174,6 +198,18 @@ class DisturbedSimulation(Simulation):
         if self._camera is not None:
             self._camera.take(self.time, self.object_pose)
 
+    def _of_this_world(self, wrong: Disturbance) -> Disturbance:
+        """Return the disturbance without the numbers that belong to no link or joint."""
+        links = [self.model.body(i).name for i in robot_bodies(self.robot, self.model)]
+        counts = {name: len(links) - (_PAYLOAD in links) for name in _PER_LINK}
+        counts |= {name: len(self.robot.joints) for name in _PER_JOINT}
+        rows = {name: np.asarray(getattr(wrong, name)) for name in counts}
+        dims = {name: 1 + (name == "link_com_shift") for name in counts}
+        given: dict[str, Any] = {
+            k: row[: counts[k]] for k, row in rows.items() if row.ndim == dims[k]
+        }
+        return replace(wrong, **given)
+
     def _push(self) -> None:
         m, d, zero = self.model, self.data, np.zeros(3)
         d.qfrc_applied[:] = 0.0
@@ -184,30 +220,63 @@ class DisturbedSimulation(Simulation):
                 point, body = d.site_xpos[tcp], int(m.site_bodyid[tcp])
                 mujoco.mj_applyFT(m, d, push.force, zero, point, body, d.qfrc_applied)
 
-    def _scale_world(self) -> None:
-        m, wrong = self.model, self.disturbance
-        m.geom_friction *= wrong.friction_factor
-        m.pair_friction *= wrong.friction_factor
-        tools = [int(m.site_bodyid[m.site(tool.tcp).id]) for tool in self.robot.tools]
-        links = np.isin(m.body_rootid, m.body_rootid[tools])
-        for i in np.flatnonzero(links):
-            links[i] = m.body(i).name != _PAYLOAD
-        free = np.isin(m.body_rootid, [m.body(name).id for name in self.objects])
-        for bodies, factor in ((links, wrong.inertia_factor), (free, wrong.object_mass_factor)):
-            m.body_mass[bodies] *= factor
-            m.body_inertia[bodies] *= factor
-        if wrong.inertia_factor != 1.0 or wrong.object_mass_factor != 1.0:
-            mujoco.mj_setConst(m, self.data)
-            self.reset()
-
 
 _PAYLOAD = "unknown_payload"
+_PER_LINK = ("link_mass_factor", "link_inertia_factor", "link_com_shift")
+_PER_JOINT = ("dry_friction", "damping_factor", "armature_factor")
 
 
-def _carrying(robot: Robot, build_scene: BuildScene, payload: Payload | None) -> BuildScene:
+def _changed(robot: Robot, build_scene: BuildScene, wrong: Disturbance) -> BuildScene:
+    """Return what builds the scene with the errors of its bodies and joints."""
+
     def build(spec: mujoco.MjSpec) -> None:
         build_scene(spec)
-        if payload is not None:
-            add_payload(spec, robot.tools[0], payload, _PAYLOAD)
+        model = spec.compile()
+        free = [model.body(name).id for name in free_bodies(model)]
+        change_inertias(spec, model, *_links(robot, model, wrong))
+        change_inertias(spec, model, *_objects(model, free, wrong))
+        change_joints(spec, model, robot.joints, _joints(robot, wrong), wrong.wrist_friction)
+        if wrong.payload is not None:
+            add_payload(spec, robot.tools[0], wrong.payload, _PAYLOAD)
 
     return build
+
+
+def robot_bodies(robot: Robot, model: mujoco.MjModel) -> list[int]:
+    """Return the ids of a robot's bodies, its base and what is fixed to it included."""
+    tools = [int(model.site_bodyid[model.site(tool.tcp).id]) for tool in robot.tools]
+    bodies: list[int] = np.flatnonzero(
+        np.isin(model.body_rootid, model.body_rootid[tools])
+    ).tolist()
+    return bodies
+
+
+def _links(robot: Robot, model: mujoco.MjModel, wrong: Disturbance) -> tuple[list[int], Matrix]:
+    """Return ids of the robot's bodies, and what is wrong with them."""
+    links = robot_bodies(robot, model)
+    columns = [
+        numbers("link_mass_factor", wrong.link_mass_factor, len(links)),
+        numbers("link_inertia_factor", wrong.link_inertia_factor, len(links)),
+        numbers("link_com_shift", wrong.link_com_shift, len(links), 3),
+    ]
+    return links, np.hstack(columns)
+
+
+def _objects(
+    model: mujoco.MjModel, free: list[int], wrong: Disturbance
+) -> tuple[list[int], Matrix]:
+    """Return ids of the bodies that move freely, and what is wrong with them."""
+    bodies = np.flatnonzero(np.isin(model.body_rootid, free)).tolist()
+    change = np.tile([wrong.object_mass_factor, 1.0, 0.0, 0.0, 0.0], (len(bodies), 1))
+    return bodies, change
+
+
+def _joints(robot: Robot, wrong: Disturbance) -> Matrix:
+    """Return what is wrong with the robot's joints."""
+    n = len(robot.joints)
+    columns = [
+        numbers("dry_friction", wrong.dry_friction, n),
+        numbers("damping_factor", wrong.damping_factor, n),
+        numbers("armature_factor", wrong.armature_factor, n),
+    ]
+    return np.hstack(columns)

@@ -8,6 +8,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import NoGripperError
 from robo47_qp.model.arm import JointState
 from robo47_qp.model.gripper import Grip, Gripper
+from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.contact import ContactSensing
 from robo47_qp.sim.gripper import SimulatedGripper
@@ -213,6 +214,10 @@ class Simulation:
     def camera_noise(self) -> float:
         """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, 0."""
         return 0.0
+
+    def told_payload(self, payload: Payload) -> Payload:
+        """Return a payload as the controller is told of it: here, as it is."""
+        return payload
 
     @property
     def weights_known(self) -> bool:

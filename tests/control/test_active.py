@@ -75,7 +75,7 @@ def test_at_the_motors_no_limit_is_passed(robot: Robot, controller: Controller) 
     arm = Arm(robot)
     pushes = [Push(force=50 * d, start=s) for d, s in ((np.eye(3)[0], 0.1), (-np.eye(3)[2], 0.4))]
     sim = DisturbedSimulation(
-        robot, no_objects, Disturbance(pushes=pushes, payload=LOAD, inertia_factor=1.2)
+        robot, no_objects, Disturbance(pushes=pushes, payload=LOAD, link_mass_factor=1.2)
     )
     active, last = ActiveController(controller, arm, dt=DT), sim.motor_torque()
     # Its first command follows on the torque that the motors hold.

@@ -1,6 +1,7 @@
 """Perturbations: ranges, and what is drawn from them."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -17,6 +18,7 @@ from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import DisturbedSimulation
 from robo47_qp.tasks.table import add_table
+from tests.controlled import LOAD
 from tests.runs import Reach
 
 WIDE = Perturbation(object_mass=0.3, friction=0.5, pushes=3, push_force=10.0, push_time=4.0)
@@ -25,7 +27,7 @@ WIDE = Perturbation(object_mass=0.3, friction=0.5, pushes=3, push_force=10.0, pu
 def test_nothing_is_wrong_by_default() -> None:
     drawn = Perturbation().draw(np.random.default_rng(1))
     assert (drawn.object_mass_factor, drawn.friction_factor) == (1.0, 1.0)
-    assert (drawn.delay, tuple(drawn.pushes), drawn.noisy) == (0, (), False)
+    assert (drawn.torque_delay, tuple(drawn.pushes), drawn.noisy) == (0.0, (), False)
     assert PRESETS["none"] == Perturbation()
 
 
@@ -66,17 +68,26 @@ def test_what_is_asked_for_does_not_change_what_else_is_drawn() -> None:
 
 def test_the_levels_are_as_told() -> None:
     drawn = PRESETS["moderate"].draw(np.random.default_rng(1))
-    assert (drawn.pose_noise, drawn.heading_noise, drawn.delay) == (5e-3, 0.0, 2)
+    assert (drawn.pose_noise, drawn.heading_noise, drawn.torque_delay) == (5e-3, 0.0, 2e-3)
     assert PRESETS["moderate"].object_mass == PRESETS["moderate"].friction == 0.3
     for name, value in vars(PRESETS["severe"]).items():
-        assert value >= getattr(PRESETS["moderate"], name)
+        assert value is None or value >= getattr(PRESETS["moderate"], name)
 
 
 def test_single_options_stand_in_place_of_those_of_the_level() -> None:
-    single = {"latency": 1.0, "mass": 0.1, "pose_noise": 0.0, "pushes": 1}
+    single: dict[str, float | str] = {
+        "torque_delay": "1:2",
+        "mass": 0.1,
+        "pose_noise": 0.0,
+        "link_mass": "0.05",
+    }
     chosen = EvaluateOptions(perturb="moderate", perturbations=single)
     assert chosen.perturbation == dataclasses.replace(
-        PRESETS["moderate"], latency=1e-3, object_mass=0.1, pose_noise=0.0, pushes=1
+        PRESETS["moderate"],
+        torque_delay=(1e-3, 2e-3),
+        object_mass=0.1,
+        pose_noise=0.0,
+        link_mass=0.05,
     )
     assert EvaluateOptions(perturb="severe").perturbation == PRESETS["severe"]
 
@@ -85,7 +96,9 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
     ("setting", "message"),
     [
         ({"pose_noise": -1.0}, "pose_noise must be 0 or more and finite; found -1"),
-        ({"latency": np.nan}, "latency must be 0 or more and finite; found nan"),
+        ({"torque_delay": np.nan}, "torque_delay must be 0 or more and finite: .* found nan"),
+        ({"link_mass": (-1.5, 0.1)}, "link_mass must be above -1 and finite: one number, or two"),
+        ({"joint_friction": (0.6, 0.2)}, "joint_friction must be .* two in rising order; found"),
         ({"object_mass": 1.0}, "object_mass must be at least 0 and below 1; found 1"),
         ({"friction": 1.5}, "friction must be at least 0 and below 1; found 1.5"),
         ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite; found 0"),
@@ -101,7 +114,10 @@ def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> No
     ("chosen", "message"),
     [
         ({"mass": 1.5}, r"^--mass must be at least 0 and below 1; found 1.5\.$"),
-        ({"latency": -2.0}, r"^--latency must be 0 or more and finite; found -2.0\.$"),
+        ({"state_delay": "-2"}, r"^--state-delay must be 0 or more and finite: .*; found -2\.$"),
+        ({"link_mass": "a:b"}, r"^--link-mass must be a number, or a range such as 0.1:0.2; f"),
+        ({"link_mass": "0.1:0.2:0.3"}, r"^--link-mass must be .* two in rising order; found 0.1:"),
+        ({"link_mass": "0.1:-0.1"}, r"^--link-mass must be .* in rising order; found 0.1:-0.1\.$"),
         ({"pose_noise": np.nan}, r"^--pose-noise must be 0 or more and finite; found nan\.$"),
         ({"pushes": 4}, r"^--pushes must be a whole number, at least 0 and at most 3; found 4\.$"),
     ],
@@ -125,10 +141,10 @@ def test_a_rate_is_refused_by_its_own_name() -> None:
 class Effect:
     """What a perturbation is tried with, and what it changes."""
 
-    option: float
+    option: float | str
     """Value of its option."""
     changes: set[str]
-    beside: dict[str, float] = field(default_factory=dict)
+    beside: Mapping[str, object] = field(default_factory=dict)
     """Fields without which it does nothing."""
 
 
@@ -140,15 +156,26 @@ EFFECTS = {
     "camera_rate": Effect(60.0, {"seen position"}, {"pose_noise": 0.01}),
     "object_mass": Effect(0.5, {"mass"}),
     "friction": Effect(0.5, {"friction"}),
-    "latency": Effect(3.0, {"motion"}),
-    "noise_q": Effect(1e-3, {"measured q"}),
-    "noise_v": Effect(1e-2, {"measured v"}),
+    "link_mass": Effect("-0.05:0.05", {"motion", "links"}),
+    "link_inertia": Effect("-0.1:0.1", {"motion", "links"}),
+    "link_com": Effect(0.005, {"motion", "links"}),
+    "joint_friction": Effect("0.2:0.6", {"motion", "joints"}),
+    "wrist_friction": Effect(0.5, {"motion", "joints"}, {"joint_friction": 0.5}),
+    "joint_damping": Effect("-0.3:0.3", {"motion", "joints"}),
+    "armature": Effect("-0.2:0.2", {"motion", "joints"}),
+    "payload_error": Effect("-0.2:0.2", {"payload told"}),
+    "state_delay": Effect("0.5:1", {"measured q", "measured v"}),
+    "torque_delay": Effect("1:2", {"motion"}),
+    "noise_q": Effect(1e-3, {"measured q", "measured v"}),
+    "velocity_cutoff": Effect(20.0, {"measured v"}),
+    "noise_force": Effect(0.3, {"measured force"}),
+    "force_drift": Effect(1.0, {"measured force"}),
     "pushes": Effect(1, {"motion"}, PUSHED),
     "push_force": Effect(30.0, {"motion"}, PUSHED),
     "push_time": Effect(0.05, {"motion"}, PUSHED),
 }
 """Every perturbation has an entry: whoever adds one says here what it changes."""
-NO_ZERO = {"camera_rate", "push_time"}
+NO_ZERO = {"camera_rate", "push_time", "wrist_friction", "velocity_cutoff"}
 """Those that say how, and not how much."""
 
 
@@ -173,14 +200,21 @@ def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
         yaw = pose.rotation().compute_yaw_radians()
         # An object at rest: what is seen of it does not depend on the arm.
         seen.append(np.concatenate([pose.translation(), [yaw], true.q, said.q - true.q]))
-        seen[-1] = np.append(seen[-1], said.v - true.v)
+        felt = world.felt_force() - world.last_tool_force()
+        seen[-1] = np.concatenate([seen[-1], said.v - true.v, felt])
     rows, m = np.round(seen, 6), world.model
+    told = world.told_payload(LOAD)
+    dofs, links = slice(0, 7), slice(1, 12)
     return {
         "seen position": rows[:, :3],
         "seen heading": rows[:, 3:4],
         "motion": rows[:, 4:11],
         "measured q": rows[:, 11:18],
-        "measured v": rows[:, 18:],
+        "measured v": rows[:, 18:25],
+        "measured force": rows[:, 25:],
+        "links": np.c_[m.body_mass, m.body_inertia, m.body_ipos][links],
+        "joints": np.c_[m.dof_frictionloss, m.dof_damping, m.dof_armature][dofs],
+        "payload told": np.array([told.mass, *told.inertia]),
         "mass": m.body("brick").mass.copy(),
         "friction": m.geom_friction.copy(),
     }
@@ -198,16 +232,19 @@ def test_every_perturbation_is_an_option_that_changes_what_it_says_and_is_report
         seen.append(chosen)
         return 0
 
-    flags = [f"--{option.replace('_', '-')}", f"{effect.option:g}"]
+    flags = [f"--{option.replace('_', '-')}", str(effect.option)]
     assert main(EvaluateOptions, run, "", args=flags) == 0
-    value = effect.option * about.scale
+    numbers = [float(part) * about.scale for part in str(effect.option).split(":")]
+    value: object = tuple(numbers) if len(numbers) > 1 else numbers[0]
+    if isinstance(effect.option, int):
+        value = effect.option
     assert seen[0].perturbation == Perturbation(**{name: value})  # type: ignore[arg-type]
     settings = seen[0].evaluation(Reach(), PANDA).evaluation.settings
-    assert settings["perturbation"][name] == pytest.approx(value)
+    assert settings["perturbation"][name] == pytest.approx(numbers if numbers[1:] else value)
     assert about.text
     assert about.unit
 
-    def world(**chosen: float) -> dict[str, NDArray[np.float64]]:
+    def world(**chosen: object) -> dict[str, NDArray[np.float64]]:
         return observed(Perturbation(**{**effect.beside, **chosen}))  # type: ignore[arg-type]
 
     default = getattr(Perturbation(), name)

@@ -105,7 +105,7 @@ def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> N
     assert not set(entry["timing"]) & set(entry["metrics"])
     assert not set(entry["measures"]) & set(entry["metrics"])
     assert entry["audit_ok"] is (entry["broken_promises"] == [])
-    assert entry["disturbance"]["delay"] == 2
+    assert entry["disturbance"]["torque_delay"] == 2e-3
     assert EpisodeResult.of_entry(entry).entry() == entry
 
 

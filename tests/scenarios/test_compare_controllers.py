@@ -63,7 +63,7 @@ def test_a_condition_that_does_not_exist_is_named(tmp_path: Path) -> None:
 def test_a_controller_that_is_too_late_is_called_unstable() -> None:
     bench = Bench(PANDA, [0.1] * 7)
     stiff = JointImpedance(stiffness_scale=4.0)
-    late = TrialCondition(name="late", disturbance=Disturbance(delay=25))
+    late = TrialCondition(name="late", disturbance=Disturbance(torque_delay=0.025))
     assert not bench.run("stiff", stiff, late).stable
     assert bench.run("stiff", stiff, TrialCondition(name="free")).stable
 

@@ -13,7 +13,6 @@ from robo47_qp.arrays import Vector
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from tests.runs import no_objects
 from tests.sim.test_simulation import WEIGHT, cube_on_a_shelf, grasp
@@ -186,28 +185,6 @@ def test_nothing_touches_a_robot_alone(robot: Robot) -> None:
     assert not world.last_tool_force().any()
     assert not world.felt_force().any()
     assert world.last_links_force() == 0.0
-
-
-def test_a_noisy_sensor_at_the_wrist_and_a_true_record(robot: Robot) -> None:
-    noise = Disturbance(noise_force=0.4)
-    world, again = (
-        DisturbedSimulation(robot, no_objects, noise, np.random.default_rng(3)) for _ in range(2)
-    )
-    felt = np.array([world.felt_force() for _ in range(3000)])
-    assert felt[0].tolist() == again.felt_force().tolist()
-    assert np.std(felt, axis=0) == pytest.approx(0.4 * np.ones(3), rel=0.06)
-    assert np.mean(felt, axis=0) == pytest.approx(np.zeros(3), abs=0.03)
-    assert not world.last_tool_force().any()
-
-
-def test_without_noise_what_is_felt_is_the_truth_and_takes_no_random_number(robot: Robot) -> None:
-    rng = np.random.default_rng(3)
-    world = DisturbedSimulation(robot, balls, Disturbance(noise_q=1e-3), rng)
-    world.place_object("ball 0", world.tool_pose())
-    mujoco.mj_forward(world.model, world.data)
-    before = rng.bit_generator.state
-    np.testing.assert_array_equal(world.felt_force(), world.last_tool_force())
-    assert rng.bit_generator.state == before
 
 
 NAMELESS = """

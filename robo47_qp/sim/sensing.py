@@ -1,0 +1,209 @@
+"""Errors of the sensors and of the lines to the robot, and the sensors that make them."""
+
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+from typing import Annotated
+
+import numpy as np
+
+from robo47_qp.arrays import Checked, Ends, NotNegative, Positive, Span, Vector, ends
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.model.arm import JointState
+from robo47_qp.sim.delay import Delay
+
+VELOCITY_CUTOFF = 50.0
+"""Cut-off of the velocities that are estimated from noisy positions, if none is chosen [1/s]."""
+DRIFT_TIME = 30.0
+"""Time constant of the drift of the force sensor [s]."""
+
+
+@dataclass(frozen=True)
+class About:
+    """Meaning of an error of the world, and its option on the command line."""
+
+    text: str
+    unit: str
+    """Unit of the option."""
+    option: str | None = None
+    """By default the name of the field."""
+    scale: float = 1
+    """Value of the field if the option is 1."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorErrors(Checked):
+    """Errors of sensors and lines, the same in every episode but for what chance draws of them.
+
+    Each field states its meaning; units of the fields are SI, those of the options are given.
+    """
+
+    noise_q: Annotated[
+        NotNegative,
+        About(
+            "Standard deviation of measured joint positions; with it, joint velocities are "
+            "differences of the measured positions behind a first-order filter, else exact",
+            "rad",
+        ),
+    ] = 0.0
+    velocity_cutoff: (
+        Annotated[
+            NotNegative,
+            About(
+                "Cut-off of that filter; where it is given, velocities are estimated without "
+                "noise, too, and at 0 only positions are measured (the velocity is NaN)",
+                "Hz",
+            ),
+        ]
+        | None
+    ) = None
+    state_delay: Annotated[
+        Span,
+        Ends(at_least=0.0),
+        About(
+            "Time from a joint state to the controller; a range is drawn from in every "
+            "control period",
+            "ms",
+            scale=1e-3,
+        ),
+    ] = 0.0
+    torque_delay: Annotated[
+        Span,
+        Ends(at_least=0.0),
+        About("Time from a torque command to the motors, likewise", "ms", scale=1e-3),
+    ] = 0.0
+    noise_force: Annotated[
+        NotNegative,
+        About("Standard deviation of the measured force at the wrist, per axis and period", "N"),
+    ] = 0.0
+    force_drift: Annotated[
+        NotNegative,
+        About(
+            "Standard deviation of the drift of the measured force, per axis; it changes with a "
+            f"time constant of {DRIFT_TIME:g} s",
+            "N",
+        ),
+    ] = 0.0
+    pose_noise: Annotated[
+        NotNegative, About("Standard deviation of seen coordinates of an object, per frame", "m")
+    ] = 0.0
+    heading_noise: Annotated[
+        NotNegative, About("Standard deviation of the seen heading of an object, per frame", "rad")
+    ] = 0.0
+    pose_bias: Annotated[
+        NotNegative,
+        About("Standard deviation of seen coordinates of an object, constant in an episode", "m"),
+    ] = 0.0
+    camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
+
+    @property
+    def noisy(self) -> bool:
+        """True where chance decides about a measurement or a delay."""
+        low, high = zip(ends(self.state_delay), ends(self.torque_delay), strict=True)
+        joints_and_force = self.noise_q or self.noise_force or self.force_drift or low != high
+        return bool(joints_and_force or self.pose_noise or self.heading_noise or self.pose_bias)
+
+
+class GaussMarkov:
+    """A stationary Gaussian process whose correlation falls by e in a time constant.
+
+    x' = φ x + sqrt(1 - φ²) σ w with w normal and φ = exp(-T / τ): σ is the standard deviation at
+    any time (Gelb, Applied Optimal Estimation, 1974, sec. 3.8). With τ = 0 it is white noise.
+    """
+
+    def __init__(self, sigma: float, period: float, time_constant: float) -> None:
+        """Set the process up.
+
+        Args:
+            sigma: Standard deviation σ.
+            period: Time between two values T [s].
+            time_constant: τ [s].
+        """
+        self._sigma = sigma
+        self._keep = exp(-period / time_constant) if time_constant else 0.0
+        self._new = sigma * sqrt(1.0 - self._keep**2)
+
+    def start(self, drawn: Vector) -> Vector:
+        """Return a first value (k,), made of normal numbers (k,)."""
+        return self._sigma * drawn
+
+    def advance(self, value: Vector, drawn: Vector) -> Vector:
+        """Return the value (k,) that follows one."""
+        return self._keep * value + self._new * drawn
+
+
+class JointSensor:
+    """Measures positions of the joints with noise and late, and estimates their velocities."""
+
+    def __init__(self, errors: SensorErrors) -> None:
+        """Set the sensor up; it measures nothing before `start`."""
+        self._noise, self._delay = errors.noise_q, Delay(errors.state_delay)
+        cutoff = errors.velocity_cutoff
+        self._exact = cutoff is None and not errors.noise_q
+        cutoff = VELOCITY_CUTOFF if cutoff is None else cutoff
+        self._share = 1.0 - exp(-2.0 * pi * cutoff * TIMESTEP)
+        self._positions_only = not cutoff
+        self.ideal = self._exact and ends(errors.state_delay) == (0.0, 0.0)
+        """True where it measures the true state."""
+        self._state = JointState(np.zeros(0), np.zeros(0))
+
+    def start(self, state: JointState, rng: np.random.Generator | None) -> None:
+        """Begin at a state, at rest so far."""
+        self._delay.start(np.concatenate(state))
+        self._state = JointState(self._noisy(state.q, rng), self._known(state.v.copy()))
+
+    def sample(
+        self,
+        state: JointState,
+        rng: np.random.Generator | None,
+        delays: np.random.Generator | None,
+    ) -> None:
+        """Measure the state of a period.
+
+        Args:
+            state: The true one.
+            rng: Source of the noise, where there is noise.
+            delays: Source of the delays, where they vary.
+        """
+        q, v = np.split(self._delay.sample(np.concatenate(state), delays), 2)
+        q, last = self._noisy(q, rng), self._state
+        if not self._exact:
+            v = last.v + self._share * ((q - last.q) / TIMESTEP - last.v)
+        self._state = JointState(q, self._known(v))
+
+    def state(self) -> JointState:
+        """Return the last measurement."""
+        return JointState(self._state.q.copy(), self._state.v.copy())
+
+    def _noisy(self, q: Vector, rng: np.random.Generator | None) -> Vector:
+        if rng is None or not self._noise:
+            return q.copy()
+        noisy: Vector = q + self._noise * rng.standard_normal(len(q))
+        return noisy
+
+    def _known(self, v: Vector) -> Vector:
+        return np.full_like(v, np.nan) if self._positions_only else v
+
+
+class ForceSensor:
+    """Errors of the measured force at the wrist: white noise and a slow drift."""
+
+    def __init__(self, errors: SensorErrors) -> None:
+        """Set the sensor up; its errors begin with `start`."""
+        self._noise = errors.noise_force
+        self._drift = GaussMarkov(errors.force_drift, TIMESTEP, DRIFT_TIME)
+        self.ideal = not (errors.noise_force or errors.force_drift)
+        """True where it measures the true force."""
+        self._offset = self.error = np.zeros(3)
+        """Error of this period (3,) [N]."""
+
+    def start(self, rng: np.random.Generator) -> None:
+        """Begin with a drift as at any time."""
+        drawn = rng.standard_normal(6)
+        self._offset = self._drift.start(drawn[:3])
+        self.error = self._offset + self._noise * drawn[3:]
+
+    def sample(self, rng: np.random.Generator) -> None:
+        """Draw the error of the next period."""
+        drawn = rng.standard_normal(6)
+        self._offset = self._drift.advance(self._offset, drawn[:3])
+        self.error = self._offset + self._noise * drawn[3:]
