@@ -1,1 +1,1 @@
-"""Jobs for the robot, one module each."""
+"""Tasks for the robot, one folder per family and their shared parts."""

@@ -1,4 +1,4 @@
-"""Goal: where an item is to stand on the table, shown by a marker that nothing touches."""
+"""Goal: the pose at which an item is to stand on the table, shown by a marker without contacts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from robo47_qp.tasks.table import TABLE_TOP
 GREEN, YELLOW = (0.15, 0.55, 0.30, 1.0), (0.95, 0.75, 0.20, 1.0)
 _NAME = "goal"
 _RIM = 0.005
-"""How far the marker reaches beyond what is to stand on it [m]."""
+"""Width of the marker's rim around the item [m]."""
 _STILL = 1e-3
 """Speed below which an item counts as at rest [m/s]."""
 
@@ -24,7 +24,7 @@ _STILL = 1e-3
 def add_goal(
     spec: mujoco.MjSpec, item: Item, rgba: tuple[float, float, float, float] = GREEN
 ) -> None:
-    """Add the marker of the goal of an item to a scene."""
+    """Add the marker of an item's goal to a scene."""
     body = spec.worldbody.add_body(name=_NAME, mocap=True)
     x, y, _ = item.size
     body.add_geom(
@@ -38,37 +38,37 @@ def add_goal(
 
 
 def place_goal(simulation: Simulation, where: Sequence[float] | np.ndarray, turn: float) -> None:
-    """Put the marker at a place on the table, x and y [m], with a heading [rad]."""
+    """Put the marker at a position on the table, x and y [m], with a heading [rad]."""
     simulation.place_marker(_NAME, upright([*where, TABLE_TOP], turn))
 
 
 def marked_goal(simulation: Simulation) -> SE3:
-    """T_world_goal of the marker, on the table."""
+    """Return T_world_goal of the marker, on the table."""
     return simulation.marker_pose(_NAME)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
-    """The goal of one item of one world."""
+    """Goal of one item in a simulation."""
 
     simulation: Simulation
     item: Item
 
     def pose(self) -> SE3:
-        """T_world_item of the item as it is to stand on the marker."""
+        """Return T_world_item of the item when it stands on the marker."""
         up = np.array([0.0, 0.0, 0.5 * self.item.height])
         return SE3.from_translation(up) @ marked_goal(self.simulation)
 
     def error(self) -> float:
-        """Distance of the item's centre from its goal, in 3-D [m]."""
+        """Return the distance of the item's centre from its goal, in 3-D [m]."""
         item = self.simulation.object_pose(self.item.name).translation()
         return float(np.linalg.norm(item - self.pose().translation()))
 
     def missed(self, tolerance: float) -> Failure | None:
-        """What speaks against the item being at its goal, at rest.
+        """Return why the item is not at rest at its goal; None if it is.
 
         Args:
-            tolerance: How far it may be from there [m].
+            tolerance: Largest distance of the item from its goal [m].
         """
         error = self.error()
         speed = float(np.linalg.norm(self.simulation.object_twist(self.item.name)[:3]))

@@ -11,11 +11,11 @@ def upright(position: Sequence[float], heading: float) -> SE3:
 
 
 def heading(T_world_body: SE3) -> float:
-    """Turn about the world's vertical [rad]."""
+    """Return the rotation angle of a pose about the world's vertical [rad]."""
     R = T_world_body.rotation().as_matrix()
     return float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def quarter(angle: float) -> float:
-    """The same angle up to quarter turns, within an eighth of a turn from zero [rad]."""
+    """Return the angle modulo quarter turns, within an eighth of a turn from zero [rad]."""
     return (angle + np.pi / 4) % (np.pi / 2) - np.pi / 4

@@ -13,23 +13,23 @@ from robo47_qp.tasks.heading import heading, quarter
 
 RED, GREEN, BLUE = (0.85, 0.22, 0.18, 1.0), (0.15, 0.55, 0.30, 1.0), (0.16, 0.36, 0.75, 1.0)
 _FINGERTIP = 0.012
-"""Height of the tool point above what the open fingers may touch from above, at least [m]."""
+"""Least height of the tool point above the surface below the open fingers [m]."""
 _DEPTH = 0.03
-"""How deep below the top of an item the tool point goes, at most [m]."""
+"""Largest depth of the tool point below the top of an item [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """A thing that stands on a table, its frame at its centre with z up."""
+    """A box or cylinder that stands on a table, its frame at its centre with z up."""
 
     name: str
-    """Of its body."""
+    """Name of its body."""
     size: tuple[float, float, float]
-    """Lengths along x, y and z; of a cylinder diameter, diameter and height [m]."""
+    """Lengths along x, y and z; for a cylinder diameter, diameter and height [m]."""
     round: bool = False
     """True for a cylinder."""
     mass: float = 0.1
-    """[kg]"""
+    """Mass [kg]."""
     rgba: tuple[float, float, float, float] = RED
 
     def __post_init__(self) -> None:
@@ -46,11 +46,11 @@ class Item:
 
     @property
     def height(self) -> float:
-        """[m]"""
+        """Height [m]."""
         return self.size[2]
 
     def add(self, spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
-        """Add it as a body that moves freely."""
+        """Add the item to a scene as a free body."""
         x, y, z = (0.5 * length for length in self.size)
         body = spec.worldbody.add_body(name=self.name, pos=position)
         body.add_freejoint()
@@ -59,11 +59,11 @@ class Item:
         body.add_geom(name=self.name, type=shape, size=size, mass=self.mass, rgba=self.rgba)
 
     def grasp(self, T_world_item: SE3, width_max: float) -> SE3:
-        """T_world_tcp with the tool down and the fingers across it, turned as little as possible.
+        """Return T_world_tcp that grasps the item from above, with the wrist turned least.
 
         Args:
-            T_world_item: Where it stands.
-            width_max: How wide the fingers open [m]; a side that is wider is not grasped.
+            T_world_item: Pose of the item.
+            width_max: Largest opening width of the gripper [m]; wider sides are not grasped.
         """
         x, y, z = T_world_item.translation()
         lowest = z - 0.5 * self.height + _FINGERTIP
@@ -71,14 +71,14 @@ class Item:
         return tool_down([x, y, up], self._turned(heading(T_world_item), width_max))
 
     def width(self, T_world_tcp: SE3, T_world_item: SE3) -> float:
-        """Opening width of fingers that hold it, closing along the y axis of the tool [m]."""
+        """Return the opening width at which fingers along the tool's y hold the item [m]."""
         if self.round:
             return self.size[0]
         y = (T_world_item.inverse() @ T_world_tcp).rotation().as_matrix()[:, 1]
         return self.size[0] if abs(y[0]) > abs(y[1]) else self.size[1]
 
     def same_heading(self, turn: float) -> float:
-        """The smallest turn about the vertical that looks the same [rad]."""
+        """Return the smallest rotation about the vertical that looks the same [rad]."""
         if self.round:
             return 0.0
         if self.size[0] == self.size[1]:
@@ -86,7 +86,7 @@ class Item:
         return (turn + np.pi / 2) % np.pi - np.pi / 2
 
     def payload(self, T_tcp_item: SE3) -> Payload:
-        """What the tool carries that holds it."""
+        """Return the payload of a tool that holds the item."""
         x, y, z = self.size
         if self.round:
             across = self.mass * (3 * (0.5 * x) ** 2 + z**2) / 12
@@ -97,7 +97,7 @@ class Item:
         return Payload(mass=self.mass, inertia=moments, T_tcp_com=T_tcp_item)
 
     def _turned(self, turn: float, width_max: float) -> float:
-        """Heading of a tool whose fingers close across one of the sides [rad]."""
+        """Return the heading of a tool whose fingers close across one of the sides [rad]."""
         if self.round:
             return 0.0
         room = 1e-3
@@ -110,16 +110,15 @@ class Item:
 
 
 def upright_item(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:
-    """An item that may have tipped over, as one that stands: its axes renamed.
+    """Return a tipped item as one that stands, with its axes renamed.
 
     Args:
-        item: The item, as it stands at the start.
-        T_world_item: Where it lies now.
+        item: The item as it stood at the start.
+        T_world_item: Its current pose.
 
     Returns:
-        The item with the lengths along the axes that its frame has now, and T_item_standing, a
-        turn that brings the axis closest to the vertical up. A cylinder on its side is taken
-        for the box around it.
+        The item with the lengths along its new axes, and T_item_standing, the rotation that
+        turns the axis closest to the vertical up. A cylinder on its side is treated as a box.
     """
     up = T_world_item.rotation().as_matrix()[2]
     axis = int(np.argmax(np.abs(up)))
@@ -135,6 +134,6 @@ def upright_item(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:
 
 
 def turned_about_vertical(T_world_body: SE3, turn: float, position: np.ndarray) -> SE3:
-    """A pose turned about the vertical, and put elsewhere."""
+    """Return a pose rotated about the vertical and moved to a position."""
     rotation = SO3.from_z_radians(turn) @ T_world_body.rotation()
     return SE3.from_rotation_and_translation(rotation, position)

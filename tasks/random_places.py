@@ -1,11 +1,11 @@
-"""Random places on a table with a least distance between them."""
+"""Random positions on a table with a least distance between them."""
 
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError
 
 _STARTS, _TRIES = 20, 100
-"""Number of restarts, and of draws per place."""
+"""Number of restarts, and of draws per position."""
 
 Area = tuple[tuple[float, float], tuple[float, float]]
 """Ranges of x and y [m]."""
@@ -18,20 +18,20 @@ def random_places(
     apart: float,
     clear: tuple[np.ndarray, float] | None = None,
 ) -> np.ndarray:
-    """Draw places in an area: uniformly, those that are too close to another drawn again.
+    """Draw positions in an area uniformly; those too close to another are drawn again.
 
     Args:
-        rng: Source of the draws.
-        area: Where they may lie.
-        count: How many.
+        rng: Source of randomness.
+        area: Ranges of x and y [m].
+        count: Number of positions.
         apart: Least distance between two of them [m].
-        clear: A point (2,) to stay away from, and how far [m].
+        clear: A point (2,) to keep away from, and the distance to it [m].
 
     Returns:
-        Places (count, 2) [m].
+        Positions (count, 2) [m].
 
     Raises:
-        InvalidValueError: No room was found for so many.
+        InvalidValueError: There is no room for so many.
     """
     kept = [] if clear is None else [clear]
     for _ in range(_STARTS):

@@ -1,4 +1,4 @@
-"""The table that tasks take place on, with a floor, lights and a camera."""
+"""The table of all tasks, with a floor, lights and a camera."""
 
 from collections.abc import Sequence
 
@@ -10,18 +10,18 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape
 
 TABLE_TOP = 0.0
-"""Height of the table's surface, at the robot's base [m]."""
+"""Height of the table's surface, at the level of the robot's base [m]."""
 TABLE = Obstacle(
     name="table",
     shape=Shape.BOX,
     size=(0.60, 0.60, 0.02),
     T_world_obstacle=SE3.from_translation(np.array([0.30, 0.0, TABLE_TOP - 0.02])),
 )
-"""Its top, as an obstacle."""
+"""The table as an obstacle."""
 
 
 def check_place(name: str, where: Sequence[float]) -> None:
-    """Check that a place on the table is two finite numbers, x and y [m].
+    """Check that a position on the table is two finite numbers, x and y [m].
 
     Raises:
         InvalidValueError: It is not.
@@ -77,7 +77,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
 def _add_camera(
     world: mujoco.MjsBody, name: str, eye: Sequence[float], target: Sequence[float]
 ) -> None:
-    """Camera at `eye` that looks at `target`, upright [m]."""
+    """Return a camera pose at `eye` that looks at `target`, upright [m]."""
     back = np.subtract(eye, target) / np.linalg.norm(np.subtract(eye, target))
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

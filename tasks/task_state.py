@@ -1,4 +1,4 @@
-"""Task state: what a task records during an episode, kept in the simulation alone."""
+"""Task state: numbers that a task keeps in the simulation during an episode."""
 
 import mujoco
 import numpy as np
@@ -7,16 +7,16 @@ from mink import SE3
 from robo47_qp.sim.simulation import Simulation
 
 _HIDDEN = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
-"""Pose of hidden markers: below the floor."""
+"""Pose of hidden markers, below the floor."""
 
 
 def add_task_state(spec: mujoco.MjSpec, count: int) -> None:
-    """Reserve numbers for a task in a scene: MuJoCo's user data, 0 after every reset."""
+    """Reserve numbers for a task in MuJoCo's user data; they are 0 after every reset."""
     spec.nuserdata = count
 
 
 def task_state(simulation: Simulation) -> np.ndarray:
-    """Return the numbers of the task (count,), to read and to write."""
+    """Return the numbers of the task (count,), which may be written to."""
     return simulation.data.userdata
 
 

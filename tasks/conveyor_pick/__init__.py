@@ -1,1 +1,1 @@
-"""Picking from a belt."""
+"""Picking from a moving belt."""

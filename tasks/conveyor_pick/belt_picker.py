@@ -1,4 +1,4 @@
-"""BeltPicker: the steps that take an item from where it moves."""
+"""BeltPicker: the steps that pick an item from a moving belt."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
@@ -18,26 +18,27 @@ from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.item import Item
 
 _AHEAD = 1.8
-"""Time that the arm is given to be at the meeting point [s]."""
+"""Time given to the arm to reach the meeting point [s]."""
 _LEAD = 0.25
-"""How long before the item is there the tool sets out; as long after, it goes with it [s]."""
+"""Least time before the meeting at which the tool starts to move, and after it until it has the
+item's velocity [s]."""
 _LONGEST = 30.0
-"""How long to wait for an item at most [s]."""
+"""Longest time to wait for an item [s]."""
 _WAY = 0.8
-"""Time of the way down to the item, and of the way up with it [s]."""
+"""Duration of the descent to the item, and of the lift [s]."""
 _NEAR, _ALIGNED = 1.5e-3, 0.02
-"""How close the tool is to where it should be before it goes on [m] and [rad]."""
+"""Errors of position [m] and orientation [rad] below which the tool is on its target."""
 
 _PATIENCE = 2.0
-"""How long the tool may take to be where it should be [s]."""
+"""Longest time to reach the target after the planned end [s]."""
 
 Target = Callable[[float], SE3]
-"""T_world_tcp at a time."""
+"""Function of time [s] that returns T_world_tcp."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BeltPicker:
-    """Catches one item that moves level and steadily, with the tool pointing down."""
+    """Picks an item that moves horizontally at a constant velocity, with the tool pointing down."""
 
     simulation: Simulation
     item: Item
@@ -45,28 +46,28 @@ class BeltPicker:
     rise: float
     """Height above the grasp at which the tool waits and follows [m]."""
     force: float
-    """Of one finger [N]."""
+    """Force of one finger [N]."""
 
     def watch(self) -> Generator[StepLike, None, None]:
-        """Look until the item's motion is known."""
+        """Observe the item until its velocity is known."""
         yield from self.tracker.watch()
 
     def meeting(self) -> SE3:
-        """T_world_item when the tool can be there at the earliest."""
+        """Return T_world_item at the earliest time at which the tool can be there."""
         return self.tracker.at(self.simulation.time + _AHEAD)
 
     def wait_above(self, T_world_item: SE3) -> Waypoint:
-        """Where the tool waits for an item that will come to a pose."""
+        """Return the waypoint above the pose at which the item will be met."""
         return Waypoint(name="meet", target=_raised(self._grasp(T_world_item), self.rise))
 
     def catch(self, first: float) -> Generator[StepLike, None, None]:
-        """Meet it, go with it, close the fingers on it and lift it.
+        """Meet the item, follow it, close the fingers on it and lift it.
 
-        It fails with TIMEOUT where the tool does not keep up, with GRASP where the fingers do
-        not hold it and with DROP where it gets lost on the way up.
+        Fails with TIMEOUT if the tool does not keep up, with GRASP if the fingers do not hold the
+        item, and with DROP if it is lost during the lift.
 
         Args:
-            first: The y from which on it is in reach, in the world [m].
+            first: The y in the world from which on the item is in reach [m].
         """
         y, speed = self.meeting().translation()[1], float(self.tracker.velocity[1])
         late = _AHEAD + max(0.0, (first - y) / speed)
@@ -93,7 +94,7 @@ class BeltPicker:
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
 
     def _follow(self, name: str, target: Target, end: float) -> Follow:
-        """Follow a target that does not change its ways any more from some time on."""
+        """Return a step that follows a target, whose motion is steady from `end` on [s]."""
         seconds = end - self.simulation.time + _PATIENCE
         return Follow(name=name, target=target, until=self._there(target, end), seconds=seconds)
 
@@ -104,14 +105,14 @@ class BeltPicker:
         return self.item.grasp(T_world_item, self.simulation.gripper.width_max)
 
     def _with_item(self, height: Callable[[float], float]) -> Target:
-        """T_world_tcp over time, at a height above where it grasps the item."""
+        """Return T_world_tcp over time, at a height above the grasp of the moving item."""
         return lambda time: _raised(self._grasp(self.tracker.at(time)), height(time))
 
     def _setting_out(self, start: float, meet: float, end: float) -> Target:
-        """T_world_tcp over time: from rest where the item will be, until it goes with the item.
+        """Return T_world_tcp over time, from rest at the meeting point until it follows the item.
 
-        The tool is where it belongs at a time of the item that stands still at first and runs on
-        as it should in the end, by the polynomial of degree 5 without a jump in acceleration.
+        The time at which the item's pose is taken runs from standstill to real time, by a
+        polynomial of degree 5 with continuous acceleration.
         """
         clock = BPoly.from_derivatives([start, end], [[meet, 0.0, 0.0], [end, 1.0, 0.0]])
 
@@ -122,7 +123,7 @@ class BeltPicker:
         return target
 
     def _eased(self, end: float, before: float, after: float) -> Target:
-        """With the item, and in `_WAY` from one height to another, without such a jump."""
+        """Return a target above the item that changes its height smoothly within `_WAY`."""
         course = BPoly.from_derivatives([end - _WAY, end], [[before, 0.0, 0.0], [after, 0.0, 0.0]])
         return self._with_item(lambda time: float(course(np.clip(time, end - _WAY, end))))
 

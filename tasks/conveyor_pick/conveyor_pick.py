@@ -1,4 +1,4 @@
-"""Pick a cube from a moving belt, while it moves, and put it beside the belt."""
+"""Pick a cube from a moving belt and put it beside the belt."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,42 +22,42 @@ from robo47_qp.tasks.item import RED, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _BELT = (0.09, 0.60, 0.015)
-"""Half lengths of the belt: across, along (the y axis) and up [m]."""
+"""Half lengths of the belt: across, along the y axis, and up [m]."""
 _BELT_X = 0.55
-"""Where its middle is [m]."""
+"""Centre of the belt [m]."""
 _SPEEDS, _LATERAL = (0.05, 0.20), 0.05
-"""Random speeds [m/s] and places across the belt [m]."""
+"""Ranges of random speeds [m/s] and of positions across the belt [m]."""
 _AREA = ((0.28, 0.36), (-0.25, 0.25))
-"""Where random goals lie: ranges of x and y [m]."""
+"""Ranges of x and y of random goals [m]."""
 _START = 0.50
-"""How far upstream of the middle the cube starts [m]."""
+"""Distance upstream of the belt's centre at which the cube starts [m]."""
 _FIRST, _LAST = -0.30, 0.20
-"""Where along the belt, from its middle, the cube is met: no earlier, no later [m]."""
+"""Earliest and latest position along the belt, from its centre, where the cube is met [m]."""
 _STARTS = 0.15
-"""Time in which the cube takes on the speed of the belt [s]."""
+"""Time in which the cube is accelerated to the speed of the belt [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConveyorPick(Task):
-    """Take the cube from the belt and put it on the goal; with a seed, all is drawn at random.
+    """Pick the cube from the belt and put it on the goal; with a seed, all is drawn at random.
 
     The belt's speed belongs to the scene. The cube counts as placed as in `PickPlace`.
     """
 
     speed: float = 0.12
-    """Of the belt, along the world's y axis; negative runs the other way [m/s]."""
+    """Speed of the belt along the world's y axis; negative for the other direction [m/s]."""
     goal: tuple[float, float] = (0.32, 0.0)
     """Goal of the cube's centre on the table, x and y [m]."""
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
-    """What is carried."""
+    """The cube."""
     grip_force: Positive = 30.0
     """Force of a finger on the item [N]."""
     clearance: Positive = 0.10
-    """Height above the cube on the belt at which the tool waits and follows [m]."""
+    """Height of the waiting and following tool above the grasp [m]."""
     place_tolerance: Positive = 5e-3
-    """[m]"""
+    """Largest distance of the cube from its goal [m]."""
     retries: CountOrZero = 2
-    """How often to try again while the cube is in reach."""
+    """Further attempts while the cube is in reach."""
     force_max: Positive = 60.0
     """See `Task.force_max`."""
     name: str = "conveyor_pick"
@@ -71,7 +71,7 @@ class ConveyorPick(Task):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
 
     def variant(self, rng: np.random.Generator) -> Self:
-        """A belt of a random speed, either way."""
+        """Return the task with a belt of a random speed in a random direction."""
         speed = rng.uniform(*_SPEEDS)
         return replace(self, speed=speed if rng.random() < 0.5 else -speed)
 
@@ -149,7 +149,7 @@ class ConveyorPick(Task):
         return missed or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Distance of the item's centre from its goal, in 3-D [m]."""
+        """Return the distance of the item's centre from its goal, in 3-D [m]."""
         return {"place_error_m": self._goal(simulation).error()}
 
     def _handling(self, simulation: Simulation) -> ItemHandler:
@@ -169,11 +169,11 @@ class ConveyorPick(Task):
 
     @property
     def _first(self) -> float:
-        """The y where the cube is met at the earliest, in the world [m]."""
+        """Return the earliest y in the world where the cube can be met [m]."""
         return float(np.sign(self.speed) * _FIRST)
 
     def _gone(self, picker: BeltPicker) -> Failure | None:
-        """Why the cube cannot be met any more; None where it can."""
+        """Return why the cube cannot be met any more; None if it can."""
         along = np.sign(self.speed) * picker.meeting().translation()[1]
         if along <= _LAST:
             return None

@@ -10,23 +10,23 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 
 _WIDTH_TOLERANCE = 3e-3
-"""How far the fingers' width may be from the item's [m]."""
+"""Largest difference between the opening width and the item's width [m]."""
 _LEAST_SHARE = 0.1
-"""Force of a finger that holds, relative to the one that was asked for [-]."""
+"""Least force of a finger that holds an item, relative to the commanded one [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GraspCheck:
-    """Checks that an item is held: the opening width is that of the item, and the fingers press."""
+    """Checks that an item is held: the opening width is the item's, and the fingers press on it."""
 
     simulation: Simulation
     item: Item
     force: float
     """Commanded force of one finger [N]."""
     standing: Callable[[], SE3]
-    """Returns the currently seen T_world_item, its z axis up."""
+    """Returns T_world_item as the camera sees it now, with z up."""
     settled: bool = False
-    """True if the fingers must be at rest, too."""
+    """True if the fingers must also be at rest."""
 
     def condition(self, cause: Cause) -> Condition:
         """Return the condition that the item is held; a violation fails with `cause`."""

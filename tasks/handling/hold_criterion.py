@@ -1,4 +1,4 @@
-"""Hold criterion: whether the tool is held at a pose, and which poses it has held in turn."""
+"""Hold criterion: whether the tool is held at a sequence of poses, one after the other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from robo47_qp.tasks.task_state import add_task_state, hide_marker, is_visible, 
 _HOME = 0.01
 """Largest distance of a joint from home at the end [rad]."""
 _ROUNDING = 1e-6
-"""Slack for sums of control periods [s]."""
+"""Tolerance for sums of control periods [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoldCriterion:
     """The conditions under which a pose counts as held.
 
-    Poses are to be held in order. Each has a marker, which is hidden once its pose was held.
+    Poses must be held in order. Each has a marker, which is hidden once its pose was held.
     """
 
     position_tolerance: float
@@ -36,16 +36,16 @@ class HoldCriterion:
 
     @staticmethod
     def add_state(spec: mujoco.MjSpec) -> None:
-        """Reserve task state in a scene for the time since when the tool has been at the pose."""
+        """Reserve task state in a scene for the time at which the tool arrived at the pose."""
         add_task_state(spec, 1)
 
     @staticmethod
     def reset(simulation: Simulation) -> None:
-        """Clear the task state, for a new episode."""
+        """Clear the task state for a new episode."""
         task_state(simulation)[:] = 0.0
 
     def monitor(self, simulation: Simulation, markers: Sequence[str]) -> None:
-        """Check the first pose that is left, and hide its marker once it was held."""
+        """Check the first remaining pose, and hide its marker once it was held."""
         marker = next((name for name in markers if is_visible(simulation, name)), None)
         if marker is None:
             return
@@ -91,7 +91,8 @@ class HoldCriterion:
         return Failure(cause=Cause.PLACE, evidence=", and ".join(against)) if against else None
 
     def measures(self, simulation: Simulation, markers: Sequence[str]) -> dict[str, float]:
-        """Number of poses left [-] and largest distance of a joint from home [rad]."""
+        """Return the number of remaining poses [-] and the largest joint distance from home
+        [rad]."""
         q = simulation.true_state().q
         return {
             "poses_left": float(sum(is_visible(simulation, name) for name in markers)),
@@ -99,7 +100,7 @@ class HoldCriterion:
         }
 
     def _rests(self, simulation: Simulation, goal: SE3) -> bool:
-        """Same as `_against`, but fast if the tool is far away."""
+        """Do the same as `_against`, but fast if the tool is far away."""
         off = goal.translation() - simulation.tool_pose().translation()
         if float(off @ off) > (2.0 * self.position_tolerance) ** 2:
             return False

@@ -1,4 +1,4 @@
-"""ItemHandler: the steps that pick an item and put it somewhere."""
+"""ItemHandler: the steps that pick an item and place it."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -19,42 +19,42 @@ from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.item import Item, turned_about_vertical
 
 LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
-"""Failures after which it makes sense to look where the item is and to try again."""
+"""Causes of failure after which the item is looked for and picked again."""
 UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
-"""Failures before a step has begun."""
+"""Causes of failure before a step has started to move."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldItem:
-    """What is known of an item from when it was picked."""
+    """What is known of an item once it is picked."""
 
     above: float | None
-    """Height of its centre above the tool point, where that is known [m]."""
+    """Height of its centre above the tool point [m]; None if it is not known."""
     mass: float
-    """[kg]"""
+    """Mass [kg]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ItemHandler:
-    """Picks and places one item of one world with the tool pointing down."""
+    """Picks and places one item, with the tool pointing down."""
 
     simulation: Simulation
     item: Item
     above: float
-    """Height of the tool as it comes and goes, in the world [m]."""
+    """Height of the tool before it descends and after it lifts, in the world [m]."""
     force: float = 30.0
-    """Of one finger [N]."""
+    """Force of one finger [N]."""
     opening: float | None = None
-    """How far the fingers open from the item to let go of it [m]; None opens them fully."""
+    """Width by which the fingers open to release the item [m]; None opens them fully."""
     resting: float | None = None
-    """Height of the item's centre in the world before it is picked, where that is known: what it
-    stands on is known better than a noisy camera sees it [m]."""
+    """Known height of the item's centre in the world before it is picked [m]; None takes the
+    camera's, which may be noisy."""
     T_item_standing: SE3 | None = None
-    """Turn of an item that has tipped over: from its own frame to that of `item`, with z up."""
+    """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
 
     def pick(self) -> Generator[StepLike, None, HeldItem]:
-        """Look, approach, grasp and lift; fails with GRASP, or DROP on the way up."""
+        """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift."""
         T_world_item = yield from self._look(self.resting)
         yield from self.approach(T_world_item)
         held = (self._held(Cause.GRASP),)
@@ -67,16 +67,16 @@ class ItemHandler:
         return HeldItem(above=above, mass=hand.item.mass)
 
     def holding(self, held: HeldItem | None) -> Self:
-        """With what is known of the item since it was picked."""
+        """Return the handler with the measured mass of the item."""
         return self if held is None else replace(self, item=replace(self.item, mass=held.mass))
 
     def place(
         self, T_world_goal: SE3, held: HeldItem | None = None
     ) -> Generator[StepLike, None, None]:
-        """Carry the item to a pose and let go of it; fails with DROP on the way.
+        """Carry the item to a pose and release it; fails with DROP on the way.
 
         Args:
-            T_world_goal: Pose of the item where it is let go.
+            T_world_goal: Pose of the item when it is released.
             held: What `pick` returned.
         """
         hand = self.holding(held)
@@ -98,7 +98,7 @@ class ItemHandler:
         yield self.release()
 
     def look_held(self, held: HeldItem | None) -> Generator[StepLike, None, SE3]:
-        """Where the item is, as one that stands, while it is held; `held` as in `place`."""
+        """Return the pose of the held item, with z up; `held` as in `place`."""
         height = None
         if held is not None and held.above is not None:
             height = float(self.simulation.tool_pose().translation()[2]) + held.above
@@ -106,7 +106,7 @@ class ItemHandler:
         return T_world_item
 
     def _weighed(self) -> Generator[StepLike, None, Self]:
-        """With the mass that the item has, where that is not known."""
+        """Return the handler with the measured mass of the item, where the payload is not known."""
         sim = self.simulation
         if sim.weights_known:
             return self
@@ -119,14 +119,14 @@ class ItemHandler:
         return self.stood(T_world_item)
 
     def release(self) -> Release:
-        """Let go of the item."""
+        """Return the step that releases the item."""
         if self.opening is None:
             return Release()
         widest = self.simulation.gripper.width_max
         return Release(width=min(self.simulation.width() + self.opening, widest))
 
     def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[StepLike]:
-        """The steps from above the item at one pose to above it at another."""
+        """Return the steps from above the item at one pose to above it at another."""
         *approach, descend = self.approach(T_world_item)
         grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
         return [
@@ -140,16 +140,16 @@ class ItemHandler:
         ]
 
     def retreat(self, T_world_tcp: SE3) -> Waypoint:
-        """Straight up from a pose."""
+        """Return the waypoint straight up from a pose."""
         return self._line("retreat", self._up(T_world_tcp))
 
     def back_off(self) -> Generator[StepLike, None, None]:
-        """Up and away from what went wrong, gripper open for the next time."""
+        """Move up with the gripper open after a failure, for the next attempt."""
         yield self._line("back off", self._up(self.simulation.tool_pose()))
         yield Release(name="open gripper")
 
     def approach(self, T_world_item: SE3) -> list[Waypoint]:
-        """To above the item and down to it."""
+        """Return the waypoints above the item and down to it."""
         grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
         descend, up = self._line("descend", grasp), self._up(grasp)
         # What leads down does not always lead up again: near a fold the way back may differ.
@@ -157,7 +157,7 @@ class ItemHandler:
         return [Waypoint(name="approach", target=up, onward=onward), descend]
 
     def lift(self, T_world_tcp: SE3, T_world_item: SE3) -> Move:
-        """Straight up with the item."""
+        """Return the move straight up with the item."""
         return self._carrying(
             Waypoint(
                 name="lift",
@@ -168,7 +168,7 @@ class ItemHandler:
         )
 
     def carry(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
-        """To above the place from which the item can be lowered to its goal."""
+        """Return the move above the pose from which the item is lowered to its goal."""
         lower = self.lower(T_world_tcp, T_world_item, T_world_goal).waypoints[0]
         target = self._up(self.release_pose(T_world_tcp, T_world_item, T_world_goal))
         onward = (lower, self._line("retreat", target))
@@ -177,7 +177,7 @@ class ItemHandler:
         )
 
     def lower(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
-        """Straight down, until the item is at its goal."""
+        """Return the move straight down to the item's goal."""
         return self._carrying(
             Waypoint(
                 name="lower",
@@ -188,14 +188,14 @@ class ItemHandler:
         )
 
     def release_pose(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> SE3:
-        """T_world_tcp with the item at its goal, held as it is held now, the wrist turned least."""
+        """Return T_world_tcp with the held item at its goal, the wrist turned least."""
         tool, item, goal = (heading(T) for T in (T_world_tcp, T_world_item, T_world_goal))
         turn = self.item.same_heading(tool + goal - item) - tool
         placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
         return placed @ T_world_item.inverse() @ T_world_tcp
 
     def stood(self, T_world_item: SE3) -> SE3:
-        """Pose of the item as one that stands, from the pose of its body."""
+        """Return the pose of the item with z up, from the pose of its body."""
         if self.T_item_standing is None:
             return T_world_item
         return T_world_item @ self.T_item_standing
@@ -224,7 +224,7 @@ class ItemHandler:
 
 
 def unfinished(simulation: Simulation) -> Failure | None:
-    """What speaks against the arm being home with its gripper open."""
+    """Return the failure that the arm is not home with its gripper open; None if it is."""
     away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
     open_width = simulation.gripper.width_max - 1e-3
     if away > 0.01 or simulation.width() < open_width:

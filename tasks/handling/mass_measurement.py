@@ -1,4 +1,4 @@
-"""Mass measurement of a grasped item by the force sensor at the wrist."""
+"""Measurement of a grasped item's mass by the force sensor at the wrist."""
 
 from collections.abc import Generator
 
@@ -14,22 +14,23 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.sim.simulation import Simulation
 
 _UP = 0.01
-"""Lift [m]. An unmodelled mass Δm sags by Δm·g over the stiffness: 4 mm for 0.3 kg."""
+"""Height of the lift [m]; an unmodelled mass Δm sags by Δm·g over the stiffness, 4 mm for 0.3
+kg."""
 _STILL, _READ = 0.25, 0.1
-"""Time to come to rest, and then to read the sensor [s]."""
+"""Time to come to rest, and to average the sensor [s]."""
 _LEAST = 0.1
 """Least mass that counts as lifted, as a share of the expected one [-]."""
 _GRAVITY = 9.81
-"""[m/s²]"""
+"""Gravity [m/s²]."""
 
 
 def measure_mass(
     simulation: Simulation, name: str, expected: Payload, held: Condition
 ) -> Generator[StepLike, None, float]:
-    """Lift a grasped item slightly and read its weight; fails with GRASP.
+    """Lift a grasped item slightly and measure its mass; fails with GRASP.
 
-    The arm is compliant meanwhile: a stiff one would leave its straight line under a weight that
-    it does not know. At rest, the sensor reads -m g.
+    The arm is compliant meanwhile: a stiff arm would leave its straight line under an unmodelled
+    weight. At rest, the sensor reads -m g.
 
     Args:
         simulation: The simulated world.

@@ -1,4 +1,4 @@
-"""Object tracker: predicts an object that moves at a constant velocity, from camera frames."""
+"""Object tracker: predicts an object that moves at a constant velocity, from camera images."""
 
 from collections.abc import Generator
 
@@ -10,9 +10,9 @@ from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 
 _FRAME = 1.0 / 30.0
-"""Time between two frames of the camera [s]."""
+"""Time between two images of the camera [s]."""
 _FEWEST = 8
-"""Least number of frames before a prediction: a quarter of a second."""
+"""Least number of images before a prediction: a quarter of a second."""
 _GOOD_ENOUGH = 2e-3
 """Accepted standard deviation of a predicted position [m]."""
 
@@ -24,7 +24,7 @@ class ObjectTracker:
     """
 
     def __init__(self, simulation: Simulation, name: str) -> None:
-        """Start without any frame."""
+        """Start without any image."""
         self._simulation, self._name = simulation, name
         self._times: list[float] = []
         self._seen: list[SE3] = []
@@ -43,7 +43,7 @@ class ObjectTracker:
             self.update()
 
     def update(self) -> None:
-        """Add a frame, if the camera has a new one."""
+        """Add the camera's image if it is new."""
         now = self._simulation.time
         if self._times and now < self._times[-1] + 0.99 * _FRAME:
             return

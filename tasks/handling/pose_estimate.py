@@ -1,4 +1,4 @@
-"""Pose estimate of objects at rest: the mean over as many camera frames as the noise requires."""
+"""Pose of objects at rest, averaged over as many camera images as the noise requires."""
 
 from collections.abc import Generator, Sequence
 
@@ -12,7 +12,7 @@ from robo47_qp.sim.simulation import Simulation
 _GOOD_ENOUGH = 1e-3
 """Accepted standard deviation of a position [m]."""
 _FRAME = 1.0 / 30.0
-"""Time between two frames of the camera [s]."""
+"""Time between two images of the camera [s]."""
 
 
 def estimate_pose(
@@ -39,9 +39,9 @@ def estimate_pose(
 def estimate_poses(
     simulation: Simulation, names: Sequence[str]
 ) -> Generator[StepLike, None, dict[str, SE3]]:
-    """Look at several objects in the same frames; see `look`.
+    """Estimate the poses of several objects from the same images; see `look`.
 
-    Independent errors of n frames leave σ/√n in their mean.
+    The mean of n images with independent errors σ has the error σ/√n.
 
     Returns:
         T_world_object by name.

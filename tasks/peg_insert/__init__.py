@@ -1,1 +1,1 @@
-"""Inserting a peg."""
+"""Inserting a peg into a hole."""

@@ -1,4 +1,4 @@
-"""Peg and hole: a cylinder, and a block that it fits into."""
+"""Peg and hole: a cylinder, and a block with a hole for it."""
 
 from dataclasses import dataclass
 
@@ -11,28 +11,28 @@ from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import TABLE_TOP
 
 DIAMETER, LENGTH = 0.02, 0.06
-"""Of the peg, a cylinder without chamfer [m]."""
+"""Diameter of the peg, which has no chamfer [m]."""
 CLEARANCE = 0.5e-3
-"""Diameter of the hole less that of the peg; the hole has no chamfer either [m]."""
+"""Diameter of the hole minus that of the peg; the hole has no chamfer either [m]."""
 DEPTH = 0.03
-"""Of the hole [m]."""
+"""Depth of the hole [m]."""
 POSITION_ERROR, ANGLE_ERROR = 2e-3, np.radians(2.0)
-"""How far the pose of the hole that the robot knows is off, at most: along each axis [m], about
-each axis [rad]."""
+"""Largest error of the hole's known pose: along each axis [m], about each axis [rad]."""
 TOP = TABLE_TOP + DEPTH + 0.01
 """Height of the block's top [m]."""
 BELOW_TOP = 0.012
-"""How deep below the peg's top the tool point grasps it: the rest is longer than the hole [m]."""
+"""Depth of the tool point below the peg's top; the rest is longer than the hole [m]."""
 _FACETS, _OUTER = 16, 0.04
-"""Boxes around the hole, which touch its circle from outside, and their outer radius [m]."""
+"""Number of boxes around the hole, which touch its circle from outside, and their outer radius
+[m]."""
 _SOLREF, _SOLIMP = [3.3e-3, 1.0], [0.9, 0.9, 1e-4, 0.5, 2.0]
-"""Of contacts of peg and block: 20 N press them into each other by less than 0.05 mm."""
+"""Contact parameters of peg and block: 20 N cause a penetration below 0.05 mm."""
 _FRICTION = [0.3, 0.005, 1e-4]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peg(Item):
-    """A cylinder that is grasped close to its top."""
+    """A cylinder that is grasped near its top."""
 
     def add(self, spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
         """See `Item.add`."""
@@ -47,16 +47,16 @@ class Peg(Item):
 
 
 def set_exact_contacts(spec: mujoco.MjSpec) -> None:
-    """Let MuJoCo find contacts of convex bodies more closely than by default.
+    """Let MuJoCo compute contacts of convex bodies with a tighter tolerance.
 
-    With its default tolerance a peg that lies flat on the block meets, in one of 600 poses near
-    the hole's edge, a wall sideways and up to 0.5 mm deep, which is felt as a blow of 60 N.
+    With the default tolerance, a peg that lies flat on the block touches a wall sideways and up to
+    0.5 mm deep in one of 600 poses near the hole's edge, which is measured as an impact of 60 N.
     """
     spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-8, 100
 
 
 def add_block(body: mujoco.MjsBody) -> None:
-    """A block with a hole, the origin in the middle of the hole's upper end."""
+    """Add the geoms of a block with a hole, the origin at the centre of the hole's upper end."""
     inner = 0.5 * (DIAMETER + CLEARANCE)
     box, turn = mujoco.mjtGeom.mjGEOM_BOX, 2.0 * np.pi / _FACETS
     middle, half = 0.5 * (inner + _OUTER), 0.5 * (_OUTER - inner)

@@ -1,4 +1,4 @@
-"""Put a peg into a hole that is known less well than it fits: feel for it, and give way."""
+"""Insert a peg into a hole whose pose is less certain than the clearance, by compliant search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -31,10 +31,10 @@ from robo47_qp.tasks.table import TABLE_TOP, add_table
 
 @dataclass(frozen=True, kw_only=True)
 class PegInsert(Task):
-    """Pick the peg from the table and put it into the hole, down to the bottom.
+    """Pick the peg from the table and insert it into the hole, down to the bottom.
 
-    The peg counts as inserted when it is at least 90 % of the depth in the hole, upright
-    and at rest, the gripper is open and the arm is home.
+    The peg counts as inserted when at least 90 % of the depth is in the hole, it is upright and at
+    rest, the gripper is open and the arm is home.
     """
 
     peg: Peg = field(
@@ -47,16 +47,16 @@ class PegInsert(Task):
         )
     )
     grip_force: Positive = 60.0
-    """Of a finger on the peg [N]."""
+    """Force of one finger on the peg [N]."""
     search_force: Positive = 2.0
-    """What the peg is pressed with while it looks for the hole [N]."""
+    """Force on the peg during the search for the hole [N]."""
     insert_force: Positive = 5.0
-    """What it is pressed with on the way down [N]."""
+    """Force on the peg during insertion [N]."""
     search_radius: Positive = 3.2e-3
-    """Of the first spiral: a little more than the error of the position in x and y [m]."""
+    """Radius of the first spiral: a little more than the position error in x and y [m]."""
     retries: CountOrZero = 3
-    """Further attempts, each with the peg picked again, or with a spiral that is 1.5 times as wide
-    and has its turns 0.7 times as far apart."""
+    """Further attempts, with the peg picked again, or with a spiral that is 1.5 times as wide and
+    has 0.7 times the pitch."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
     name: str = "peg_insert"
@@ -152,7 +152,7 @@ class PegInsert(Task):
         return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """How deep the peg's end is in the hole, how far beside its axis [m], its tilt [rad]."""
+        """Return depth and lateral error of the peg's end in the hole [m], and its tilt [rad]."""
         T_hole_peg = simulation.marker_pose("hole").inverse() @ simulation.object_pose("peg")
         end = T_hole_peg @ np.array([0.0, 0.0, -0.5 * LENGTH])
         upwards = float(T_hole_peg.rotation().as_matrix()[2, 2])

@@ -1,4 +1,4 @@
-"""Inserting: the steps that feel for a hole and lead a peg into it."""
+"""PegInserter: the steps that search for a hole and insert a peg."""
 
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -16,32 +16,33 @@ from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, POSITION_ERROR
 
 _LET_DOWN, _TOUCH_FORCE = 5e-3, 2.0
-"""Where above the block the peg is let down [m], and what with [N]: steel meets steel slowly."""
+"""Height above the block at which the peg is released to touch it [m], and the force [N], small
+because both are steel."""
 _FIRM = np.array([1500.0] * 3 + [40.0] * 3)
 _SLACK = np.array([300.0] * 3 + [1.5, 1.5, 20.0])
-"""Stiffness of the tool in the search, and on the way down, where the hole leads the peg [N/m,
+"""Stiffness of the tool during the search, and during insertion, when the hole guides the peg [N/m,
 N·m/rad]."""
 PITCH = 0.4e-3
-"""Between the turns of a first spiral [m]: less than the clearance. A peg tilted by 2 degrees about
-both axes goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
+"""Pitch of a first spiral [m], less than the clearance: a peg tilted by 2 degrees about both axes
+goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
 _FALLEN = 2e-3
-"""Sinking of the peg from where it touched, from which it is in the hole [m]. A peg that is tilted
-by twice the error of an angle sinks by 1 mm at the edge."""
+"""Descent of the peg from first contact that means it is in the hole [m]; a peg tilted by twice the
+angular error descends by 1 mm at the edge."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PegInserter(ItemHandler):
-    """Handles the peg, and puts it into the hole."""
+    """Handles the peg, and inserts it into the hole."""
 
     search_force: float
-    """What the peg is pressed with while it looks for the hole [N]."""
+    """Force on the peg during the search for the hole [N]."""
     insert_force: float
-    """What it is pressed with on the way down [N]."""
+    """Force on the peg during insertion [N]."""
 
     def offset(self) -> Generator[StepLike, None, np.ndarray]:
-        """Where the peg's axis is in the plane of the tool (2,) [m].
+        """Return the position of the peg's axis in the plane of the tool (2,) [m].
 
-        Along the tool's x it is looked at; along y the fingers have centred it.
+        It is seen along the tool's x; along y, the fingers have centred it.
         """
         T_world_peg = yield from estimate_pose(self.simulation, self.item.name)
         at = (self.simulation.tool_pose().inverse() @ T_world_peg).translation()
@@ -50,12 +51,12 @@ class PegInserter(ItemHandler):
     def insert(
         self, offset: np.ndarray, radius: float, pitch: float
     ) -> Generator[StepLike, None, None]:
-        """Touch the block, feel for the hole, and go down; fails with TIMEOUT or DROP.
+        """Touch the block, search for the hole and insert the peg; fails with TIMEOUT or DROP.
 
         Args:
             offset: See `offset`.
-            radius: Of the spiral [m].
-            pitch: Between its turns [m].
+            radius: Radius of the spiral [m].
+            pitch: Distance between its turns [m].
         """
         yield from self.to_hole(offset)
         held = (self._held(Cause.DROP),)
@@ -89,17 +90,17 @@ class PegInserter(ItemHandler):
         )
 
     def _pressing(self, stiffness: np.ndarray, force: float, speed: float) -> Compliance:
-        """Into the hole as it is known. What is free to move is slowed by force / speed."""
+        """Return a compliance that presses the peg; free motion is slowed by force / speed."""
         return Compliance(stiffness=stiffness, axis=-self._axis, force=force, speed=speed)
 
     def draw_out(self) -> Generator[StepLike, None, None]:
-        """Straight up, giving way."""
+        """Move straight up with a compliant tool."""
         up = self._line("draw out", self._up(self.simulation.tool_pose()))
         springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))
         yield Comply(name="draw out", waypoints=(up,), compliance=springs)
 
     def to_hole(self, offset: np.ndarray) -> tuple[Waypoint, Waypoint]:
-        """To above the hole, and down to a little above it, as far as it is known."""
+        """Return the waypoints above the estimated hole and down to a little above it."""
         T = self._tool_on_top(offset)
         payload = self.item.payload(
             SE3.from_translation(np.array([*offset, 0.5 * self.item.height - BELOW_TOP]))
@@ -113,11 +114,11 @@ class PegInserter(ItemHandler):
 
     @property
     def _axis(self) -> np.ndarray:
-        """Direction out of the hole as it is known (3,) [-]."""
+        """Return the direction out of the hole, as far as it is known (3,) [-]."""
         return self.simulation.marker_pose("hole seen").rotation().as_matrix()[:, 2]
 
     def _tool_on_top(self, offset: np.ndarray) -> SE3:
-        """Tool pose with the end of the peg on the block, over the hole as it is known."""
+        """Return the tool pose with the peg's end on the block, over the estimated hole."""
         axis, z = self._axis, np.array([0.0, 0.0, 1.0])
         sine = np.cross(z, axis)
         tilt = SO3.exp(sine)
@@ -127,16 +128,16 @@ class PegInserter(ItemHandler):
         return SE3.from_rotation_and_translation(rotation, hole - rotation.as_matrix() @ end)
 
     def _height(self, offset: np.ndarray) -> float:
-        """Of the peg's end above the block, as far as that is known [m]."""
+        """Return the height of the peg's end above the block, as far as that is known [m]."""
         here, top = self.simulation.tool_pose(), self._tool_on_top(offset)
         return float((here.translation() - top.translation()).dot(self._axis))
 
     def _inside(self, offset: np.ndarray) -> bool:
-        """True where the peg's end is so low that it must be in the hole."""
+        """Return True if the peg's end is so low that it must be in the hole."""
         return -self._height(offset) >= POSITION_ERROR + _FALLEN
 
     def _spiral(self, T_world_tcp: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
-        """A square spiral around a tool pose, across the axis of the hole, out to a radius."""
+        """Return a square spiral around a tool pose, normal to the hole's axis, out to a radius."""
         ways = [T_world_tcp.rotation().as_matrix()[:, i] for i in (0, 1)]
         poses, at, length = [], np.zeros(3), pitch
         while length <= 2.0 * radius:
@@ -150,7 +151,7 @@ class PegInserter(ItemHandler):
         )
 
     def _touched(self, offset: np.ndarray) -> Condition:
-        """True also where it goes into the hole at once: then it never presses."""
+        """Return the condition of contact; it also holds if the peg goes into the hole at once."""
 
         def against() -> str | None:
             if self._inside(offset):
@@ -175,7 +176,7 @@ class PegInserter(ItemHandler):
         return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
 
     def _at_bottom(self, offset: np.ndarray) -> Condition:
-        """True where the peg is as deep as the hole, as far as that is known, and stands still."""
+        """Return the condition that the peg rests at the depth of the estimated hole."""
         lowest, since = np.inf, self.simulation.time
 
         def against() -> str | None:

@@ -1,1 +1,1 @@
-"""Picking and placing."""
+"""Picking an item and placing it."""

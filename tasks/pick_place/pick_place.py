@@ -20,9 +20,9 @@ from robo47_qp.tasks.item import BLUE, RED, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
-"""Where random starts and goals lie: ranges of x and y [m]."""
+"""Ranges of x and y of random starts and goals [m]."""
 _APART = 0.15
-"""Random start and goal are at least this far apart [m]."""
+"""Least distance between random start and goal [m]."""
 _SIDES, _HEIGHTS, _MASSES = (0.025, 0.06), (0.03, 0.08), (0.05, 0.5)
 """Sizes [m] and masses [kg] of random items."""
 
@@ -43,19 +43,19 @@ class PickPlace(Task):
         (0.40, -0.20), "Where the item is placed without a seed: x, y [m]."
     )
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
-    """What is carried."""
+    """The item."""
     grip_force: Positive = 30.0
-    """Force of a finger on the item [N]."""
+    """Force of one finger on the item [N]."""
     clearance: Positive = 0.12
-    """Height above the item on the table at which the tool comes and goes [m]."""
+    """Height of the tool above the item on the table before it descends and after it lifts [m]."""
     place_tolerance: Positive = 5e-3
-    """[m]"""
+    """Largest distance of the item from its goal [m]."""
     retries: CountOrZero = 2
     """Further attempts after a missed or lost grasp."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
     obstacles: tuple[Obstacle, ...] = ()
-    """Nothing stands on the table but the item."""
+    """Empty, as only the item stands on the table."""
     name: str = "pick_place"
 
     def __post_init__(self) -> None:
@@ -65,7 +65,7 @@ class PickPlace(Task):
         check_place("place", self.place)
 
     def variant(self, rng: np.random.Generator) -> Self:
-        """A box or a cylinder of a random size and mass."""
+        """Return the task with a box or a cylinder of a random size and mass."""
         x, y = rng.uniform(*_SIDES, 2)
         height, mass = rng.uniform(*_HEIGHTS), rng.uniform(*_MASSES)
         if rng.random() < 0.5:
@@ -124,7 +124,7 @@ class PickPlace(Task):
         return missed or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Distance of the item's centre from its goal, in 3-D [m]."""
+        """Return the distance of the item's centre from its goal, in 3-D [m]."""
         return {"place_error_m": self._goal(simulation).error()}
 
     def _handling(self, simulation: Simulation) -> ItemHandler:

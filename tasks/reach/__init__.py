@@ -1,1 +1,1 @@
-"""Reaching poses."""
+"""Reaching tool poses."""

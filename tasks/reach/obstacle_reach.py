@@ -1,4 +1,4 @@
-"""Reach behind a post and under a shelf, and touch neither."""
+"""Reach behind a post and under a shelf without touching them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,42 +21,42 @@ from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table, check_place
 
 _BOARD = (0.12, 0.18, 0.01)
-"""Half lengths of the shelf's board: out, across and up [m]."""
+"""Half lengths of the shelf's board: outwards, across and up [m]."""
 _LOOK, _LOOKS = 0.05, 6
-"""Time between two looks at a held tool [s], and how many."""
+"""Period [s] and number of the checks of a held tool."""
 _SETTLE = 0.1
-"""Time after a motion before the first [s]."""
+"""Time between a motion and the first check [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleReach(Task):
-    """Bring the tool behind a post and under a shelf, hold it at each, and go home.
+    """Hold the tool behind a post and under a shelf, and go home.
 
-    Where the two stand is part of the scene; a seed draws the targets near them. A target is
-    reached when the tool is held within `position_tolerance` and `turn_tolerance` of it
-    for `seconds`; then it goes out of sight.
+    The positions of post and shelf are part of the scene; a seed draws the targets near them. A
+    target is reached when the tool is held within `position_tolerance` and `turn_tolerance` of it
+    for `seconds`; its marker is then hidden.
     """
 
     post: tuple[float, float] = (0.38, -0.22)
-    """Where the post stands, x and y [m]."""
+    """Position of the post, x and y [m]."""
     post_radius: Positive = 0.04
-    """[m]"""
+    """Radius of the post [m]."""
     post_height: Positive = 0.40
-    """[m]"""
+    """Height of the post [m]."""
     shelf: tuple[float, float] = (0.45, 0.35)
-    """Where the middle of the shelf is, x and y [m]; it opens towards the robot."""
+    """Position of the shelf's centre, x and y [m]; it opens towards the robot."""
     shelf_height: Positive = 0.50
     """Height of the shelf's lower side [m]."""
     behind: Positive = 0.22
-    """How far behind the middle of the post the tool goes by default [m]."""
+    """Default distance of the target behind the centre of the post [m]."""
     position_tolerance: Positive = 1e-3
-    """[m]"""
+    """Largest position error of a held tool [m]."""
     turn_tolerance: Positive = np.radians(0.5)
-    """[rad]"""
+    """Largest orientation error of a held tool [rad]."""
     seconds: Positive = 0.25
-    """How long each target is held [s]."""
+    """Time for which each target is held [s]."""
     force_max: Positive = 1.0
-    """Nothing is to be touched [N]."""
+    """Largest contact force: nothing may be touched [N]."""
     name: str = "obstacle_reach"
     scene_stream: ClassVar[int | None] = 2
 
@@ -68,7 +68,7 @@ class ObstacleReach(Task):
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """The table, the post, and the shelf: a board and the panel that carries it."""
+        """The table, the post, and the shelf: a board and the panel that supports it."""
         radius, half = self.post_radius, 0.5 * self.post_height
         out, across, up = _BOARD
         T_world_shelf = upright([*self.shelf, TABLE_TOP], _azimuth(self.shelf))
@@ -96,7 +96,7 @@ class ObstacleReach(Task):
         )
 
     def variant(self, rng: np.random.Generator) -> Self:
-        """Post and shelf at random places, one to the left and one to the right of the robot."""
+        """Return the task with a random post and shelf, one to the left and one to the right."""
         side = 1.0 if rng.random() < 0.5 else -1.0
         post = _polar(rng.uniform(0.36, 0.42), -side * rng.uniform(0.35, 0.75))
         shelf = _polar(rng.uniform(0.55, 0.60), side * rng.uniform(0.55, 0.95))
@@ -176,7 +176,8 @@ class ObstacleReach(Task):
         return self._held.verdict(simulation, self._targets)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Targets that are left [-], and how far a joint is from home at most [rad]."""
+        """Return the number of remaining targets [-] and the largest joint distance from home
+        [rad]."""
         return self._held.measures(simulation, self._targets)
 
     @property
@@ -200,7 +201,7 @@ def _at(x: float, y: float, z: float) -> SE3:
 
 
 def _azimuth(where: tuple[float, float]) -> float:
-    """Heading from the robot's base to a place on the table [rad]."""
+    """Return the heading from the robot's base to a position on the table [rad]."""
     return float(np.arctan2(where[1], where[0]))
 
 

@@ -23,16 +23,16 @@ from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
 _DISTANCE = (0.35, 0.75)
 """Range of the horizontal distance from the base [m]."""
 _DIRECTION = np.deg2rad(90.0)
-"""How far from straight ahead, seen from the base [rad]."""
+"""Largest angle from straight ahead, seen from the base [rad]."""
 _HEIGHT = (0.15, 0.60)
 """Range of heights above the table [m]."""
 _TILT = np.deg2rad(60.0)
-"""How far the tool's axis is from straight down at most [rad]."""
+"""Largest angle of the tool's axis from straight down [rad]."""
 _ROOM = (0.015, 0.010)
-"""What is not closer than one of these at home stays that far apart at random poses: room for a
-clearance, also between links that are built close to each other [m]."""
+"""Distance that random poses keep between links, unless these are closer at home: room for a
+clearance [m]."""
 _DRAWS = 100_000
-"""Configurations to draw per pose, at most; about one in a hundred lies in the workspace."""
+"""Largest number of configurations drawn per pose; about one in a hundred is in the workspace."""
 _STILL = 2e-3
 """Joint speed below which the arm counts as at rest [rad/s]."""
 _DEFAULT = (
@@ -49,26 +49,26 @@ _DEFAULT = (
 class Reach(Task):
     """Hold tool poses, one after the other, and go home; with a seed they are random.
 
-    A random pose is that of a random configuration inside the joint limits which touches
-    nothing: so it can be reached, and nobody is told how. Only poses in the workspace in
-    front of the base are taken, with the tool tilted from straight down by up to 60°. A pose
-    that has been held goes out of sight. The program goes home between them: from there the way
-    to each stays above the table.
+    A random pose is that of a random configuration within the joint limits and without collision:
+    it can be reached, but its configuration is not known to the program. It lies in the workspace
+    in front of the base, with the tool tilted from straight down by at most 60°. The marker of a
+    pose that was held is hidden. The program goes home between poses, so that all motions stay
+    above the table.
     """
 
     count: Annotated[int, Range(at_least=1, at_most=5, whole=True)] = option(
         5, "Poses to visit, 1 to 5."
     )
     position_tolerance: Positive = 1e-3
-    """How far the tool point may be from a pose as it is held [m]."""
+    """Largest position error of a held tool [m]."""
     angle_tolerance: Positive = float(np.deg2rad(0.5))
-    """How far the tool may be turned from it [rad]."""
+    """Largest orientation error of a held tool [rad]."""
     seconds: Positive = 0.2
-    """How long each pose is held [s]."""
+    """Time for which each pose is held [s]."""
     force_max: float = 1.0
     """See `Task.force_max`; nothing is to be touched [N]."""
     obstacles: tuple[Obstacle, ...] = (TABLE,)
-    """All that is in the way."""
+    """All obstacles."""
     name: str = "reach"
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
@@ -119,7 +119,8 @@ class Reach(Task):
         return self._held.verdict(simulation, self._poses)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Poses that are left [-], and how far a joint is from home at most [rad]."""
+        """Return the number of remaining poses [-] and the largest joint distance from home
+        [rad]."""
         return self._held.measures(simulation, self._poses)
 
     @property
@@ -150,7 +151,7 @@ class Reach(Task):
 
 
 def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
-    """T_world_tcp of a random configuration that touches nothing and lies in the workspace.
+    """Return T_world_tcp of a random configuration without collision in the workspace.
 
     Raises:
         InvalidValueError: None was found: the robot does not reach into the workspace.
@@ -181,7 +182,7 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
 
 
 def _close(model: mujoco.MjModel, data: mujoco.MjData, gap: float) -> set[tuple[int, int]]:
-    """Pairs of geoms that are closer than a gap [m]."""
+    """Return the pairs of geoms that are closer than a distance [m]."""
     model.geom_margin[:] = 0.5 * gap  # of both geoms of a pair, added up
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -190,7 +191,7 @@ def _close(model: mujoco.MjModel, data: mujoco.MjData, gap: float) -> set[tuple[
 
 
 def _in_workspace(position: np.ndarray, down: float) -> bool:
-    """True for a tool point in reach over the table whose axis is near straight down."""
+    """Return True if a tool pose is in the workspace above the table and points almost down."""
     x, y, z = position
     return bool(
         _DISTANCE[0] <= np.hypot(x, y) <= _DISTANCE[1]

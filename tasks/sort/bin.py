@@ -10,25 +10,25 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.tasks.table import TABLE_TOP
 
 _WALL = 0.008
-"""Thickness [m]."""
+"""Thickness of the walls [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bin:
-    """A bin that stands on the table along the axes of the world."""
+    """A bin on the table, aligned with the axes of the world."""
 
     name: str
-    """Of its body."""
+    """Name of its body."""
     centre: tuple[float, float]
-    """x and y [m]."""
+    """Position of its centre, x and y [m]."""
     size: tuple[float, float] = (0.21, 0.15)
-    """Inside, along x and y [m]."""
+    """Inner lengths along x and y [m]."""
     height: float = 0.04
-    """Of the rim above the table [m]."""
+    """Height of the rim above the table [m]."""
     pitch: float = 0.065
-    """Distance of neighbouring slots, which lie along x [m]."""
+    """Distance of neighbouring slots, which are in a row along x [m]."""
     rgba: tuple[float, float, float, float]
-    """Colour, also of what belongs into it."""
+    """Colour of the bin and of the items that belong into it."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -44,14 +44,14 @@ class Bin:
 
     @property
     def slots(self) -> tuple[tuple[float, float], ...]:
-        """Where items go, x and y [m]."""
+        """Positions at which items are released, x and y [m]."""
         count = int(self.size[0] / self.pitch)
         x, y = self.centre
         return tuple((x + self.pitch * (i - 0.5 * (count - 1)), y) for i in range(count))
 
     @property
     def room(self) -> str:
-        """What is inside, in words."""
+        """The inner volume, in words."""
         (x, y), (a, b) = self.centre, (0.5 * length for length in self.size)
         return (
             f"x {x - a:.3f} to {x + a:.3f} m, y {y - b:.3f} to {y + b:.3f} m, "
@@ -59,7 +59,7 @@ class Bin:
         )
 
     def add(self, spec: mujoco.MjSpec) -> None:
-        """Add walls that things bounce off and a ground that is only seen."""
+        """Add walls with contacts, and a floor without."""
         (a, b), half = (0.5 * length for length in self.size), 0.5 * self.height
         body = spec.worldbody.add_body(name=self.name, pos=[*self.centre, TABLE_TOP])
         box, thin = mujoco.mjtGeom.mjGEOM_BOX, 0.5 * _WALL
@@ -76,15 +76,15 @@ class Bin:
         )
 
     def holds(self, position: np.ndarray) -> bool:
-        """True where a point is within the walls and below the rim."""
+        """Return True if a point is within the walls and below the rim."""
         x, y, z = position - np.array([*self.centre, TABLE_TOP])
         return bool(abs(x) < 0.5 * self.size[0] and abs(y) < 0.5 * self.size[1] and z < self.height)
 
     def free_slot(self, others: Sequence[tuple[float, float]]) -> tuple[float, float]:
-        """The slot that is furthest from everything else.
+        """Return the slot that is furthest from all other items.
 
         Args:
-            others: Where other things are, x and y [m].
+            others: Positions of other items, x and y [m].
         """
 
         def room(slot: tuple[float, float]) -> float:

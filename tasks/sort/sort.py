@@ -1,4 +1,4 @@
-"""Sort boxes and cylinders into two bins by their colour."""
+"""Sort boxes and cylinders into two bins by colour."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -23,25 +23,25 @@ from robo47_qp.tasks.sort.bin import Bin
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
 _AREA = ((0.35, 0.60), (-0.17, 0.17))
-"""Where random items lie: ranges of x and y [m]."""
+"""Ranges of x and y of random items [m]."""
 _APART = 0.11
-"""Random items are at least this far apart, so that the open fingers fit between them [m]."""
+"""Least distance between random items, so that the open fingers fit between them [m]."""
 _START = ((0.36, -0.14), (0.36, 0.0), (0.36, 0.14), (0.54, -0.14), (0.54, 0.0), (0.54, 0.14))
-"""Where the items are by default, x and y [m]."""
+"""Default positions of the items, x and y [m]."""
 _SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
 """Sizes [m] and masses [kg] of random items."""
 _LET_GO = 0.02
-"""How far the fingers open in a bin [m]."""
+"""Width by which the fingers open in a bin [m]."""
 _ON_TABLE = 0.01
-"""How far an item that stands on the table may seem to be from it [m]."""
+"""Largest seen distance from the table of an item that stands on it [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sort(Task):
-    """Put each item into the bin of its colour; with a seed, they lie anywhere on the table.
+    """Put each item into the bin of its colour; with a seed, items are at random positions.
 
-    An item is sorted when its centre is inside the bin's walls and below their rim; the task is
-    done when all are, at rest, the gripper is open and the arm home.
+    An item is sorted when its centre is inside the bin's walls and below their rim; the task
+    succeeds when all are sorted and at rest, the gripper is open and the arm home.
     """
 
     items: tuple[Item, ...] = (
@@ -52,20 +52,20 @@ class Sort(Task):
         Item(name="red bar", size=(0.045, 0.025, 0.035), rgba=RED),
         Item(name="blue bar", size=(0.025, 0.03, 0.05), rgba=BLUE),
     )
-    """What lies on the table; each has the colour of a bin."""
+    """The items on the table; each has the colour of a bin."""
     bins: tuple[Bin, ...] = (
         Bin(name="red bin", centre=(0.45, 0.37), rgba=RED),
         Bin(name="blue bin", centre=(0.45, -0.37), rgba=BLUE),
     )
-    """Where they belong."""
+    """The bins."""
     drop: Positive = 8e-3
-    """Height above the table from which an item falls into its bin [m]."""
+    """Height above the table at which an item is released into its bin [m]."""
     grip_force: Positive = 30.0
-    """Of one finger [N]."""
+    """Force of one finger [N]."""
     above: Positive = 0.16
-    """Height of the tool above the table as it comes and goes [m]."""
+    """Height of the tool above the table before it descends and after it lifts [m]."""
     retries: CountOrZero = 4
-    """Further items to pick after one was missed, lost or fell beside its bin."""
+    """Further attempts after an item was missed, lost or fell beside its bin."""
     force_max: float = 40.0
     """See `Task.force_max`; the hand touches no wall [N]."""
     name: str = "sort"
@@ -90,7 +90,7 @@ class Sort(Task):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
 
     def variant(self, rng: np.random.Generator) -> Self:
-        """Boxes and cylinders of random sizes and masses."""
+        """Return the task with boxes and cylinders of random sizes and masses."""
         items = []
         for item in self.items:
             x, y = rng.uniform(*_SIDES, 2)
@@ -172,14 +172,14 @@ class Sort(Task):
         return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """How many items are in their bins."""
+        """Return the number of items in their bins."""
         sorted_ = [self._is_in(item, simulation.object_pose(item.name)) for item in self.items]
         return {"sorted": float(sum(sorted_))}
 
     def _sort(
         self, hand: ItemHandler, simulation: Simulation, others: Sequence[SE3]
     ) -> Generator[StepLike, None, None]:
-        """Pick one and let it fall into a free slot of its bin."""
+        """Pick an item and release it over a free slot of its bin."""
         held = yield from hand.pick()
         T_world_item = yield from hand.look_held(held)
         taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
@@ -210,6 +210,6 @@ class Sort(Task):
     def _dropped(
         self, item: Item, slot: tuple[float, float], T_world_tcp: SE3, T_world_item: SE3
     ) -> SE3:
-        """Pose from which an item falls into a slot, the fingers opening across the bin."""
+        """Return the pose at which an item is released over a slot, the fingers across the bin."""
         up = TABLE_TOP + self.drop + 0.5 * item.height
         return upright([*slot, up], heading(T_world_item) - heading(T_world_tcp))

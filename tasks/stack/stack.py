@@ -24,47 +24,47 @@ from robo47_qp.tasks.stack.tower import Tower
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
-"""Where random cubes lie: ranges of x and y [m]."""
+"""Ranges of x and y of random cubes [m]."""
 _GOALS = ((0.40, 0.55), (-0.25, 0.25))
-"""Where random goals lie [m]."""
+"""Ranges of x and y of random goals [m]."""
 _APART, _CLEAR = 0.11, 0.19
-"""Random cubes are at least this far apart, and this far from the goal: the hand is 0.2 m wide
-and must not reach over the tower as it picks [m]."""
+"""Least distance between random cubes, and from the goal: the hand is 0.2 m wide and must not reach
+over the tower during a pick [m]."""
 _START = ((0.40, 0.22), (0.52, 0.12), (0.40, 0.0))
-"""Where the cubes are by default, x and y [m]."""
+"""Default positions of the cubes, x and y [m]."""
 _MASSES = (0.05, 0.2)
-"""Of random cubes [kg]."""
+"""Range of the mass of random cubes [kg]."""
 _EDGES = (0.035, 0.05)
-"""Of random cubes [m]."""
+"""Range of the edge of random cubes [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stack(Task):
     """Stack cubes on top of each other; with a seed, they and the goal are drawn at random.
 
-    Which cube is at which level does not matter. The tower stands when every level has a cube
-    whose centre is within `tolerance` of the goal's vertical and of its own height, all at
-    rest, the gripper open and the arm home.
+    Any cube may be at any level. The tower stands when every level has a cube whose centre is
+    within `tolerance` of the goal's vertical and of its own height, all at rest, the gripper open
+    and the arm home.
     """
 
     cubes: tuple[Item, ...] = tuple(
         Item(name=name, size=(0.04, 0.04, 0.04), mass=0.1, rgba=rgba)
         for name, rgba in (("red cube", RED), ("green cube", GREEN), ("blue cube", BLUE))
     )
-    """All of one edge."""
+    """The cubes, all of one edge length."""
     goal: tuple[float, float] = option(
         (0.45, -0.20), "Where the tower stands without a seed: x, y [m]."
     )
     tolerance: Positive = 5e-3
-    """Horizontal distance of each cube's centre from the goal's vertical at most [m]."""
+    """Largest horizontal distance of each cube's centre from the goal's vertical [m]."""
     height_tolerance: Positive = 2e-3
-    """How far each centre may be from the height that its level has [m]."""
+    """Largest error of the height of each centre [m]."""
     grip_force: Positive = 30.0
-    """Of one finger [N]."""
+    """Force of one finger [N]."""
     clearance: Positive = 0.06
-    """Between the tower and the last cube, as it is carried over it [m]."""
+    """Clearance between the tower and a cube that is carried over it [m]."""
     retries: CountOrZero = 4
-    """Further cubes to pick after one was missed, lost or knocked down."""
+    """Further attempts after a cube was missed, lost or knocked down."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
     name: str = "stack"
@@ -85,11 +85,11 @@ class Stack(Task):
 
     @property
     def edge(self) -> float:
-        """Of every cube [m]."""
+        """Edge length of the cubes [m]."""
         return self.cubes[0].height
 
     def variant(self, rng: np.random.Generator) -> Self:
-        """Cubes of a random edge and mass."""
+        """Return the task with cubes of a random edge and mass."""
         edge, mass = rng.uniform(*_EDGES), rng.uniform(*_MASSES)
         cubes = tuple(replace(cube, size=(edge,) * 3, mass=mass) for cube in self.cubes)
         return replace(self, cubes=cubes)
@@ -169,7 +169,7 @@ class Stack(Task):
         return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Largest horizontal distance of a cube from the goal's vertical [m]."""
+        """Return the largest horizontal distance of a cube from the goal's vertical [m]."""
         goal = marked_goal(simulation).translation()
         off = [simulation.object_pose(cube.name).translation() - goal for cube in self.cubes]
         return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}

@@ -1,4 +1,4 @@
-"""Tower: cubes of one edge on top of each other at a goal."""
+"""Tower: cubes of one edge length on top of each other at a goal."""
 
 from dataclasses import dataclass
 
@@ -9,37 +9,36 @@ from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.table import TABLE_TOP
 
 _IN_PLACE = 0.2
-"""How far a cube may be from its place in the tower to count as standing there, relative to its
-edge [-]."""
+"""Largest error of a cube's position in the tower, relative to its edge [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tower:
-    """Where a tower is to stand. Which cube is at which level does not matter."""
+    """Position of a tower, in which any cube may be at any level."""
 
     edge: float
-    """Of a cube [m]."""
+    """Edge length of a cube [m]."""
     T_world_goal: SE3
-    """On the table, z up; its foot."""
+    """Pose of the tower's base, on the table with z up."""
 
     def level(self, number: int) -> SE3:
-        """Pose of a cube in the tower, counted from 0."""
+        """Return the pose of a cube in the tower, counted from 0."""
         x, y, _ = self.T_world_goal.translation()
         return upright([x, y, self.height(number)], heading(self.T_world_goal))
 
     def height(self, storey: int) -> float:
-        """Of a cube's centre that has so many below it, in the world [m]."""
+        """Return the height of the centre of a cube with so many below it, in the world [m]."""
         return TABLE_TOP + (storey + 0.5) * self.edge
 
     def storey(self, T_world_cube: SE3) -> int:
-        """How many cubes are below one, wherever it is."""
+        """Return how many cubes are below one, wherever it is."""
         return round((float(T_world_cube.translation()[2]) - TABLE_TOP) / self.edge - 0.5)
 
     def standing(self, seen: dict[str, SE3]) -> list[str]:
-        """Names of the cubes that stand in the tower, from below.
+        """Return the names of the cubes that stand in the tower, from below.
 
         Args:
-            seen: Cubes and where they are.
+            seen: Poses of the cubes by name.
         """
         tower: list[str] = []
         for number in range(len(seen)):
@@ -52,7 +51,7 @@ class Tower:
         return tower
 
     def loose(self, seen: dict[str, SE3]) -> list[str]:
-        """The other cubes, in the order to pick them: what is on others, what is in the way."""
+        """Return the other cubes in picking order: those on top first, then those in the way."""
         tower = self.standing(seen)
         goal = self.T_world_goal.translation()
 

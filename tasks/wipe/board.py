@@ -1,4 +1,4 @@
-"""Board: marks on it, and what becomes of them under a sponge."""
+"""Board: marks that a sponge wipes off, and the force of wiping."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,22 @@ from robo47_qp.tasks.task_state import add_task_state, hide_marker, task_state
 from robo47_qp.tasks.wipe.sponge import Sponge
 
 SURFACE = TABLE_TOP + 0.03
-"""Height of the board's surface as far as the robot knows [m]."""
+"""Nominal height of the board's surface, which the robot knows [m]."""
 HEIGHT_ERROR = 5e-3
-"""How far the surface may be from there [m]."""
+"""Largest error of that height [m]."""
 BOARD = (0.19, 0.29)
 """Lengths of the board along its x and y [m]."""
 DIRTY = (0.065, 0.085)
-"""Marks are at most so far from the board's centre, along its x and y [m]."""
+"""Largest distances of marks from the board's centre, along its x and y [m]."""
 MARKS = 8
-"""How many there are."""
+"""Number of marks."""
 _SLIDING = 5e-3
-"""Speed from which the sponge slides [m/s]."""
+"""Speed above which the sponge counts as sliding [m/s]."""
 _TOUCHING = 2e-3
-"""Height above a mark up to which the foam lies on it [m]."""
+"""Height above a mark below which the foam touches it [m]."""
 _SLID, _OUTSIDE, _WORST, _LAST = range(4)
-"""What is remembered: how long the sponge has slid, how long of that with a force out of its band
-[s], how far that force was off at worst [N], and the time of the last look [s]."""
+"""Indices of the task state: time of sliding [s], time of sliding with a force outside the band
+[s], largest force error [N], and time of the last update [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,19 +35,19 @@ class WipeSettings(Checked):
     """Force and speed of a sponge on a board."""
 
     force: Positive = 10.0
-    """What the sponge is pressed with [N]."""
+    """Contact force of the sponge [N]."""
     force_least: Positive = 5.0
-    """What it takes to wipe a mark off [N]."""
+    """Least force that wipes off a mark [N]."""
     band: Positive = 0.05
-    """How far the force may be from the one asked for, relative to it [-]."""
+    """Largest error of the force, relative to it [-]."""
     speed: Positive = 0.06
-    """Of the sponge on the board [m/s]."""
+    """Speed of the sponge on the board [m/s]."""
     touch_speed: Positive = 0.1
-    """At which the sponge meets the board, at most [m/s]."""
+    """Largest speed at which the sponge meets the board [m/s]."""
 
 
 def add_board(spec: mujoco.MjSpec) -> None:
-    """Add the board, a body that the program places, its frame in the middle of its surface."""
+    """Add the board, a body that the task places, its frame at the centre of its surface."""
     add_task_state(spec, 4)
     box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     board = spec.worldbody.add_body(name="board", mocap=True)
@@ -72,7 +72,7 @@ def add_board(spec: mujoco.MjSpec) -> None:
 
 
 class WipeMonitor:
-    """Wipes marks off under the sponge and measures the force error while the sponge slides.
+    """Wipes off the marks below the sponge, and records the force error while the sponge slides.
 
     Its state is kept in the simulation: see `tasks.task_state`.
     """
@@ -82,7 +82,7 @@ class WipeMonitor:
         self._simulation, self._sponge, self._settings = simulation, sponge, settings
 
     def pressed(self) -> float:
-        """Force of the sponge on the board [N]: that on the hand without the sponge's weight."""
+        """Return the force of the sponge on the board: that on the hand without its weight [N]."""
         force = float(self._simulation.last_tool_force()[2])
         return force + 9.81 * self._sponge.mass
 
@@ -102,7 +102,7 @@ class WipeMonitor:
                 note[_WORST] = off
 
     def against_force(self) -> str | None:
-        """What speaks against the force having been held; None where it was."""
+        """Return why the force was not within its band; None if it was."""
         slid, outside, worst, _ = task_state(self._simulation)
         if slid == 0.0:
             return "the sponge has not been led over the board"
@@ -115,7 +115,7 @@ class WipeMonitor:
         )
 
     def _slides(self) -> bool:
-        """Whether the sponge moves along the board."""
+        """Return True if the sponge slides on the board."""
         twist = self._simulation.object_twist(self._sponge.name)
         if np.hypot(twist[0], twist[1]) <= _SLIDING:
             return False
@@ -126,7 +126,7 @@ class WipeMonitor:
         return bool(abs(x) <= 0.5 * BOARD[0] and abs(y) <= 0.5 * BOARD[1])
 
     def _wipe_off(self) -> None:
-        """Marks go that the foam lies on; it gives way to what presses it."""
+        """Hide the marks that the foam touches, which is compressed."""
         sponge, positions = self._sponge, _positions(self._simulation)
         T_world_sponge = self._simulation.object_pose(sponge.name)
         R = T_world_sponge.rotation().as_matrix()
@@ -139,16 +139,16 @@ class WipeMonitor:
 
 
 def mark(i: int) -> str:
-    """Name of a mark."""
+    """Return the name of a mark."""
     return f"mark{i}"
 
 
 def marks_left(simulation: Simulation) -> list[int]:
-    """Numbers of the marks on the board; those that are wiped off are below the floor."""
+    """Return the indices of the marks on the board; those wiped off are below the floor."""
     return [int(i) for i in np.flatnonzero(_positions(simulation)[:, 2] > 0.0)]
 
 
 def _positions(simulation: Simulation) -> np.ndarray:
-    """Of all marks, in the world (MARKS, 3) [m]; markers are in the order of the scene."""
+    """Return the positions of all marks in the world (MARKS, 3) [m]."""
     first = simulation.markers.index(mark(0))
     return simulation.data.mocap_pos[first : first + MARKS]

@@ -1,4 +1,4 @@
-"""Board wiper: the steps that move a sponge over a board."""
+"""BoardWiper: the steps that move a sponge over a board."""
 
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -16,12 +16,13 @@ from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.wipe.board import SURFACE, WipeMonitor, WipeSettings
 
 _STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
-"""Half the length of a stroke along the board's y, and where the strokes are in its x [m]."""
+"""Half the length of a stroke along the board's y, and the positions of the strokes along its x
+[m]."""
 _ABOVE = 0.015
-"""Of the sponge above where the surface is thought to be, before it is let down [m]."""
+"""Height of the sponge above the nominal surface before it is lowered [m]."""
 _STEADY = 0.3
-"""How long the force has to be close to the one asked for: one that swings around it with a period
-of 0.9 s passes by it sooner [s]."""
+"""Time for which the force must stay close to its set value; a force that oscillates with a period
+of 0.9 s crosses it in less [s]."""
 _FIRM = np.array([3000.0] * 3 + [100.0] * 3)
 """Stiffness of the tool on the board [N/m, N·m/rad]."""
 
@@ -34,7 +35,7 @@ class BoardWiper(ItemHandler):
     monitor: WipeMonitor
 
     def wipe(self) -> Generator[StepLike, None, None]:
-        """To the board, down on it, along the strokes, and up; fails with DROP or TIMEOUT."""
+        """Lower the sponge to the board, wipe and lift it; fails with DROP or TIMEOUT."""
         yield Move(
             waypoints=self.to_board(),
             before=(self._held(Cause.DROP),),
@@ -80,7 +81,7 @@ class BoardWiper(ItemHandler):
         )
 
     def to_board(self) -> tuple[Waypoint, Waypoint]:
-        """To above the first stroke, and down to a little above the board."""
+        """Return the waypoints above the first stroke, and down to a little above the board."""
         height = self._let_down()
         strokes, start = self.strokes(height), self._over(_LANES[0], -_STROKE, height)
         payload = self.item.payload(SE3.identity())
@@ -90,11 +91,11 @@ class BoardWiper(ItemHandler):
         return Waypoint(name="to the board", target=above, carried=payload, onward=onward), hover
 
     def _let_down(self) -> float:
-        """Height of the tool from which the sponge is let down [m]."""
+        """Return the height of the tool from which the sponge is lowered [m]."""
         return SURFACE + 0.5 * self.item.height + _ABOVE
 
     def strokes(self, height: float) -> tuple[Waypoint, ...]:
-        """Up and down the board, without a stop between, the tool at a height [m]."""
+        """Return the strokes up and down the board at a height of the tool, without stops [m]."""
         ways, end = [], _STROKE
         for i, x in enumerate(_LANES):
             if i:
@@ -122,18 +123,18 @@ class BoardWiper(ItemHandler):
         return tuple(ways)
 
     def _over(self, x: float, y: float, height: float) -> SE3:
-        """Tool pose over a place of the board, at a height in the world [m]."""
+        """Return the tool pose over a position on the board, at a height in the world [m]."""
         T_world_board = self.simulation.marker_pose("board")
         at = T_world_board @ np.array([x, y, 0.0])
         at[2] = height
         return tool_down(at, heading(T_world_board))
 
     def _y(self) -> np.ndarray:
-        """Direction of the strokes (3,) [-]."""
+        """Return the direction of the strokes (3,) [-]."""
         return self.simulation.marker_pose("board").rotation().as_matrix()[:, 1]
 
     def _pressed(self) -> Condition:
-        """True once the force has been close to the one asked for, for a while."""
+        """Return the condition that the force has been close to its set value for a while."""
         since = self.simulation.time
 
         def against() -> str | None:

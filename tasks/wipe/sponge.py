@@ -1,4 +1,4 @@
-"""Sponge: a stiff back for the fingers, and foam under it."""
+"""Sponge: a rigid back for the fingers, with foam below it."""
 
 from dataclasses import dataclass
 
@@ -7,19 +7,19 @@ import mujoco
 from robo47_qp.tasks.item import Item
 
 _SOFT = [-700.0, -12.0]
-"""Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: with the
-40 g and four corners that it has here, 10 N press the foam in by 9 mm. Where it slides with a
-speed v, MuJoCo's convex friction lifts it by μ v times their ratio: 0.3 mm [1/s², 1/s]."""
+"""Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: for its
+40 g and four corners, 10 N compress the foam by 9 mm. When it slides with a speed v, MuJoCo's
+convex friction lifts it by μ v times their ratio: 0.3 mm [1/s², 1/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sponge(Item):
-    """A stiff back that the fingers hold, and under it a foam that gives way."""
+    """A sponge with a rigid back that the fingers hold, and foam below it."""
 
     foam_height: float = 0.025
-    """[m]"""
+    """Height of the foam [m]."""
     foam_friction: float = 0.3
-    """On whatever it touches [-]."""
+    """Coefficient of friction on any surface [-]."""
 
     @property
     def foam(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Wipe a board of unknown height with a sponge that is pressed with a constant force."""
+"""Wipe a board of unknown height with a sponge that is pressed on with a constant force."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -35,12 +35,11 @@ _SPONGE = (0.085, 0.04, 0.065)
 
 @dataclass(frozen=True, kw_only=True)
 class Wipe(Task):
-    """Take the sponge, wipe all marks off the board, and put the sponge back where it was.
+    """Pick the sponge, wipe all marks off the board, and put the sponge back.
 
-    A mark is wiped once the sponge has passed over it, pressed with at least `force_least`.
-    While the sponge slides over the board, its force has to be within `band` of `force` in at
-    least 99 % of the time; at the end the marks are gone, the sponge is back, the gripper open,
-    the arm home.
+    A mark is wiped off when the sponge passes over it with at least `force_least`. While the sponge
+    slides over the board, its force must be within `band` of `force` for at least 99 % of the time;
+    at the end the marks are gone, the sponge is back, the gripper open and the arm home.
     """
 
     force: Positive = option(WipeSettings.force, "Force that the sponge is pressed with [N].")
@@ -139,7 +138,7 @@ class Wipe(Task):
         return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
 
     def _against_end(self, simulation: Simulation) -> str | None:
-        """What speaks against the world being as it should be at the end; None where it is so."""
+        """Return why the goal state is not reached; None if it is."""
         measures = self.measures(simulation)
         left, off = round(measures["marks_left"]), measures["sponge_error_m"]
         away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
@@ -155,7 +154,7 @@ class Wipe(Task):
         return None
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Marks that are left [-], and how far the sponge is from its place [m]."""
+        """Return the number of remaining marks [-] and the sponge's distance from its place [m]."""
         place = simulation.marker_pose("place of the sponge").translation()
         up = np.array([0.0, 0.0, 0.5 * self.sponge.height])
         sponge = simulation.object_pose(self.sponge.name).translation()
