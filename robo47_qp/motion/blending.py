@@ -87,7 +87,8 @@ def least_with_stops(
         profile: Bounds of the joints at full pace.
         tool: Bounds of the tool where its path is prescribed.
     """
-    total, q, pose = 0.0, q_start, arm.pose(q_start)
+    pose = arm.pose_as(requests[0].T_world_goal, q_start)
+    total, q = 0.0, q_start
     for request in requests:
         q_goal = q if request.goal is None else request.goal.q
         if request.path is None:

@@ -133,24 +133,25 @@ class BranchChoice:
         return best_sequence(layers, back, int(cost.argmin()))
 
     def candidates_for(
-        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint
+        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
     ) -> Iterator[IkResult]:
         """Yield configurations for a PTP waypoint from which its `onward` paths can be followed.
 
         The solution near home comes first, if it is one of them; then, computed on demand,
-        others with room to the joint limits; then the rest in order of room.
+        others with room to the joint limits; then the rest in order of room. Joints that move no
+        tool of the target stay at q_start (n,) [rad].
 
         Raises:
             PlanError: There is none; the furthest waypoint that failed is named.
         """
-        usual = self._usual(arm, ik, lin, waypoint)
+        usual = self._usual(arm, ik, lin, waypoint, q_start)
         if usual is not None:
             yield usual
         group, cramped = [waypoint, *waypoint.onward], list[Branch]()
         seen = [] if usual is None else [usual.q]
         for more in (1, 2):
             wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
-            for branch in wider._branches(arm, ik, lin, group, arm.home):
+            for branch in wider._branches(arm, ik, lin, group, q_start):
                 first = branch.results[0]
                 if any(np.abs(first.q - q).max() < _SAME for q in seen):
                     continue
@@ -162,13 +163,15 @@ class BranchChoice:
         for branch in sorted(cramped, key=lambda branch: -branch.room):
             yield branch.results[0]
 
-    def _usual(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint) -> IkResult | None:
+    def _usual(
+        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
+    ) -> IkResult | None:
         """Return the solution near home; None where the onward paths fail from there.
 
         Raises:
             PlanError: IK finds no configuration.
         """
-        usual = replace(self, candidates=1).answers(arm, ik, waypoint)[0]
+        usual = replace(self, candidates=1).answers(arm, ik, waypoint, q_start)[0]
         if not self._clear([usual]):
             return None
         try:
@@ -185,7 +188,7 @@ class BranchChoice:
             # The sequence begins with a tool path: the branch is that of its start.
             starts = [self._line(arm, ik, lin, first, q_start)]
         else:
-            found = self.answers(arm, ik, first)
+            found = self.answers(arm, ik, first, q_start)
             # Where all collide, the planner refuses the motion there.
             starts = self._clear(found) or found
         branches, failed = [], []
@@ -204,22 +207,26 @@ class BranchChoice:
             return found
         return [result for result in found if self.collisions.at(result.q) is None]
 
-    def answers(self, arm: Arm, ik: IkSolver, waypoint: Waypoint) -> list[IkResult]:
+    def answers(
+        self, arm: Arm, ik: IkSolver, waypoint: Waypoint, q_start: Vector
+    ) -> list[IkResult]:
         """Return different configurations for a PTP waypoint, the preferred one first.
 
-        They are sought near home, so that they do not depend on where the arm comes from.
+        They are sought near home, so that they do not depend on where the arm comes from. Joints
+        that move no tool of the target stay at q_start (n,) [rad].
 
         Raises:
             PlanError: There is none.
         """
         target = goal_pose(arm, waypoint)
+        seed = np.where(arm.joints_of(target), arm.home, q_start)
         if isinstance(waypoint.target, Place):
             found: Sequence[IkResult] = [judged(arm, target, arm.home, ik.tolerance, 0)]
         elif isinstance(ik, MultiStart):
             several = replace(ik, answers=self.candidates, max_restarts=self.restarts)
-            found = several.solve_all(arm, target, arm.home)
+            found = several.solve_all(arm, target, seed)
         else:
-            found = [ik.solve(arm, target, arm.home)]
+            found = [ik.solve(arm, target, seed)]
         if not found[0].converged:
             raise PlanError(waypoint.name, found[0].explanation)
         return list(found)
@@ -241,7 +248,8 @@ class BranchChoice:
         return Branch(results=tuple(results), room=room)
 
     def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
-        asked = waypoint.path(arm.pose(q), goal_pose(arm, waypoint))
+        goal = goal_pose(arm, waypoint)
+        asked = waypoint.path(arm.pose_as(goal, q), goal)
         time = lin.profile.least_time(asked.length, asked.angle)
         try:
             end, path = lin.follow(arm, ik, q, asked)

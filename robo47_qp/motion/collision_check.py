@@ -58,9 +58,9 @@ class Collisions:
             geom.margin = 0.5 * max(_SEEN, clearance)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        if robot.gripper is not None:
-            for name in robot.gripper.joints:
-                self._data.qpos[self._model.joint(name).qposadr[0]] = robot.gripper.width_max / 2
+        for gripper in robot.grippers:
+            for name in gripper.joints:
+                self._data.qpos[self._model.joint(name).qposadr[0]] = gripper.width_max / 2
         joints = [self._model.joint(name) for name in robot.joints]
         self._addresses = [int(joint.qposadr[0]) for joint in joints]
         self._joint_bodies = [int(joint.bodyid[0]) for joint in joints]

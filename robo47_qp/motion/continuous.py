@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from mink import SE3
@@ -14,10 +14,12 @@ from robo47_qp.errors import NO_PATH, PlanError
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.following.joint_path import JointPath, Stretch
 from robo47_qp.motion.following.tracking import IkEffort, Tracking
 from robo47_qp.motion.paths.curves import BlendError, PoseSpline, ToolCurve
-from robo47_qp.motion.paths.segments import PathProfile, Segment
+from robo47_qp.motion.paths.segments import PathProfile, Segment, ToolPath
+from robo47_qp.motion.paths.together import OnePath
 from robo47_qp.motion.refusals import PathError, check_limits
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.retiming import Timing, limits
@@ -114,7 +116,7 @@ class Continuous:
     def _add_tool(
         self, arm: Arm, ik: IkSolver, plan: _Plan, first: int, members: Sequence[Request], q: Vector
     ) -> Vector:
-        curve = _tool_curve(members, arm.pose(q), self.profile)
+        curve = _tool_curve(members, arm.pose_as(members[0].T_world_goal, q), self.profile)
         time = self.profile.least_time(curve.length, curve.angle)
         try:
             path, effort = self.tracking.joint_path(arm, ik, q, curve)
@@ -129,14 +131,14 @@ class Continuous:
 
 
 def _tool_curve(
-    requests: Sequence[Request], start: SE3, profile: PathProfile
-) -> ToolCurve | PoseSpline:
+    requests: Sequence[Request], start: Target, profile: PathProfile
+) -> ToolCurve | PoseSpline | OnePath:
     """Return the curve of the tool from a pose through waypoints.
 
     Raises:
         PlanError: The waypoints do not make one curve.
     """
-    poses, segments = [start], list[Segment]()
+    poses, segments = [start], list[ToolPath]()
     for request in requests:
         if request.path is not None:
             segments.append(request.path(poses[-1]))
@@ -144,15 +146,21 @@ def _tool_curve(
     for request, one in zip(requests, segments, strict=True):
         if profile.least_time(one.length, one.angle) < STILL:
             raise PlanError(request.name, "it is where the motion already is", NO_PATH)
+    if not isinstance(start, SE3):
+        # Several tools come to rest at every waypoint.
+        (path,) = segments
+        return OnePath(path)
     inner = requests[:-1]
     if inner and not any(request.blend for request in inner):
         bent = [request.name for request in requests if not request.straight]
         if bent:
             raise PlanError(bent[0], "an arc goes on without a stop only by a blend", NO_PATH)
-        return PoseSpline(poses, profile)
+        return PoseSpline(cast(list[SE3], poses), profile)
     _check_all_blended(inner)
     try:
-        return ToolCurve(segments, [request.blend for request in inner], profile)
+        return ToolCurve(
+            cast(list[Segment], segments), [request.blend for request in inner], profile
+        )
     except BlendError as error:
         raise PlanError(requests[error.segment].name, str(error), NO_PATH) from error
 

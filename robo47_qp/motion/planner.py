@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 from mink import SE3
 
@@ -10,13 +10,14 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import NO_PATH, PlanError
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.motion_type import PlannerSettings
-from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.paths.segments import Segment, ToolPath
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.motion.waypoint import Waypoint
+from robo47_qp.motion.waypoint import Waypoint, goal_pose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,9 +28,13 @@ class Leg:
     ik: IkResult
     trajectory: Trajectory
     T_world_start: SE3
-    """Tool pose at the start."""
+    """Pose of the main tool at the start."""
     T_world_goal: SE3
-    """Tool pose asked for."""
+    """Pose asked for of the main tool, or where it stays."""
+    tools: ToolPoses | None = None
+    """Poses asked for of several tools; None where the main tool alone is asked for."""
+    together: ToolPath | None = None
+    """What several tools are to stay on, as `path` for the main one alone."""
     path: Segment | None = None
     """What the tool is to stay on; None for PTP motions and where corners are blended."""
     lower_bound: float = 0.0
@@ -91,15 +96,23 @@ class Planner(PlannerSettings):
         """Plan through waypoints that are all known, their configurations chosen together.
 
         Waypoints that are blended or passed are run through without a stop; the legs of such a
-        motion join with the same velocity.
+        motion join with the same velocity. Where waypoints name other tools than those before
+        them, the choice begins anew, as the joints of tools that are not named stand still.
 
         Raises:
             InvalidValueError: `q_start` is not finite.
             PlanError: No choice leads through, or the motion is refused; the waypoint in
                 question is named.
         """
-        q = arm.checked_q("q_start", q_start)
-        if waypoints and not waypoints[-1].rests:
+        q, legs = arm.checked_q("q_start", q_start), list[Leg]()
+        for _, members in groupby(waypoints, key=lambda one: _tools_of(arm, one)):
+            legs += self._chain(arm, list(members), q, dt)
+            q = legs[-1].trajectory.end.q
+        return legs
+
+    def _chain(self, arm: Arm, waypoints: Sequence[Waypoint], q: Vector, dt: float) -> list[Leg]:
+        """Plan through waypoints of the same tools."""
+        if not waypoints[-1].rests:
             raise PlanError(waypoints[-1].name, "it is the last and not to be stopped at", NO_PATH)
         v_max = self.profile.v_max
         chosen = self.branch_choice.choose(arm, self.ik, self.lin, waypoints, q, v_max)
@@ -115,7 +128,7 @@ class Planner(PlannerSettings):
     def _to_any(self, arm: Arm, waypoint: Waypoint, q_start: Vector, dt: float) -> Leg:
         """Plan to the first configuration that can be reached and from which the rest follows."""
         refusals: list[PlanError] = []
-        for result in self.branch_choice.candidates_for(arm, self.ik, self.lin, waypoint):
+        for result in self.branch_choice.candidates_for(arm, self.ik, self.lin, waypoint, q_start):
             try:
                 return self._leg(arm, waypoint, result, q_start, dt)
             except PlanError as error:
@@ -162,10 +175,23 @@ class Planner(PlannerSettings):
         return quickest(corners, plan, duration, floor)
 
 
+def _tools_of(arm: Arm, waypoint: Waypoint) -> tuple[str, ...]:
+    """Return the names of the tools that a waypoint is for; none where it is the main tool's."""
+    goal = goal_pose(arm, waypoint)
+    return tuple(goal) if isinstance(goal, ToolPoses) else ()
+
+
 def _leg(arm: Arm, waypoint: Waypoint, request: Request, planned: Planned) -> Leg:
+    start, goal = arm.pose(planned.trajectory.q[0]), request.T_world_goal
+    whole = planned._asdict()
+    path = whole.pop("path")
+    if isinstance(goal, SE3):
+        return Leg(waypoint=waypoint, T_world_start=start, T_world_goal=goal, path=path, **whole)
     return Leg(
         waypoint=waypoint,
-        T_world_start=arm.pose(planned.trajectory.q[0]),
-        T_world_goal=request.T_world_goal,
-        **planned._asdict(),
+        T_world_start=start,
+        T_world_goal=goal.get(arm.robot.tool_name, start),
+        tools=goal,
+        together=path,
+        **whole,
     )

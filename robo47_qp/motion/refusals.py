@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline, PPoly
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason, Rejection, Robo47Error
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 
 AT_LIMIT = 1e-3
 """A joint this close to its limit is at it [rad or m]."""
@@ -39,7 +40,7 @@ class PathError(Robo47Error):
         reason: RefusalReason,
         joint: str | None = None,
         q: Vector | None = None,
-        T_world_next: SE3 | None = None,
+        T_world_next: Target | None = None,
     ) -> None:
         """Tell where on the path and why."""
         super().__init__(f"the path fails {100 * fraction:.0f} % of the way: {explanation}")
@@ -51,7 +52,7 @@ class PathError(Robo47Error):
 
     def refusal(self, time: float | None) -> Refusal:
         """Return the refusal of the motion, whose path fails at `time` [s] if that is known."""
-        pose = None if self.T_world_next is None else self.T_world_next.wxyz_xyz
+        pose = None if self.T_world_next is None else _numbers(self.T_world_next)
         rejection = Rejection(
             reason=self.reason,
             fraction=float(self.fraction),
@@ -62,6 +63,12 @@ class PathError(Robo47Error):
         )
         when = "" if time is None else f", {time:.2f} s from the start at full speed of the tool"
         return Refusal(f"{self}{when}", rejection)
+
+
+def _numbers(target: Target) -> Vector:
+    """Return a pose as seven numbers, of several tools one after the other."""
+    poses = [target] if isinstance(target, SE3) else list(target.values())
+    return np.concatenate([pose.wxyz_xyz for pose in poses])
 
 
 def check_limits(arm: Arm, q: Matrix, s: Vector | None = None) -> None:

@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mink import SE3
-
 from robo47_qp.ik.solver import IkResult
-from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.model.tool_poses import Target
+from robo47_qp.motion.paths.segments import ToolPath
 from robo47_qp.motion.trajectory import Trajectory
 
 STILL = 1e-6
@@ -20,9 +19,9 @@ class Request:
 
     name: str
     """Name of the waypoint."""
-    T_world_goal: SE3
-    """Tool pose asked for."""
-    path: Callable[[SE3], Segment] | None
+    T_world_goal: Target
+    """Tool pose asked for, or those of several tools."""
+    path: Callable[[Target], ToolPath] | None
     """Path of the tool from a start pose T_world_tcp; None where the joints move as they can."""
     straight: bool
     """True where that path is a straight line."""
@@ -42,5 +41,5 @@ class Planned(NamedTuple):
     """How the waypoint is reached, with the iterations spent on the way."""
     lower_bound: float = 0.0
     """Time that no motion along the same path can beat [s]; 0 where that is not known."""
-    path: Segment | None = None
+    path: ToolPath | None = None
     """What the tool stays on; None where it is not prescribed, or its corners are blended."""

@@ -22,8 +22,19 @@ class ToolRates(NamedTuple):
 
 
 def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
-    """Return the rates for configurations (N, n) every dt, at rest before and after them."""
-    positions, quats = tool_places(arm, q)
+    """Return the rates for configurations (N, n) every dt, at rest before and after them.
+
+    Of several tools the largest of each.
+    """
+    rates = [rates_of(arm, q, dt, tool) for tool in range(len(arm.robot.tools))]
+    if len(rates) == 1:
+        return rates[0]
+    return ToolRates(*(np.maximum.reduce(order) for order in zip(*rates, strict=True)))
+
+
+def rates_of(arm: Arm, q: Matrix, dt: float, tool: int) -> ToolRates:
+    """Return the same of one tool."""
+    positions, quats = tool_places(arm, q, tool)
     rotations = Rotation.from_quat(quats, scalar_first=True)
     turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
     steps = np.stack([np.diff(positions, axis=0), turns], axis=1)
@@ -33,11 +44,12 @@ def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
     return ToolRates(*(_sizes(x) for x in (v[2:-2], a, np.diff(a, axis=0) / dt)))
 
 
-def tool_places(arm: Arm, q: Matrix) -> tuple[Matrix, Matrix]:
+def tool_places(arm: Arm, q: Matrix, tool: int = 0) -> tuple[Matrix, Matrix]:
     """Return tool positions (N, 3) [m] and quaternions wxyz (N, 4) at configurations (N, n)."""
     positions, quats = np.empty((len(q), 3)), np.empty((len(q), 4))
     m, d = arm.model, arm.scratch
-    joints, position, quat = d.qpos, d.site_xpos[arm.tool_site], d.site_xquat[arm.tool_site]
+    site = arm.tool_sites[tool]
+    joints, position, quat = d.qpos, d.site_xpos[site], d.site_xquat[site]
     for k, row in enumerate(q):
         joints[:] = row
         mujoco.mj_kinematics(m, d)
@@ -67,8 +79,8 @@ class ToolMotion(NamedTuple):
     """Angular jerk [rad/s³]."""
 
 
-def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix) -> ToolMotion:
-    """Return the motion of the tool for joints with q, v, a and jerk j; each (N, n).
+def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int = 0) -> ToolMotion:
+    """Return the motion of a tool for joints with q, v, a and jerk j; each (N, n).
 
     All instants at once, joint after joint from the base on, in spatial vectors (w, u) at the
     world's origin: with S_i the axis of joint i, which the joints before it carry along, and
@@ -77,12 +89,12 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix) -> ToolMot
       V += S_i v_i,  A += S_i a_i + S_i' v_i,  J += S_i j_i + 2 S_i' a_i + S_i'' v_i
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
     """
-    screws, point = _at_rest(arm)
-    count = len(q)
+    screws, point = _at_rest(arm, tool)
+    count, own = len(q), arm.tool_joints(tool)
     R, p = np.tile(np.eye(3)[:, :, None], count), np.zeros((3, count))
     w, u, dw, du, ddw, ddu = np.zeros((6, 3, count))
     for (axis, moment, turns, zero), q_i, v_i, a_i, j_i in zip(
-        screws, q.T, v.T, a.T, j.T, strict=True
+        screws, q.T[own], v.T[own], a.T[own], j.T[own], strict=True
     ):
         # The axis where the joints before it have brought it.
         s = np.einsum("ijk,j->ik", R, axis)
@@ -118,17 +130,18 @@ class _Screw(NamedTuple):
     """Joint position at which axis and moment are these."""
 
 
-def _at_rest(arm: Arm) -> tuple[list[_Screw], Vector]:
-    """Return the joint axes and the tool point with all joints at zero."""
+def _at_rest(arm: Arm, tool: int) -> tuple[list[_Screw], Vector]:
+    """Return the axes of the joints that move a tool, and its point, with all joints at zero."""
     m = arm.model
     d = mujoco.MjData(m)
     mujoco.mj_kinematics(m, d)
     screws = []
-    for i, zero in enumerate(m.qpos0.tolist()):
+    for i in np.flatnonzero(arm.tool_joints(tool)).tolist():
+        zero = float(m.qpos0[i])
         axis, turns = d.xaxis[i].copy(), bool(arm.hinges[i])
         moment = np.cross(d.xanchor[i], axis) if turns else np.zeros(3)
         screws.append(_Screw(axis, moment, turns, zero))
-    return screws, d.site_xpos[arm.tool_site].copy()
+    return screws, d.site_xpos[arm.tool_sites[tool]].copy()
 
 
 def _moved(

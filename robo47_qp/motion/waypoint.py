@@ -1,5 +1,6 @@
 """Waypoint: a tool pose to visit, how to get there, and what the gripper does there."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated
@@ -22,8 +23,10 @@ from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
+from robo47_qp.model.tool_poses import Target, ToolPoses
 from robo47_qp.motion.motion_type import MotionType
-from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.paths.segments import ToolPath
+from robo47_qp.motion.paths.together import HeldTogether, Together, body_pose, points_of
 from robo47_qp.motion.request import Request
 from robo47_qp.motion.types.circ import CircMotion
 from robo47_qp.motion.types.lin import LinMotion
@@ -61,15 +64,24 @@ class Place(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Waypoint(Checked):
-    """A tool pose to visit; at rest unless it is blended or passed."""
+    """A tool pose to visit; at rest unless it is blended or passed.
+
+    Tools that the target does not name stay where they are.
+    """
 
     name: str
     """What the robot is doing on the way here; shown in recordings and messages."""
-    target: SE3 | Place
-    """T_world_tcp to reach, or a place of the robot's own."""
+    target: Target | Place
+    """T_world_tcp to reach (of the main tool, or `ToolPoses` of several tools at once), or a
+    place of the robot's own."""
+    holding: ToolPoses | None = None
+    """T_body_tcp of the tools that hold one body together. The target is then T_world_body, and a
+    LIN or CIRC is the path of the body, which the tools hold as they do on all of it."""
     motion: Motion = Motion.PTP
     through: Annotated[Vector, Size(3)] | None = None
     """CIRC: a point on the arc between start and target (3,) [m]."""
+    through_each: Mapping[str, ArrayLike] | None = None
+    """CIRC of several tools, in place of `through`: such a point for each."""
     centre: Annotated[Vector, Size(3)] | None = None
     """CIRC, in place of `through`: centre of the arc (3,) [m]; the shorter way is taken."""
     blend: NotNegative = 0.0
@@ -104,6 +116,16 @@ class Waypoint(Checked):
         self._check_shape()
         if isinstance(self.target, SE3):
             check_pose(f"target of waypoint {self.name!r}", self.target)
+        elif self.holding is not None:
+            raise InvalidValueError(
+                f"target of waypoint {self.name!r}", self.target, "the pose of the body held"
+            )
+        if not self._single and not self.rests:
+            raise InvalidValueError(
+                f"waypoint {self.name!r} of several tools",
+                f"a blend of {self.blend} m, stop {self.stop}",
+                "one at which they come to rest",
+            )
 
     def _label(self, field: str) -> str:
         return f"{field} of waypoint {self.name!r}"
@@ -118,15 +140,25 @@ class Waypoint(Checked):
         """True where the tool keeps to a path on the way here: a line or an arc."""
         return self.motion.type.prescribes_path
 
-    def path(self, start: SE3, goal: SE3) -> Segment:
-        """Return the path of the tool from one pose T_world_tcp to another.
+    def path(self, start: Target, goal: Target) -> ToolPath:
+        """Return the path of the tools from poses T_world_tcp to others of the same tools.
 
         Raises:
             PlanError: The points that shape it make no path.
         """
+        shape = self.motion.type.path
         points = {name: getattr(self, name) for name in self._given}
         try:
-            return self.motion.type.path(start, goal, points)
+            if isinstance(start, SE3) or isinstance(goal, SE3):
+                return shape(one_pose(start), one_pose(goal), points)
+            if self.holding is not None and isinstance(self.target, SE3):
+                body = shape(body_pose(start, self.holding), self.target, points)
+                return HeldTogether(body, start, self.holding)
+            each = dict.fromkeys(goal, points)
+            if self.through_each is not None:
+                own = points_of(list(goal), self.through_each)
+                each = {name: {"through": point} for name, point in own.items()}
+            return Together({name: shape(start[name], goal[name], each[name]) for name in goal})
         except InvalidValueError as error:
             raise PlanError(self.name, str(error), NO_PATH) from error
 
@@ -150,12 +182,21 @@ class Waypoint(Checked):
         )
 
     @property
+    def _single(self) -> bool:
+        """True where the target is a pose of the main tool alone, or a place."""
+        return self.holding is None and not isinstance(self.target, ToolPoses)
+
+    @property
     def _given(self) -> list[str]:
         return [name for name in _POINTS if getattr(self, name) is not None]
 
     def _check_shape(self) -> None:
         motion, name = self.motion.type, self.motion.name
-        if len(self._given) != min(1, len(motion.points)) or set(self._given) - {*motion.points}:
+        given = len(self._given)
+        if self.through_each is not None:
+            each = isinstance(self.target, ToolPoses) and "through" in motion.points
+            given = given + 1 if each else -1
+        if given != min(1, len(motion.points)) or set(self._given) - {*motion.points}:
             wanted = f"one of {' and '.join(motion.points)}" if motion.points else "neither"
             raise InvalidValueError(
                 f"shape of the way to waypoint {self.name!r}",
@@ -174,9 +215,29 @@ class Waypoint(Checked):
             )
 
 
-def goal_pose(arm: Arm, waypoint: Waypoint) -> SE3:
-    """Return T_world_tcp that a waypoint asks for."""
-    return arm.pose(arm.home) if isinstance(waypoint.target, Place) else waypoint.target
+def goal_pose(arm: Arm, waypoint: Waypoint) -> Target:
+    """Return T_world_tcp that a waypoint asks for, of one tool or of several."""
+    target, holding = waypoint.target, waypoint.holding
+    if isinstance(target, Place):
+        tools = arm.robot.tools
+        if len(tools) == 1:
+            return arm.pose(arm.home)
+        return ToolPoses({tool.name: arm.pose(arm.home, i) for i, tool in enumerate(tools)})
+    if holding is not None and isinstance(target, SE3):
+        T_world_body = target
+        return holding.each(lambda _, T_body_tcp: T_world_body @ T_body_tcp)
+    return target
+
+
+def one_pose(pose: Target) -> SE3:
+    """Return the pose of the main tool where it alone is asked for.
+
+    Raises:
+        InvalidValueError: There are several.
+    """
+    if not isinstance(pose, SE3):
+        raise InvalidValueError("start and goal of a path", list(pose), "poses of the same tools")
+    return pose
 
 
 def tool_down(position: ArrayLike, yaw: float = 0.0) -> SE3:

@@ -164,7 +164,7 @@ def test_the_sequence_of_least_cost_is_taken() -> None:
     lin, v_max = Lin(), PANDA.profile.v_max
     targets = [ARM.pose(rng.uniform(0.6 * ARM.q_min, 0.6 * ARM.q_max)) for _ in range(3)]
     waypoints = [Waypoint(name=f"{i}", target=target) for i, target in enumerate(targets)]
-    layers = [chain.answers(ARM, IK, waypoint) for waypoint in waypoints]
+    layers = [chain.answers(ARM, IK, waypoint, ARM.home) for waypoint in waypoints]
     assert all(len(layer) >= 3 for layer in layers)
 
     def cost(sequence: list[IkResult]) -> float:

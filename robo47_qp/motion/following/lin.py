@@ -48,18 +48,18 @@ class Lin(Tracking):
         arm: Arm,
         ik: IkSolver,
         q_start: Vector,
-        T_world_goal: SE3,
+        goal: SE3 | ToolPath,
         joints: MotionProfile,
         dt: float,
         pace: float = 1.0,
     ) -> tuple[Trajectory, IkResult]:
-        """Plan from the tool pose at q_start to a goal pose.
+        """Plan from the tool pose at q_start to a goal pose, or along a path that starts there.
 
         Args:
             arm: The arm.
             ik: Solves the knots.
             q_start: Start configuration, at rest (n,) [rad].
-            T_world_goal: Tool pose to come to rest at.
+            goal: Tool pose to come to rest at, or the path of one tool or several.
             joints: Bounds of the joints.
             dt: Time between samples [s].
             pace: Pace of the tool in (0, 1].
@@ -71,7 +71,8 @@ class Lin(Tracking):
             PathError: IK fails on the path or changes branch, the path leaves the joint
                 limits, or no number of knots keeps it on the line.
         """
-        line = Line(arm.pose(q_start), T_world_goal)
+        line: ToolPath = Line(arm.pose(q_start), goal) if isinstance(goal, SE3) else goal
+        T_world_goal = goal if isinstance(goal, SE3) else goal.at(1.0)
         if max(line.length, line.angle) <= min(ik.tolerance.position, ik.tolerance.orientation):
             there = judged(arm, T_world_goal, q_start, ik.tolerance, 0)
             if not there.converged:
@@ -98,7 +99,7 @@ class Lin(Tracking):
         return replace(end, iterations=effort.iterations, seconds=effort.seconds), joints
 
     def _timed(
-        self, arm: Arm, path: BSpline, line: Line, joints: MotionProfile, dt: float, pace: float
+        self, arm: Arm, path: BSpline, line: ToolPath, joints: MotionProfile, dt: float, pace: float
     ) -> Trajectory:
         bounds = self.profile.along(line.length, line.angle, pace)
         stretch = 1.0

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from mink import SE3
 from scipy.optimize import least_squares
 
 from robo47_qp.arrays import Matrix, Vector
@@ -39,7 +38,7 @@ class SmallSteps(NamedTuple):
     """The last configuration on it."""
     at: float
     """Where that is, 1 at the end."""
-    stuck: SE3 | None
+    stuck: Target | None
     """The pose next to it that is not reached from there; None where the end was reached."""
     results: list[IkResult]
     """IK results on the path."""
@@ -52,7 +51,7 @@ def single_start(ik: IkSolver) -> IkSolver:
 
 
 def follow_in_small_steps(
-    arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], SE3]
+    arm: Arm, ik: IkSolver, q: Vector, at: Callable[[float], Target]
 ) -> SmallSteps:
     """Follow a short path; where IK fails or a joint jumps, by a slower search or smaller steps.
 
@@ -112,7 +111,7 @@ def solve_nearby(
         found = least_squares(
             lambda x: arm.pose_error(T_world_target, x),
             start,
-            jac=lambda x: -arm.jacobian(x),
+            jac=lambda x: -arm.error_jacobian(T_world_target, x),
             bounds=(low, high),
             method="dogbox",
             xtol=_EXACT,
@@ -131,7 +130,7 @@ SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
 
 
-def block_reason(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason, str]:
+def block_reason(arm: Arm, q: Vector, T_world_next: Target) -> tuple[RefusalReason, str]:
     """Return why the tool cannot move from q to a pose next to it, and the joint concerned.
 
     Without the joint limits the pose is reached by a small motion that leads a joint out of
@@ -153,13 +152,15 @@ def block_reason(arm: Arm, q: Vector, T_world_next: SE3) -> tuple[RefusalReason,
     moved = joints[int(np.abs(other.q - q).argmax())]
     if not other.converged:
         return RefusalReason.REACH, moved
-    _, gains, directions = np.linalg.svd(arm.jacobian(q))
+    _, gains, directions = np.linalg.svd(arm.error_jacobian(T_world_next, q))
     if gains[-1] < SINGULAR:
         return RefusalReason.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]
     return RefusalReason.BRANCH, moved
 
 
-def deviation_reason(arm: Arm, knots: Matrix, q: Vector) -> tuple[RefusalReason, str, Vector]:
+def deviation_reason(
+    arm: Arm, knots: Matrix, q: Vector, target: Target
+) -> tuple[RefusalReason, str, Vector]:
     """Return why no spline keeps to a joint path: reason, joint and configuration.
 
     A joint slides along its limit, or the arm is close to a singularity; else there is no
@@ -169,12 +170,13 @@ def deviation_reason(arm: Arm, knots: Matrix, q: Vector) -> tuple[RefusalReason,
         arm: The arm.
         knots: The joint path (N, n) [rad].
         q: Where the spline is worst (n,) [rad].
+        target: The pose asked for there.
     """
     margins = np.minimum(knots - arm.q_min, arm.q_max - knots)
     row, joint = np.unravel_index(int(margins.argmin()), margins.shape)
     if margins[row, joint] < AT_LIMIT:
         return RefusalReason.JOINT_LIMIT, arm.robot.joints[joint], knots[row]
-    _, gains, directions = np.linalg.svd(arm.jacobian(q))
+    _, gains, directions = np.linalg.svd(arm.error_jacobian(target, q))
     busiest = arm.robot.joints[int(np.abs(directions[len(gains) - 1]).argmax())]
     close = gains[-1] < SINGULAR
     return RefusalReason.SINGULARITY if close else RefusalReason.PRECISION, busiest, q

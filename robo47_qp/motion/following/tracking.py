@@ -5,13 +5,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from mink import SE3
 from scipy.interpolate import BSpline, make_interp_spline
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.following.small_steps import (
     block_reason,
     deviation_reason,
@@ -94,7 +94,9 @@ class Tracking:
                 return spline, IkEffort(iterations, seconds)
             if doublings == self.doublings:
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
-                raise PathError(fraction, reason, *deviation_reason(arm, q, spline(fraction)))
+                raise PathError(
+                    fraction, reason, *deviation_reason(arm, q, spline(fraction), path.at(fraction))
+                )
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
@@ -109,7 +111,7 @@ class Tracking:
             seed, target = q[-1], path.at(fraction)
             if away:
                 seed = np.clip(
-                    seed + spacing * self.retreat * _away(arm, seed), arm.q_min, arm.q_max
+                    seed + spacing * self.retreat * _away(arm, seed, target), arm.q_min, arm.q_max
                 )
             result = near.solve(arm, target, seed)
             results.append(result)
@@ -156,14 +158,15 @@ def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> t
     return off[worst], float(s[worst])
 
 
-def _polished(arm: Arm, target: SE3, q: Vector) -> Vector:
+def _polished(arm: Arm, target: Target, q: Vector) -> Vector:
     """Return q after Newton steps of least motion: q + J⁺ e."""
     for _ in range(_POLISHES):
-        q = q + np.linalg.lstsq(arm.jacobian(q), arm.pose_error(target, q), rcond=1e-4)[0]
+        J = arm.error_jacobian(target, q)
+        q = q + np.linalg.lstsq(J, arm.pose_error(target, q), rcond=1e-4)[0]
     return q
 
 
-def _away(arm: Arm, q: Vector) -> Vector:
+def _away(arm: Arm, q: Vector, target: Target) -> Vector:
     """Return null-space motion away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
 
     The gradient projection of Liégeois (1977) with the fourth power of the distance from the
@@ -171,7 +174,8 @@ def _away(arm: Arm, q: Vector) -> Vector:
     """
     half = 0.5 * (arm.q_max - arm.q_min)
     x = (q - 0.5 * (arm.q_min + arm.q_max)) / half
-    J = arm.jacobian(q)
-    wish = -(x**3)
+    J = arm.error_jacobian(target, q)
+    # Joints that move no tool of the path stand still.
+    wish = -(x**3) * arm.joints_of(target)
     way: Vector = wish - np.linalg.lstsq(J, J @ wish, rcond=1e-4)[0]
     return way

@@ -10,6 +10,7 @@ from mink import SE3, SO3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.tool_poses import Target
 
 _FLAT = 1e-6
 """Sine of an angle below which three points lie on one line."""
@@ -18,7 +19,7 @@ _ROUND = 1e-4
 
 
 class ToolPath(Protocol):
-    """A path of the tool over a parameter s in [0, 1]."""
+    """A path of the tool, or of several tools together, over a parameter s in [0, 1]."""
 
     @property
     def length(self) -> float:
@@ -30,13 +31,17 @@ class ToolPath(Protocol):
         """Angle that the tool turns through [rad]."""
         ...
 
-    def at(self, s: float) -> SE3:
+    def at(self, s: float) -> Target:
         """Return T_world_tcp at s."""
         ...
 
 
 class Segment(ToolPath, Protocol):
-    """A tool path that can be joined to others; it turns steadily about one axis."""
+    """A path of one tool that can be joined to others; it turns steadily about one axis."""
+
+    def at(self, s: float) -> SE3:
+        """Return T_world_tcp at s."""
+        ...
 
     @property
     def turn(self) -> Vector:

@@ -8,7 +8,7 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.tool_motion import tool_rates
+from robo47_qp.motion.tool_motion import rates_of
 
 
 def least_time(distance: float, v_max: float, a_max: float, j_max: float) -> float:
@@ -61,7 +61,8 @@ def lower_bound(
     steps = np.abs(np.diff(q, axis=0)) / joints.v_max
     times.append(float(steps.max(axis=1).sum()))
     if tool is not None:
-        length, angle = tool_rates(arm, q, 1.0).v.sum(axis=0)
-        for way, (v, a, j) in ((length, tool.linear), (angle, tool.angular)):
-            times.append(least_time(float(way), v, a, j if straight else inf))
+        for one in range(len(arm.robot.tools)):
+            length, angle = rates_of(arm, q, 1.0, one).v.sum(axis=0)
+            for way, (v, a, j) in ((length, tool.linear), (angle, tool.angular)):
+                times.append(least_time(float(way), v, a, j if straight else inf))
     return max(times)

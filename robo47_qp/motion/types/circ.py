@@ -33,5 +33,9 @@ class CircMotion(MotionType):
     ) -> Planned:
         """See `MotionType.plan`."""
         [planned] = settings.without_stops(arm, [request], q_start, dt)
-        path = None if request.path is None else request.path(arm.pose(q_start))
+        path = (
+            None
+            if request.path is None
+            else request.path(arm.pose_as(request.T_world_goal, q_start))
+        )
         return planned._replace(path=path)

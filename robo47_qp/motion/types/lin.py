@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import PlanError
+from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.motion_type import MotionType, PlannerSettings
 from robo47_qp.motion.paths.segments import Line
@@ -35,9 +35,11 @@ class LinMotion(MotionType):
         """See `MotionType.plan`."""
         goal, pace = request.T_world_goal, request.pace
         lin, profile = replace(settings.lin, law=settings.law), settings.profile.slowed(pace)
-        line = Line(arm.pose(q_start), goal)
+        if request.path is None:
+            raise InvalidValueError("path of a LIN motion", None, "a path")
+        line = request.path(arm.pose_as(goal, q_start))
         try:
-            trajectory, end = lin.plan(arm, settings.ik, q_start, goal, profile, dt, pace)
+            trajectory, end = lin.plan(arm, settings.ik, q_start, line, profile, dt, pace)
         except PathError as error:
             time = error.fraction * lin.profile.least_time(line.length, line.angle)
             raise PlanError(request.name, *error.refusal(time)) from error

@@ -127,7 +127,7 @@ def test_it_tells_how_far_it_came_and_what_is_next() -> None:
         return turned(start, 2, x)
 
     crept = follow_in_small_steps(HINGED, LmIk(), q, at)
-    assert crept.stuck is not None
+    assert isinstance(crept.stuck, SE3)
     assert crept.at == pytest.approx(0.5, abs=0.05)
     assert max(HINGED_PLAIN.errors(crept.q, at(crept.at))) <= 2e-6
     assert max(HINGED_PLAIN.errors(crept.q, crept.stuck)) == pytest.approx(2.0**-10, rel=0.01)
@@ -188,7 +188,9 @@ def test_another_branch_is_told_with_the_joint_that_differs_most() -> None:
 def test_a_rough_path_along_a_limit_is_told_where(side: int) -> None:
     knots = np.tile(PANDA_ARM.home, (5, 1))
     knots[2, 4] = (PANDA_ARM.q_max if side > 0 else PANDA_ARM.q_min)[4] - side * 5e-4
-    reason, joint, q = deviation_reason(PANDA_ARM, knots, PANDA_ARM.home)
+    reason, joint, q = deviation_reason(
+        PANDA_ARM, knots, PANDA_ARM.home, PANDA_ARM.pose(PANDA_ARM.home)
+    )
     assert (reason, joint, q.tolist()) == (RefusalReason.JOINT_LIMIT, "joint5", knots[2].tolist())
 
 
@@ -199,7 +201,7 @@ def test_a_rough_path_is_near_a_singularity_or_has_too_few_knots() -> None:
         (HINGED.home, RefusalReason.PRECISION),
     ):
         knots = np.tile(HINGED.home, (5, 1))
-        reason, joint, where = deviation_reason(HINGED, knots, q)
+        reason, joint, where = deviation_reason(HINGED, knots, q, HINGED.pose(q))
         assert (reason, where.tolist()) == (wanted, q.tolist())
         assert joint in HINGED.robot.joints
         if wanted is RefusalReason.SINGULARITY:

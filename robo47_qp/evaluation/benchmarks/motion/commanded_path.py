@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, one_pose
 
 _BLEND_SHARE = 0.98
 """Blends that take more of a line than this leave no line between them."""
@@ -33,7 +33,7 @@ class CommandedPath:
         poses = [start]
         for waypoint in waypoints:
             target = waypoint.target
-            poses.append(home if isinstance(target, Place) else target.wxyz_xyz)
+            poses.append(home if isinstance(target, Place) else one_pose(target).wxyz_xyz)
         self._points = [pose[4:] for pose in poses]
         self._turns = [
             2.0 * np.arccos(min(1.0, float(abs(a[:4] @ b[:4])))) for a, b in pairwise(poses)

@@ -9,7 +9,7 @@ from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.waypoint import Place, Waypoint
+from robo47_qp.motion.waypoint import Place, Waypoint, one_pose
 
 _SLACK = 1e-6
 """Relative slack for rounding in differences."""
@@ -75,7 +75,7 @@ def path_deviations(
         found.append("it does not start where it should")
     target = waypoints[-1].target
     if not isinstance(target, Place):
-        away = np.abs(look.away(q[-1], target.wxyz_xyz)).max()
+        away = np.abs(look.away(q[-1], one_pose(target).wxyz_xyz)).max()
         if away > _CLOSE:
             found.append(f"the goal is missed by {away:.6f}")
     ends = np.array([look.position(leg.trajectory.q[-1]) for leg in legs])

@@ -8,7 +8,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
-from robo47_qp.motion.waypoint import Place, Waypoint
+from robo47_qp.motion.waypoint import Place, Waypoint, one_pose
 
 _ON_PATH = 2e-5
 """The configuration before an obstacle has its tool on the path as closely as this [m]."""
@@ -78,7 +78,7 @@ class RefusalCheck:
         if isinstance(waypoint.target, Place):
             return "home is always reached"
         rng = np.random.default_rng(_SEED)
-        there = self._look.reaches(waypoint.target.wxyz_xyz, _STARTS, rng, _REACHED)
+        there = self._look.reaches(one_pose(waypoint.target).wxyz_xyz, _STARTS, rng, _REACHED)
         return None if there is None else "the pose is reached"
 
     def _misplaced(self, path: CommandedPath, found: Rejection, q: Vector) -> str | None:

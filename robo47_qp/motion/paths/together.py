@@ -1,0 +1,101 @@
+"""Paths of several tools over one parameter: they move together by construction."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from mink import SE3
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.tool_poses import Target, ToolPoses
+from robo47_qp.motion.paths.segments import Line, Segment, ToolPath
+
+
+class Together:
+    """A path for each of several tools; all begin and end at the same time.
+
+    `length` and `angle` are those of the tool that goes farthest: it sets the time.
+    """
+
+    def __init__(self, paths: Mapping[str, Segment]) -> None:
+        """Join paths, by the names of the tools."""
+        self.paths = dict(paths)
+        self.length = max(path.length for path in paths.values())
+        """[m]"""
+        self.angle = max(path.angle for path in paths.values())
+        """[rad]"""
+
+    def at(self, s: float) -> ToolPoses:
+        """Return the poses of the tools at s in [0, 1]."""
+        return ToolPoses({name: path.at(s) for name, path in self.paths.items()})
+
+
+class HeldTogether:
+    """The paths of tools that hold one body, from the path of the body.
+
+    T_world_tcp(s) = T_world_body(s) T_body_tcp(s). Where tools hold the body as they are to,
+    T_body_tcp is constant, and so is the pose of the tools relative to each other; else it goes
+    steadily to what was asked for.
+    """
+
+    def __init__(self, body: Segment, start: ToolPoses, holding: ToolPoses) -> None:
+        """Derive the paths.
+
+        Args:
+            body: Path of the body.
+            start: T_world_tcp of each tool at its start.
+            holding: T_body_tcp of each tool at its end.
+        """
+        self.body = body
+        T_body_world = body.at(0.0).inverse()
+        self._grasps = {name: Line(T_body_world @ start[name], holding[name]) for name in holding}
+        # A body that turns moves a tool far from it by more than its own point.
+        levers = (np.linalg.norm(pose.translation()) for pose in holding.values())
+        self.length = body.length + body.angle * max(float(lever) for lever in levers)
+        """Bound on the way of any tool [m]."""
+        self.angle = body.angle + max(grasp.angle for grasp in self._grasps.values())
+        """Bound on the angle that any tool turns through [rad]."""
+
+    def at(self, s: float) -> ToolPoses:
+        """Return the poses of the tools at s in [0, 1]."""
+        T_world_body = self.body.at(s)
+        return ToolPoses({name: T_world_body @ way.at(s) for name, way in self._grasps.items()})
+
+
+def body_pose(tools: ToolPoses, holding: ToolPoses) -> SE3:
+    """Return T_world_body by the first of the tools that hold the body."""
+    name = next(iter(holding))
+    return tools[name] @ holding[name].inverse()
+
+
+def points_of(names: Sequence[str], points: Mapping[str, ArrayLike]) -> dict[str, Vector]:
+    """Return the points (3,) of tools, checked to be there for each and for no other [m].
+
+    Raises:
+        InvalidValueError: They are not.
+    """
+    if set(names) != set(points):
+        raise InvalidValueError("points of an arc for tools", sorted(points), f"one each {names}")
+    return {name: checked_vector(f"point of {name!r}", points[name], 3) for name in names}
+
+
+class OnePath:
+    """A path alone, as a curve without corners."""
+
+    def __init__(self, path: ToolPath) -> None:
+        """Take the path of one tool or of several."""
+        self._path = path
+        self.length, self.angle = path.length, path.angle
+        self.cuts: Vector = np.array([0.0, 1.0])
+        """Where it begins and ends."""
+        self.corners: Vector = np.empty(0)
+        """Where segments meet: nowhere."""
+
+    def at(self, s: float) -> Target:
+        """Return T_world_tcp at s in [0, 1]."""
+        return self._path.at(s)
+
+    def segment_at(self, s: float) -> int:
+        """Return the index of the segment at s: always 0."""
+        return 0
