@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from robo47_qp.evaluation.evaluation import evaluate_policy
     from robo47_qp.evaluation.perturbation import Perturbation
     from robo47_qp.ik.dls import DlsIk
+    from robo47_qp.ik.mink import MinkIk
     from robo47_qp.ik.multistart import MultiStart
     from robo47_qp.ik.qp import QpIk
     from robo47_qp.ik.solver import IkResult
@@ -42,6 +43,7 @@ __all__ = [
     "DlsIk",
     "IkResult",
     "JointTarget",
+    "MinkIk",
     "Motion",
     "MultiStart",
     "Observation",
@@ -70,6 +72,7 @@ _HOMES = {
     "DlsIk": "robo47_qp.ik.dls",
     "IkResult": "robo47_qp.ik.solver",
     "JointTarget": "robo47_qp.run.policy.policy",
+    "MinkIk": "robo47_qp.ik.mink",
     "Motion": "robo47_qp.motion.waypoint",
     "MultiStart": "robo47_qp.ik.multistart",
     "Observation": "robo47_qp.run.policy.policy",

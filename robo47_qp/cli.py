@@ -70,16 +70,17 @@ class StackOptions:
     robot: Annotated[str, _one_of(robot_names())] = "panda"
     """Robot that does the task; all but the panda take their model from MuJoCo Menagerie."""
     ik: Annotated[str, _one_of([*IK_SOLVERS])] = ClassicalStack.ik
-    """Inverse kinematics: mink's QP inside the joint limits, the faster Levenberg-Marquardt
-    inside them, or damped least squares clamped to them. Each starts from home and is restarted
-    from other configurations, at most 100 times, where it gets stuck; the names with -single
-    start from home alone, with the more patient settings of a solver without restarts (100 QPs,
-    200 steps of dls), and offer one configuration per goal where the others offer several. Among
-    obstacles qp and lm step around what is in the way; with dls, answers that are too close to
-    an obstacle are refused. Straight lines are followed from one start per point with any of
-    them, and where one fails, a slower search near it helps."""
+    """Inverse kinematics: mink, the same QP without mink's overhead (qp), the faster
+    Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them.
+    Each starts from home and is restarted from other configurations, at most 100 times, where it
+    gets stuck; the names with -single start from home alone, with the more patient settings of a
+    solver without restarts (100 QPs, 200 steps of dls), and offer one configuration per goal
+    where the others offer several. Among obstacles mink, qp and lm step around what is in the
+    way; with dls, answers that are too close to an obstacle are refused. Straight lines are
+    followed from one start per point with any of them, and where one fails, a slower search near
+    it helps."""
     qp_solver: Annotated[str, _one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
-    """QP solver for --ik qp and qp-single."""
+    """QP solver for --ik mink and qp, also with -single."""
     controller: Annotated[str, _one_of([*CONTROLLERS])] = ClassicalStack.controller
     """Controller that tracks the planned motion."""
     speed: float = ClassicalStack.pace

@@ -13,6 +13,7 @@ from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
@@ -26,6 +27,9 @@ from robo47_qp.run.scenario import Scenario
 from robo47_qp.run.task import Task
 
 IK_SOLVERS: dict[str, Callable[[str, float | None], IkSolver]] = {
+    "mink": lambda backend, clearance: MultiStart(
+        solver=MinkIk(backend=backend, max_iterations=30, stall=Stall(), clearance=clearance)
+    ),
     "qp": lambda backend, clearance: MultiStart(
         solver=QpIk(backend=backend, max_iterations=30, stall=Stall(), clearance=clearance)
     ),
@@ -33,6 +37,7 @@ IK_SOLVERS: dict[str, Callable[[str, float | None], IkSolver]] = {
         solver=LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
     ),
     "dls": lambda _, clearance: MultiStart(solver=DlsIk(clearance=clearance)),
+    "mink-single": lambda backend, clearance: MinkIk(backend=backend, clearance=clearance),
     "qp-single": lambda backend, clearance: QpIk(backend=backend, clearance=clearance),
     "lm-single": lambda _, clearance: LmIk(clearance=clearance),
     "dls-single": lambda _, clearance: DlsIk(clearance=clearance),
@@ -41,6 +46,8 @@ IK_SOLVERS: dict[str, Callable[[str, float | None], IkSolver]] = {
 obstacles [m] (None: obstacles are ignored). Solvers that are restarted give a start up early;
 those of a single start are more patient."""
 QP_SOLVERS = ("daqp", "osqp")
+_BY_QP = ("mink", "qp")
+"""Inverse kinematics whose QP solver can be chosen."""
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "joint_impedance": JointImpedance,
     "cartesian_impedance": CartesianImpedance,
@@ -64,10 +71,10 @@ from what stands in the scene [m]."""
 class ClassicalStack:
     """Settings of the classical stack, from which it makes the parts that run a task."""
 
-    ik: str = "qp"
+    ik: str = "mink"
     """Inverse kinematics, a name of `IK_SOLVERS`."""
     qp_solver: str = "daqp"
-    """Solver of the quadratic programs of "qp" and "qp-single", a name of `QP_SOLVERS`."""
+    """Solver of the quadratic programs of "mink" and "qp", a name of `QP_SOLVERS`."""
     controller: str = "joint_impedance"
     """Controller, a name of `CONTROLLERS`."""
     pace: float = 1.0
@@ -89,8 +96,8 @@ class ClassicalStack:
                 raise UnknownNameError(kind, name, known)
         if not PACE_MIN <= self.pace <= 1.0:
             raise InvalidValueError("pace", self.pace, f"between {PACE_MIN} and 1")
-        if self.qp_solver != QP_SOLVERS[0] and self.ik.removesuffix("-single") != "qp":
-            expected = "left out unless the inverse kinematics is qp or qp-single"
+        if self.qp_solver != QP_SOLVERS[0] and self.ik.removesuffix("-single") not in _BY_QP:
+            expected = f"left out unless the inverse kinematics is {' or '.join(_BY_QP)}"
             raise InvalidValueError("qp_solver", self.qp_solver, expected)
 
     def solver(self, clearance: float | None = None) -> IkSolver:

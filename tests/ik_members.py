@@ -10,6 +10,7 @@ from robo47_qp.ik.box_qp import backends
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 
@@ -28,6 +29,7 @@ KNOWN: dict[type, Callable[[], Variants]] = {
         "lm-position": LmIk(position_only=True),
         "lm-stall": LmIk(max_iterations=20, stall=Stall()),
     },
+    MinkIk: lambda: {"mink": MinkIk(max_iterations=20)},
     # Every iteration costs OSQP milliseconds where a target cannot be reached.
     QpIk: lambda: {f"qp-{name}": QpIk(backend=name, max_iterations=20) for name in backends()},
 }

@@ -35,8 +35,8 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     task: str = "pick_place"
     """Name of a task."""
     policy: tuple[str, ...] = ()
-    """The classical stack (the default): classical with the IK of --ik, or classical:qp, :lm,
-    :dls, :qp-single, :lm-single or :dls-single. Or module:Class or file.py:Class of a policy: a
+    """The classical stack (the default): classical with the IK of --ik, or classical:mink,
+    :qp, :lm or :dls, each also with -single. Or module:Class or file.py:Class of a policy: a
     class with reset(observation) and act(observation). Given more than once, each one runs on
     the same seeds, and the first is the baseline that each other one is compared with."""
     rate: DecisionRate = PolicyTiming.rate

@@ -1,12 +1,15 @@
 """Small dense QPs with bounds and inequalities, behind one interface to several QP solvers."""
 
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
+from warnings import catch_warnings
 
 import daqp
 import numpy as np
 import osqp
 import qpsolvers
 from numpy.typing import NDArray
+from qpsolvers.warnings import SparseConversionWarning
 from scipy.sparse import csc_matrix
 
 from robo47_qp.arrays import Matrix, Vector
@@ -16,8 +19,7 @@ _RHO = 0.1
 """OSQP's default initial step size."""
 _ENDLESS = 1e30
 """DAQP's value of infinity."""
-_OSQP_SETTINGS: dict[str, Any] = {
-    "verbose": False,
+OSQP_SETTINGS: dict[str, Any] = {
     "rho": _RHO,
     # The default accuracy of 1e-3 leaves steps that are wrong by as much.
     "eps_abs": 1e-9,
@@ -29,6 +31,7 @@ _OSQP_SETTINGS: dict[str, Any] = {
     "warm_starting": False,
     "adaptive_rho": 1,
 }
+"""Settings of OSQP for steps that are exact and repeat to the bit."""
 _OSQP_STEPS = (
     osqp.SolverStatus.OSQP_SOLVED,
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
@@ -115,7 +118,7 @@ class _Osqp:
         free = np.full(n, 1.0)
         dense = csc_matrix(np.triu(np.ones((n, n))) + n * np.eye(n))
         self._problem.setup(
-            dense, np.zeros(n), csc_matrix(np.eye(n)), -free, free, **_OSQP_SETTINGS
+            dense, np.zeros(n), csc_matrix(np.eye(n)), -free, free, verbose=False, **OSQP_SETTINGS
         )
 
     def solve(
@@ -136,7 +139,9 @@ class _Osqp:
             rows = csc_matrix(np.vstack([np.eye(self._n), A]))
             below = np.concatenate([low, np.full(len(upper), -np.inf)])
             above = np.concatenate([high, upper])
-            problem.setup(csc_matrix(np.triu(H)), f, rows, below, above, **_OSQP_SETTINGS)
+            problem.setup(
+                csc_matrix(np.triu(H)), f, rows, below, above, verbose=False, **OSQP_SETTINGS
+            )
         result = problem.solve(raise_error=False)
         x: Vector = result.x
         if result.info.status_val not in _OSQP_STEPS or not np.isfinite(x).all():
@@ -185,6 +190,13 @@ def check_backend(backend: str) -> None:
     """
     if backend not in backends():
         raise UnknownNameError("QP solver", backend, backends())
+
+
+def dense_call(backend: str) -> AbstractContextManager[object]:
+    """Return a context in which qpsolvers takes dense matrices for a QP solver without warning."""
+    if backend in qpsolvers.dense_solvers:
+        return nullcontext()
+    return catch_warnings(action="ignore", category=SparseConversionWarning)
 
 
 def box_qp(backend: str, n: int) -> BoxQp:

@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import sqrt
 from time import process_time
-from typing import Annotated, NamedTuple, Protocol, Self
+from typing import Annotated, Protocol, Self
 
 import numpy as np
-from mujoco import mju_addToScl
 
-from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix, NotNegative, Range, Vector
+from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Range, Vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.avoidance import Avoidance, DistanceRows
-from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.solver import (
     Attempt,
     IkResult,
@@ -24,11 +22,11 @@ from robo47_qp.ik.solver import (
     judged,
     rejected,
 )
-from robo47_qp.ik.tool_error import ToolError, error_to, tools_of
+from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 
-_FLOOR = 1e-9
+FLOOR = 1e-9
 """Least damping, for the directions in which a redundant arm moves without its tool."""
 _ROUNDING = 100.0
 """A squared error of more than so many squared tolerances is no answer, whatever rounding does:
@@ -129,59 +127,52 @@ def _avoidance(arm: Arm, clearance: float) -> Avoidance:
     return Avoidance(arm.derived(Clearance, clearance), d_min=d_min, detection=d_min + _DETECTION)
 
 
-class Linearised(NamedTuple):
-    """½ ‖J dq - e‖² + ½ λ ‖dq‖² + ½ w ‖dq - (q_seed - q)‖², what a step dq minimises."""
+class Stepper(Protocol):
+    """What a search asks for: how far the target is, and the step towards it."""
 
-    e: Vector
-    """Residual (rows,)."""
-    J: Matrix
-    """How it falls per joint (rows, n)."""
-    damping: float
-    """λ + w."""
-    posture: float = 0.0
-    """w."""
+    def aim(self, T_world_target: Target, q_seed: Vector) -> None:
+        """Take a target, and the configuration that answers are to be close to (n,) [rad]."""
+        ...
 
+    def move(self, q: Vector) -> tuple[float, float, float]:
+        """Put the arm at q (n,) [rad].
 
-class Objective(Protocol):
-    """What a search minimises."""
+        Returns:
+            What is left there, squared: the distance of the tool [m²], its angle [rad²], and
+            whatever else has to be reached, which is 0 where it is.
+        """
+        ...
 
-    def linearised(self, error: ToolError, squared_error: float) -> Linearised:
-        """Return the objective about the configuration of `error`; valid until the next call."""
+    def step(self, q: Vector, squared_error: float, rows: DistanceRows | None) -> Vector | None:
+        """Return the step (n,) from the q of the last `move`, or None where there is none.
+
+        Args:
+            q: That configuration (n,) [rad].
+            squared_error: What was left there, altogether.
+            rows: Rows that keep pairs of geoms apart.
+        """
         ...
 
 
 class Search:
-    """Memory of the searches on one arm; `q` is where the last one ended."""
+    """The loop of all searches on one arm; `q` is where the last one ended."""
 
     def __init__(
-        self,
-        arm: Arm,
-        objective: Objective,
-        qp: BoxQp,
-        *,
-        tools: tuple[int, ...] = (0,),
-        limited: bool = True,
-        rows: int = 6,
+        self, arm: Arm, stepper: Stepper, *, limited: bool = True, turns: bool = True
     ) -> None:
         """Make the memory for an arm.
 
         Args:
             arm: The arm.
-            objective: What a step minimises.
-            qp: What solves for a step.
-            tools: The tools that targets are for, by their places among the robot's.
+            stepper: Measures what is left, and makes the steps.
             limited: False lets joints leave their limits.
-            rows: 3 where the positions alone count, 6 for the poses.
+            turns: False where the position alone counts.
         """
         n, everywhere = arm.n, np.full(arm.n, np.inf)
+        self._turns = turns
         self._q_min = arm.q_min if limited else -everywhere
         self._q_max = arm.q_max if limited else everywhere
-        self._turns = rows == 6
-        self._objective, self._qp = objective, qp
-        self._error = error_to(arm, tools)
-        self._low, self._high = np.empty(n), np.empty(n)
-        self._H, self._f, self._lean = np.empty((n, n)), np.empty(n), np.empty(n)
-        self._diagonal = self._H.reshape(-1)[:: n + 1]
+        self.stepper = stepper
         self.q: Vector = np.empty(n)
         self.error = np.inf
         """Distance and angle that were left at the end [m + rad]."""
@@ -204,28 +195,27 @@ class Search:
         Returns:
             The number of steps.
         """
-        error, q, q_min, q_max = self._error, self.q, self._q_min, self._q_max
+        stepper, q, q_min, q_max = self.stepper, self.q, self._q_min, self._q_max
         distance2 = angle2 = np.inf
-        error.set_target(T_world_target)
+        stepper.aim(T_world_target, q_seed)
         np.maximum(q_seed, q_min, out=q)
         np.minimum(q, q_max, out=q)
         close = tolerance.position**2
         aligned = tolerance.orientation**2 if self._turns else np.inf
         history: list[float] = []
         for iteration in range(max_iterations + 1):
-            distance2, angle2 = error.move(q)
-            reached = distance2 <= close and angle2 <= aligned
+            distance2, angle2, rest2 = stepper.move(q)
+            reached = distance2 <= close and angle2 <= aligned and rest2 <= 0.0
             if reached and (avoidance is None or avoidance.kept(q)):
                 break
-            squared_error = distance2 + angle2 if self._turns else distance2
+            squared_error = (distance2 + angle2 if self._turns else distance2) + rest2
             if stall is not None and not reached:
                 history.append(squared_error)
                 if stall.stuck(history):
                     break
             if iteration == max_iterations:
                 break
-            self._linearise(squared_error, q_seed)
-            dq = self._step(None if avoidance is None else avoidance.rows(q))
+            dq = stepper.step(q, squared_error, None if avoidance is None else avoidance.rows(q))
             if dq is None:
                 break
             q += dq
@@ -235,31 +225,3 @@ class Search:
         self.error = sqrt(distance2) + sqrt(angle2)
         self.missed = distance2 > _ROUNDING * close or angle2 > _ROUNDING * aligned
         return iteration
-
-    def _linearise(self, squared_error: float, q_seed: Vector) -> None:
-        """Write the QP of the next step: ½ dqᵀ H dq + fᵀ dq between `_low` and `_high`."""
-        error, q, H, f = self._error, self.q, self._H, self._f
-        error.update_jacobian()
-        e, J, damping, posture = self._objective.linearised(error, squared_error)
-        J.T.dot(J, H)
-        self._diagonal += damping + _FLOOR
-        e.dot(J, f)
-        if posture:
-            mju_addToScl(f, np.subtract(q_seed, q, out=self._lean), posture)
-        np.negative(f, f)
-        np.subtract(self._q_min, q, self._low)
-        np.subtract(self._q_max, q, self._high)
-
-    def _step(self, rows: DistanceRows | None) -> Vector | None:
-        """Return the step within the bounds and the rows.
-
-        Bounds and rows together may leave no step where pairs have to part. Then the parting
-        gives way, and the rows only keep what distance there is: no step at all does that.
-        """
-        H, f, low, high, solve = self._H, self._f, self._low, self._high, self._qp.solve
-        if rows is None or len(rows.upper) == 0:
-            return solve(H, f, low, high)
-        dq = solve(H, f, low, high, rows.A, rows.upper)
-        if dq is None and rows.upper.min() < 0.0:
-            dq = solve(H, f, low, high, rows.A, np.maximum(rows.upper, 0.0))
-        return dq

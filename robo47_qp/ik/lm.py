@@ -6,7 +6,8 @@ import numpy as np
 
 from robo47_qp.arrays import NotNegative
 from robo47_qp.ik.box_qp import box_qp
-from robo47_qp.ik.gauss_newton import GaussNewtonIk, Linearised, Search
+from robo47_qp.ik.fused_step import FusedStepper, Linearised
+from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
@@ -57,4 +58,5 @@ class _DampedError:
 
 def _lm(arm: Arm, tools: tuple[int, ...], damping: float, rows: int, limited: bool) -> Search:
     qp, objective = box_qp("daqp", arm.n), _DampedError(damping, rows, len(tools))
-    return Search(arm, objective, qp, tools=tools, limited=limited, rows=rows)
+    stepper = FusedStepper(arm, objective, qp, tools=tools, limited=limited)
+    return Search(arm, stepper, limited=limited, turns=rows == 6)

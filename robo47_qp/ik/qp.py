@@ -6,7 +6,8 @@ import numpy as np
 
 from robo47_qp.arrays import NotNegative
 from robo47_qp.ik.box_qp import box_qp, check_backend
-from robo47_qp.ik.gauss_newton import GaussNewtonIk, Linearised, Search
+from robo47_qp.ik.fused_step import FusedStepper, Linearised
+from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.pose_log import PoseLog
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
@@ -85,4 +86,4 @@ def _qp(
     objective = (
         _TwistAndPosture(arm.n, *costs) if one else _TwistsAndPosture(arm.n, *costs, len(tools))
     )
-    return Search(arm, objective, box_qp(backend, arm.n), tools=tools)
+    return Search(arm, FusedStepper(arm, objective, box_qp(backend, arm.n), tools=tools))

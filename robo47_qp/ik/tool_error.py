@@ -18,9 +18,10 @@ class ToolError:
     tool frame, and no Jacobian needs to be rotated.
     """
 
-    def __init__(self, arm: Arm, tool: int = 0) -> None:
-        """Allocate the memory for a tool of an arm."""
-        m, d = arm.model, mujoco.MjData(arm.model)
+    def __init__(self, arm: Arm, tool: int = 0, data: mujoco.MjData | None = None) -> None:
+        """Allocate the memory for a tool of an arm; with `data`, measure on that state."""
+        m = arm.model
+        d = mujoco.MjData(m) if data is None else data
         tcp = arm.tool_sites[tool]
         self._data, self._q, self._position = d, d.qpos, d.site_xpos[tcp]
         self._target_position, self._target_quaternion = np.zeros(3), np.zeros(4)
@@ -53,6 +54,10 @@ class ToolError:
         """Move the arm to q; return the squared distance [m²] and angle [rad²] to the target."""
         self._q[:] = q
         self._kinematics()
+        return self.measure()
+
+    def measure(self) -> tuple[float, float]:
+        """Return the same where the kinematics are up to date."""
         p, w = self._p, self._w
         np.subtract(self._target_position, self._position, p)
         self._turn_left()
@@ -68,37 +73,43 @@ class ToolError:
 class ToolsError(ToolError):
     """Pose errors and Jacobians of several tools, stacked: `e` (6 tools,) and `J` (6 tools, n)."""
 
-    def __init__(self, arm: Arm, tools: tuple[int, ...]) -> None:
-        """Allocate the memory for some tools of an arm."""
-        super().__init__(arm)
-        self._parts = [ToolError(arm, tool) for tool in tools]
+    def __init__(self, arm: Arm, tools: tuple[int, ...], data: mujoco.MjData | None = None) -> None:
+        """Allocate the memory for some tools of an arm; see `ToolError`."""
+        super().__init__(arm, tools[0], data)
+        self.parts = [ToolError(arm, tool, self._data) for tool in tools]
         self.e, self.J = np.zeros(6 * len(tools)), np.zeros((6 * len(tools), arm.n))
 
     def set_target(self, T_world_target: Target) -> None:
         """Set the target poses, in the order of the tools."""
         if isinstance(T_world_target, ToolPoses):
-            for part, pose in zip(self._parts, T_world_target.values(), strict=True):
+            for part, pose in zip(self.parts, T_world_target.values(), strict=True):
                 part.set_target(pose)
 
     def move(self, q: Vector) -> tuple[float, float]:
         """Move the arm to q; return the sums of squared distances [m²] and angles [rad²]."""
+        self._q[:] = q
+        self._kinematics()
+        return self.measure()
+
+    def measure(self) -> tuple[float, float]:
+        """Return the same where the kinematics are up to date."""
         distance2 = angle2 = 0.0
-        for i, part in enumerate(self._parts):
-            p2, w2 = part.move(q)
+        for i, part in enumerate(self.parts):
+            p2, w2 = part.measure()
             self.e[6 * i : 6 * i + 6] = part.e
             distance2, angle2 = distance2 + p2, angle2 + w2
         return distance2, angle2
 
     def update_jacobian(self) -> None:
         """Update `J` for the configuration of the last `move`."""
-        for i, part in enumerate(self._parts):
+        for i, part in enumerate(self.parts):
             part.update_jacobian()
             self.J[6 * i : 6 * i + 6] = part.J
 
 
-def error_to(arm: Arm, tools: tuple[int, ...]) -> ToolError:
-    """Return the pose error of one or several tools of an arm."""
-    return ToolError(arm, tools[0]) if len(tools) == 1 else ToolsError(arm, tools)
+def error_to(arm: Arm, tools: tuple[int, ...], data: mujoco.MjData | None = None) -> ToolError:
+    """Return the pose error of one or several tools of an arm; see `ToolError`."""
+    return ToolError(arm, tools[0], data) if len(tools) == 1 else ToolsError(arm, tools, data)
 
 
 def tools_of(arm: Arm, target: Target) -> tuple[int, ...]:

@@ -34,6 +34,7 @@ from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
@@ -379,9 +380,9 @@ def test_where_nothing_is_solved_by_both_no_times_are_compared() -> None:
         (
             {"policy": ("classical:foo",)},
             UnknownNameError,
-            r"No policy is called 'classical:foo'; known: classical, classical:qp, classical:lm, "
-            r"classical:dls, classical:qp-single, classical:lm-single, classical:dls-single, "
-            r"module:Class, file\.py:Class",
+            r"No policy is called 'classical:foo'; known: classical, classical:mink, classical:qp, "
+            r"classical:lm, classical:dls, classical:mink-single, classical:qp-single, "
+            r"classical:lm-single, classical:dls-single, module:Class, file\.py:Class",
         ),
         ({"policy": ("classical:",)}, UnknownNameError, "No policy is called 'classical:'"),
         (
@@ -432,9 +433,11 @@ def test_policies_that_make_no_sense_are_refused(
 def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None:
     hasty = {"stall": Stall(), "clearance": clearance}
     promised: dict[str, IkSolver] = {
+        "mink": MultiStart(solver=MinkIk(max_iterations=30, **hasty)),  # type: ignore[arg-type]
         "qp": MultiStart(solver=QpIk(max_iterations=30, **hasty)),  # type: ignore[arg-type]
         "lm": MultiStart(solver=LmIk(max_iterations=20, **hasty)),  # type: ignore[arg-type]
         "dls": MultiStart(solver=DlsIk(max_iterations=200, clip=True, clearance=clearance)),
+        "mink-single": MinkIk(max_iterations=100, clearance=clearance),
         "qp-single": QpIk(max_iterations=100, clearance=clearance),
         "lm-single": LmIk(max_iterations=100, clearance=clearance),
         "dls-single": DlsIk(max_iterations=200, clip=True, clearance=clearance),
@@ -448,7 +451,7 @@ def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None
 
 
 def test_each_name_means_one_stack() -> None:
-    assert EvaluateOptions().contenders == [Contender(name="classical", ik="qp")]
+    assert EvaluateOptions().contenders == [Contender(name="classical", ik="mink")]
 
     def stack_of(chosen: EvaluateOptions) -> ClassicalStack:
         policy = chosen.evaluation(Reach(), PANDA).policy

@@ -124,11 +124,9 @@ def test_a_step_is_that_of_mink(
     # mink's own logarithm is another one beyond: see test_pose_log.py.
     assume(1e-3 < plain.errors(q, target)[1] < np.pi - 1e-3)
     solver = QpIk(lm_damping=costs[0], posture_cost=costs[1])
-    search = solver._search(arm)
-    search.q[:] = q
-    search._error.set_target(target)
-    search._linearise(sum(search._error.move(q)), q_seed)
-    step = search._step(None)
+    stepper = solver._search(arm).stepper
+    stepper.aim(target, q_seed)
+    step = stepper.step(q, sum(stepper.move(q)), None)
     expected = step_of_mink(arm, target, q_seed, q, solver)
     assert step == pytest.approx(expected, abs=1e-8)
     first = QpIk(max_iterations=1, lm_damping=costs[0], posture_cost=costs[1])

@@ -10,6 +10,7 @@ from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.seeds import library_of
@@ -21,7 +22,7 @@ from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.stack import ClassicalStack
 
-SINGLE = (QpIk(), LmIk(), DlsIk())
+SINGLE = (MinkIk(), QpIk(), LmIk(), DlsIk())
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_both_tools_get_where_they_are_near(pair: Arm, ik: IkSolver) -> None:
             assert np.linalg.norm(away.log()) < 5e-6
 
 
-@pytest.mark.parametrize("name", ["qp", "lm"])
+@pytest.mark.parametrize("name", ["mink", "qp", "lm"])
 def test_poses_of_both_are_found_from_home(pair: Arm, name: str) -> None:
     ik, rng = ClassicalStack(ik=name).solver(), np.random.default_rng(1)
     for _ in range(20):

@@ -1,7 +1,7 @@
 """IK that keeps a clearance, judged by contacts of a model that the package did not make."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -14,7 +14,8 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.dls import DlsIk
-from robo47_qp.ik.gauss_newton import Linearised, Search, Stall
+from robo47_qp.ik.fused_step import FusedStepper, Linearised
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
@@ -257,27 +258,30 @@ def test_the_same_question_has_the_same_answer_to_the_bit(crowded: Arm, single: 
 def test_parting_gives_way_before_there_is_no_step() -> None:
     """Two walls that both ask to part by more than there is: the step keeps what there is."""
     arm = Arm(PANDA)
-    search = Search(arm, _Still(), box_qp("daqp", arm.n))
-    search._low[:], search._high[:] = -0.1, 0.1
-    search._H[:], search._f[:] = np.eye(arm.n), -1.0
+    stepper = FusedStepper(arm, _Along(np.ones(arm.n)), box_qp("daqp", arm.n))
+    stepper._q_min, stepper._q_max = arm.home - 0.1, arm.home + 0.1
+    stepper.move(arm.home)
     A = np.zeros((2, arm.n))
     A[:, 0] = 1.0, -1.0
     rows = DistanceRows(A, np.array([-0.05, -0.05]), np.array([-0.1, -0.1]), np.array([0, 1]))
-    dq = search._step(rows)
+    dq = stepper.step(arm.home, 0.0, rows)
     assert dq is not None
     assert dq == pytest.approx([0.0, *[0.1] * (arm.n - 1)], abs=1e-9)
     # Where they can part, they have to.
     alone = DistanceRows(A[:1], np.array([-0.05]), np.array([-0.1]), np.array([0]))
-    dq = search._step(alone)
+    dq = stepper.step(arm.home, 0.0, alone)
     assert dq is not None
     assert dq[0] == pytest.approx(-0.05, abs=1e-9)
 
 
-class _Still:
-    """Never asked."""
+@dataclass(frozen=True)
+class _Along:
+    """The joints are to move by this much (n,)."""
+
+    step: Vector
 
     def linearised(self, error: ToolError, squared_error: float) -> Linearised:
-        raise NotImplementedError
+        return Linearised(self.step, np.eye(len(self.step)), 0.0)
 
 
 def test_a_narrow_gap_is_found_by_restarts() -> None:

@@ -12,6 +12,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_difference, wilson
 from robo47_qp.report.run_report import versions
+from robo47_qp.stack import ClassicalStack
 
 CYCLE = "cycle_time_s"
 """The metric of comparisons."""
@@ -146,7 +147,7 @@ class EvaluationReport:
     def policy(self) -> str:
         """Name of the policy; "classical" names its IK where that is not the default."""
         name, ik = self.settings["policy"]["name"], self.settings["policy"].get("ik", "qp")
-        return f"{name}:{ik}" if name == "classical" and ik != "qp" else str(name)
+        return f"{name}:{ik}" if name == "classical" and ik != ClassicalStack.ik else str(name)
 
     @property
     def episodes(self) -> int:
