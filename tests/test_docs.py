@@ -25,7 +25,8 @@ from robo47_qp.report.rerun import viewer
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 EXTENDING = ROOT / "docs" / "extending.md"
-LINKED = [*PAGES, ROOT / "CHANGELOG.md", ROOT / "logs" / "README.md"]
+UPSTREAM = sorted((ROOT / "docs" / "upstream").glob("*.md"))
+LINKED = [*PAGES, *UPSTREAM, ROOT / "CHANGELOG.md", ROOT / "logs" / "README.md"]
 """The changelog names what is gone, too: of it, only links are checked."""
 PLACEHOLDERS = {
     "NAME": "pick_place",
