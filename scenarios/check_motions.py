@@ -1,75 +1,77 @@
-"""Random motions on several arms: is every limit kept, and is every refusal right?"""
+"""Random motions on several arms: checks that limits are kept and that refusals are justified."""
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import process_time
+from typing import Annotated, Literal, TypeAlias, get_args
 
 import numpy as np
 from mink import SE3, SO3
 from rich.console import Console
 from rich.table import Table
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, CountOrZero, Suffix, Vector
 from robo47_qp.cli import main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import PlanError
 from robo47_qp.evaluation.benchmarks.motion.motion_check import path_deviations, violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
+from robo47_qp.files import check_writable, write_json
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
-from robo47_qp.model.robots.iiwa14 import iiwa14
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.model.robots.xarm7 import xarm7
+from robo47_qp.model.robots import load_robot
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
 
-KINDS = ("PTP", "LIN", "CIRC", "blended", "via")
-ROBOTS = {"panda": lambda: PANDA, "iiwa14": iiwa14, "xarm7": xarm7}
+Kind: TypeAlias = Literal["PTP", "LIN", "CIRC", "blended", "via"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckOptions:
+class CheckOptions(Checked):
     """Options of this scenario."""
 
-    n: int = 200
+    n: CountOrZero = 200
     """LIN, CIRC, blended and via motions to draw, each, per robot."""
-    ptp: int = 1000
+    ptp: CountOrZero = 1000
     """PTP motions to draw, per robot."""
     robots: tuple[str, ...] = ("panda",)
-    """Of panda, iiwa14 and xarm7; all but the panda need MuJoCo Menagerie."""
-    kinds: tuple[str, ...] = KINDS
-    """Of PTP, LIN, CIRC, blended and via."""
-    seed: int = 0
+    """Names of robots; some need MuJoCo Menagerie."""
+    kinds: tuple[Kind, ...] = KINDS
+    """Kinds of motions."""
+    seed: CountOrZero = 0
     """Seed of the random motions."""
-    out: Path | None = None
-    """Where to write the figures as JSON."""
+    out: Annotated[Path, Suffix(".json")] | None = None
+    """File for the figures (JSON)."""
+
+    def _label(self, field: str) -> str:
+        return f"--{field}"
 
 
 @dataclass
 class Tally:
-    """What was seen of one kind of motion."""
+    """Results of one kind of motion on one robot."""
 
     planned: int = 0
     refused: dict[str, int] = field(default_factory=dict)
     unconfirmed: list[str] = field(default_factory=list)
     violations: list[str] = field(default_factory=list)
     off: float = 0.0
-    """Largest distance of the commanded tool from its line or arc [m]."""
+    """Largest deviation of the commanded tool from its line or arc [m]."""
     ratios: list[float] = field(default_factory=list)
-    """Durations per lower bound."""
+    """Durations relative to their lower bounds [-]."""
     seconds: list[float] = field(default_factory=list)
     """Processor time of planning, refusals included [s]."""
 
 
 def draw(kind: str, arm: Arm, rng: np.random.Generator) -> tuple[Vector, list[Waypoint]]:
-    """A start configuration inside the joint limits and the waypoints of a motion."""
+    """Return a start configuration within the joint limits and the waypoints of a motion."""
     low, high = 0.98 * arm.q_min + 0.02 * arm.q_max, 0.02 * arm.q_min + 0.98 * arm.q_max
     q = rng.uniform(low, high)
     start = arm.pose(q)
@@ -102,7 +104,7 @@ def _near(pose: SE3, rng: np.random.Generator) -> SE3:
 
 
 def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tally:
-    """Plan motions of one kind and look at each."""
+    """Plan motions of one kind and check each."""
     arm, look, tally = Arm(robot), ReferenceKinematics(robot), Tally()
     refusals = RefusalCheck(look)
     ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
@@ -135,7 +137,7 @@ def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tall
 
 
 def figures(tally: Tally) -> dict[str, object]:
-    """A tally as plain numbers."""
+    """Return a tally as plain numbers."""
     return {
         "planned": tally.planned,
         "refused": tally.refused,
@@ -174,10 +176,11 @@ def show(console: Console, rows: Sequence[tuple[str, str, Tally]]) -> None:
 
 
 def run(options: CheckOptions, console: Console) -> int:
-    """Check and print; returns the exit code."""
-    rows = []
-    for name in options.robots:
-        robot = ROBOTS[name]()
+    """Check and print; return the exit code."""
+    if options.out is not None:
+        check_writable(options.out)
+    robots, rows = {name: load_robot(name) for name in options.robots}, []
+    for name, robot in robots.items():
         for number, kind in enumerate(KINDS):
             if kind not in options.kinds:
                 continue
@@ -186,8 +189,7 @@ def run(options: CheckOptions, console: Console) -> int:
             rows.append((name, kind, check(robot, kind, count, rng)))
     show(console, rows)
     if options.out is not None:
-        summary = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}
-        options.out.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        write_json(options.out, {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows})
     bad = any(tally.violations or tally.unconfirmed for _, _, tally in rows)
     return 1 if bad else 0
 

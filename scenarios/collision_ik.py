@@ -1,9 +1,10 @@
-"""IK that keeps its distance: a Panda in a cell, judged by contacts of a model of its own."""
+"""IK that keeps a clearance: a Panda among obstacles, evaluated by contacts of a separate model."""
 
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from mink import SE3, SO3
@@ -11,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
+from robo47_qp.arrays import Checked, Count, CountOrZero, Range, Suffix
 from robo47_qp.cli import main
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
 from robo47_qp.files import check_writable, write_json
 from robo47_qp.ik.gauss_newton import Stall
@@ -26,58 +27,44 @@ from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
 
 _LARGEST = 0.05
-"""Clearance beyond which hardly any configuration of the arm in its cell is left [m]."""
+"""Clearance above which hardly any configuration among the obstacles is left [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class CollisionIkOptions:
+class CollisionIkOptions(Checked):
     """Options of this scenario."""
 
-    n: int = 1000
+    n: Count = 1000
     """Targets made of configurations that keep the clearance."""
-    cluttered: int = 200
-    """Targets made of configurations that do not; about a third has another answer."""
-    seed: int = 0
+    cluttered: CountOrZero = 200
+    """Targets made of configurations that do not; about a third has another solution."""
+    seed: CountOrZero = 0
     """Seed of the targets."""
-    clearance: float = 0.01
+    clearance: Annotated[float, Range(above=0.0, at_most=_LARGEST)] = 0.01
     """Distance to be kept [m]."""
-    exhaustive: int = 600
-    """Restarts that look for an answer where a solver found none."""
-    report: Path | None = None
+    exhaustive: CountOrZero = 600
+    """Restarts of the exhaustive search for targets that no solver reached."""
+    report: Annotated[Path, Suffix(".json")] | None = None
     """File for the figures (JSON)."""
 
-    def __post_init__(self) -> None:
-        """Check what no type can.
-
-        Raises:
-            InvalidValueError: A number is out of range, or the file has the wrong ending.
-        """
-        least = {"n": 1, "cluttered": 0, "exhaustive": 0, "seed": 0}
-        for name, bound in least.items():
-            if getattr(self, name) < bound:
-                raise InvalidValueError(f"--{name}", getattr(self, name), f"{bound} or more")
-        if not 0.0 < self.clearance <= _LARGEST:
-            raise InvalidValueError(
-                "--clearance", self.clearance, f"above 0 and at most {_LARGEST} [m]"
-            )
-        if self.report is not None and self.report.suffix != ".json":
-            raise InvalidValueError("--report", self.report, "a file that ends with .json")
+    def _label(self, field: str) -> str:
+        return f"--{field}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """What one solver did on one kind of targets."""
+    """Results of one solver on one kind of targets."""
 
     solver: str
     targets: str
     n: int
     solvable: int
-    """Targets with an answer that any solver or the exhaustive search found."""
+    """Targets for which a solver or the exhaustive search found a solution."""
     solved: int
     interval: tuple[float, float]
     """Wilson's 95 % interval of the share."""
     least_clearance_mm: float
-    """Of all answers, by the judge."""
+    """Smallest clearance of all solutions, measured by the judge."""
     median_ms: float
     p95_ms: float
     p99_ms: float
@@ -85,7 +72,7 @@ class Figures:
 
 
 def cell() -> list[Obstacle]:
-    """A table, a post, a ball and a tilted shelf."""
+    """Return a table, a post, a ball and a tilted shelf."""
 
     def at(x: float, y: float, z: float) -> SE3:
         return SE3.from_translation(np.array([x, y, z]))
@@ -110,7 +97,7 @@ def cell() -> list[Obstacle]:
 def targets(
     arm: Arm, clearance: Clearance, options: CollisionIkOptions, *, clear: bool
 ) -> Iterator[SE3]:
-    """Poses of random configurations: of those that are clear, or of those that are not."""
+    """Yield poses of random configurations that keep the clearance, or that do not."""
     rng = np.random.default_rng([options.seed, clear])
     missing = options.n if clear else options.cluttered
     while missing:
@@ -127,7 +114,7 @@ def solvers(clearance: float) -> dict[str, IkSolver]:
 
 
 def run(options: CollisionIkOptions, console: Console) -> int:
-    """Solve, judge and print; returns the exit code."""
+    """Solve, evaluate and print; return the exit code."""
     if options.report is not None:
         check_writable(options.report)
     arm = Arm(PANDA, obstacles=cell())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
 from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError
@@ -29,50 +29,50 @@ _RATE = 30
 """Frames per second."""
 _PICTURE, _STATE, _ACTION = "observation.images.overview", "observation.state", "action"
 _CODEC_ERROR = 12.0
-"""How far a picture that went through the video codec may be off in the mean [of 255]."""
+"""Largest mean error of an image after the video codec [of 255]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions:
+class DemoOptions(Checked):
     """Options of this scenario."""
 
     task: str = "pick_place"
     """Name of a task."""
-    episodes: int = 10
+    episodes: Count = 10
     """Successful episodes to write."""
-    seed: int = 0
+    seed: CountOrZero = 0
     """Seed of the first attempt; the next ones follow."""
     attempts: int | None = None
-    """Attempts at most; by default twice as many as episodes."""
+    """Largest number of attempts; by default twice the number of episodes."""
     out: Path = LOGS / "demos"
-    """Folder of the dataset; it must not be there yet."""
+    """New folder of the dataset."""
     size: tuple[int, int] = (240, 320)
     """Height and width of the pictures [pixel]."""
     images: bool = False
-    """Keep every picture as it is (PNG) in place of videos."""
+    """Store every image as PNG instead of videos."""
 
     def __post_init__(self) -> None:
-        """Check what no type can.
+        """Check the options.
 
         Raises:
-            InvalidValueError: A number is out of range, or the folder is there.
+            InvalidValueError: A number is out of range, or the folder exists.
         """
-        if self.episodes < 1:
-            raise InvalidValueError("--episodes", self.episodes, "1 or more")
+        super().__post_init__()
         if self.attempts is not None and self.attempts < self.episodes:
             raise InvalidValueError("--attempts", self.attempts, "no less than --episodes")
-        if self.seed < 0:
-            raise InvalidValueError("--seed", self.seed, "0 or more")
         if min(self.size) < 32 or max(self.size) > 1080 or any(n % 2 for n in self.size):
             raise InvalidValueError("--size", self.size, "two even numbers from 32 to 1080")
         if self.out.exists():
             raise InvalidValueError("--out", self.out, "a folder that is not there yet")
 
+    def _label(self, field: str) -> str:
+        return f"--{field}"
+
 
 class Frames(Observer):
-    """Pictures of a run, and the instants at which they were taken: when due, or up to 20 ms later.
+    """Images of a run and the rows at which they were taken, at most 20 ms after they were due.
 
-    State and action of a frame are those of the picture's own instant.
+    State and action of a frame are those of the time of its image.
     """
 
     def __init__(self, camera: OffscreenCamera) -> None:
@@ -87,10 +87,10 @@ class Frames(Observer):
 
 
 def columns(run: Run, rows: list[int]) -> tuple[Matrix, Matrix]:
-    """States (N, n + 1) and actions (N, n + 1) of all frames but the last.
+    """Return the states (N, n + 1) and actions (N, n + 1) of all frames but the last.
 
-    State: measured joint positions, then the width. Action: joint positions and width that are
-    commanded for the instant of the next frame, as in `JointTarget`.
+    State: measured joint positions, then the opening width. Action: joint positions and width
+    commanded for the time of the next frame, as in `JointTarget`.
     """
     now, after = rows[:-1], rows[1:]
     state, action = [run.rows["joints/q"][now]], [run.rows["joints/q_ref"][after]]
@@ -101,7 +101,7 @@ def columns(run: Run, rows: list[int]) -> tuple[Matrix, Matrix]:
 
 
 def lerobot_dataset() -> Any:
-    """LeRobot's class of data sets, which stays off the network.
+    """Return LeRobot's class of datasets, set to stay offline.
 
     Raises:
         MissingExtraError: LeRobot is not installed.
@@ -115,15 +115,15 @@ def lerobot_dataset() -> Any:
 
 
 class Dataset:
-    """A LeRobot dataset that is being written, and can be read back."""
+    """A LeRobot dataset that is written, then read back and compared."""
 
     def __init__(self, kind: Any, options: DemoOptions, robot: Robot) -> None:
-        """Open it.
+        """Create the dataset.
 
         Args:
             kind: LeRobot's class; see `lerobot_dataset`.
-            options: Where, and what pictures.
-            robot: Whose joints.
+            options: Options of the scenario.
+            robot: The robot whose joints are written.
         """
         self._kind, self._options = kind, options
         names = [*robot.joints, *(() if robot.gripper is None else ("width",))]
@@ -148,7 +148,7 @@ class Dataset:
         return f"robo47/{self._options.task}"
 
     def add(self, run: Run, frames: Frames) -> None:
-        """Write an episode."""
+        """Add an episode."""
         rows = [row for row in frames.rows if row < len(run.rows)]
         states, actions = columns(run, rows)
         for state, action, picture in zip(states, actions, frames.pictures, strict=False):
@@ -163,7 +163,7 @@ class Dataset:
         self._written.append((states, actions, frames.pictures[len(states) // 2]))
 
     def close(self) -> int:
-        """Finish it, read it back and compare; returns the number of frames.
+        """Finish the dataset, read it back and compare; return the number of frames.
 
         Raises:
             RecordingError: It does not read as it was written.
@@ -195,7 +195,7 @@ class Dataset:
 
 
 def run(options: DemoOptions, console: Console) -> int:
-    """Run the scenario; returns the exit code."""
+    """Record the episodes; return the exit code."""
     task, kind = load_task(options.task)(), lerobot_dataset()
     simulation = Simulation(PANDA, task.build_scene)
     simulation.model.vis.quality.shadowsize = 0  # shadows take most of the time
@@ -216,7 +216,7 @@ def run(options: DemoOptions, console: Console) -> int:
             break
     camera.close()
     if not done:
-        console.print("no attempt succeeded: nothing to keep")
+        console.print("no attempt succeeded: nothing was written")
         return FAILED
     count = dataset.close()
     console.print(f"{count} frames of {done} episodes in {options.out}, read back and compared")

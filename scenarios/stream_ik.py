@@ -1,4 +1,4 @@
-"""Differential IK at 1 kHz among obstacles, for targets that jump, leave reach and are no poses."""
+"""Differential IK at 1 kHz among obstacles, with targets that jump, are out of reach or invalid."""
 
 import gc
 import hashlib
@@ -15,9 +15,9 @@ from mink import SE3, SO3
 from rich.console import Console
 from rich.table import Table
 
+from robo47_qp.arrays import Checked, Count, CountOrZero
 from robo47_qp.cli import FAILED, OK, main
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
 from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
@@ -56,14 +56,14 @@ WARM_UP = 200
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamOptions:
+class StreamOptions(Checked):
     """Options of this scenario."""
 
-    ticks: int = 100_000
+    ticks: Count = 100_000
     """Ticks on hostile targets."""
-    far: int = 50
-    """Static targets anywhere in reach, each from home; 0 for none."""
-    seed: int = 0
+    far: CountOrZero = 50
+    """Number of static targets within reach, each approached from home; 0 for none."""
+    seed: CountOrZero = 0
     """Draw the targets from this seed."""
     limits: Literal["rated", "profile"] = "rated"
     """Joint limits to use: the manufacturer's, or the slower ones of the robot's profile."""
@@ -72,10 +72,8 @@ class StreamOptions:
     json: bool = False
     """Print the figures as JSON on the standard output and nothing else."""
 
-    def __post_init__(self) -> None:
-        for name, least in (("ticks", 1), ("far", 0), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(f"--{name}", getattr(self, name), f"{least} or more")
+    def _label(self, field: str) -> str:
+        return f"--{field}"
 
     def settings(self) -> StreamIk:
         profile = PANDA.rated if self.limits == "rated" else PANDA.profile
@@ -83,7 +81,7 @@ class StreamOptions:
 
 
 def run(options: StreamOptions, console: Console) -> int:
-    """Run, audit, print; 0 where no limit was violated."""
+    """Run, audit and print; return the exit code, 0 if no limit was violated."""
     arm = Arm(PANDA, obstacles=OBSTACLES)
     stream = options.settings().build(arm)
     figures: dict[str, Any] = {
@@ -116,7 +114,7 @@ def run(options: StreamOptions, console: Console) -> int:
 def hostile_run(
     stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Ticks on hostile targets, with the audit of what was commanded."""
+    """Return the audit of the commands, and the times of the ticks, on hostile targets."""
     arm, q0, ticks = stream.arm, stream.q, options.ticks
     q, v, a = (np.empty((ticks, arm.n)) for _ in range(3))
     spent, rows = np.empty(ticks), np.empty(ticks)
@@ -148,7 +146,7 @@ def hostile_run(
 
 
 def targets(arm: Arm, rng: np.random.Generator) -> Iterator[object]:
-    """Endless: still, moving and turning, circling, far, stretched out, inside the base, no pose.
+    """Yield targets without end: at rest, moving, circling, far, stretched, in the base, invalid.
 
     Each piece lasts 0.1 to 1.5 s and begins with a jump.
     """
@@ -180,7 +178,7 @@ def targets(arm: Arm, rng: np.random.Generator) -> Iterator[object]:
 
 
 def circling(T: SE3, radius: float, speed: float, count: int) -> Iterator[SE3]:
-    """Round a vertical circle that begins at a pose."""
+    """Yield poses on a vertical circle that begins at a pose."""
     for k in range(count):
         t = speed / radius * DT * k
         aside = radius * np.array([0.0, np.sin(t), np.cos(t) - 1.0])
@@ -188,7 +186,7 @@ def circling(T: SE3, radius: float, speed: float, count: int) -> Iterator[SE3]:
 
 
 def stretching(rng: np.random.Generator, count: int) -> Iterator[SE3]:
-    """Along a ray from the shoulder to beyond reach and back: through outstretched poses."""
+    """Yield poses along a ray from the shoulder to beyond reach and back."""
     direction = rng.normal(size=3)
     direction *= np.array([1.0, 1.0, np.sign(direction[2])]) / np.linalg.norm(direction)
     turn = SO3.exp(rng.normal(size=3))
@@ -198,7 +196,7 @@ def stretching(rng: np.random.Generator, count: int) -> Iterator[SE3]:
 
 
 def circle(stream: StreamSolver, *, speed: float, radius: float) -> dict[str, Any]:
-    """Largest error on a circle, from half a second after its start."""
+    """Return the largest error on a circle, from half a second after its start."""
     T = stream.arm.pose(stream.arm.home)
     errors = [stream.tick(target).position_error for target in circling(T, radius, speed, 4000)]
     return {"circle_error_mm": 1e3 * max(errors[500:])}
@@ -207,7 +205,7 @@ def circle(stream: StreamSolver, *, speed: float, radius: float) -> dict[str, An
 def far_targets(
     stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Static clear targets from home: how many are reached in 8 s, how soon, how far passed."""
+    """Return how many static targets are reached from home in 8 s, how soon, and the overshoot."""
     arm, clearance = stream.arm, stream.arm.derived(Clearance, options.clearance)
     times, rises, tried = [], [], 0
     while tried < options.far:

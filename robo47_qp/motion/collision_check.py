@@ -30,11 +30,11 @@ class Collisions:
     Pairs that are too close at home belong to how the robot is built and are left out, and
     so are bodies that move freely or that a program moves: what is to be grasped is no obstacle.
 
-    A motion is looked at as often as its distances ask for: by L |Δq| no pair comes closer,
-    with the levers L of `ik.levers`. After a look at which the least distance was d, the next
-    is at L |Δq| = d - half the clearance (conservative advancement: Mirtich, "Impulse-based
-    dynamic simulation of rigid body systems", 1996). So nothing is passed between two looks,
-    however thin: half of any clearance from 1 mm on is kept there too.
+    A motion is checked as often as its distances require: no pair comes closer by more than
+    L |Δq|, with the bounds L of `collision.motion_bounds`. After a check with the least distance
+    d, the next one is at L |Δq| = d - half the clearance (conservative advancement: Mirtich,
+    "Impulse-based dynamic simulation of rigid body systems", 1996). So no obstacle is missed
+    between two checks, however thin: half of any clearance from 1 mm on is kept there too.
     """
 
     def __init__(self, robot: Robot, surroundings: Surroundings, clearance: float = 0.005) -> None:
@@ -175,7 +175,7 @@ class Collisions:
 
 
 def _levers(model: mujoco.MjModel, joints: Sequence[int]) -> Vector:
-    """Return how far each joint can bring any pair of geoms closer, at most (n,) [m per rad]."""
+    """Return a bound on how fast each joint brings any pair of geoms closer (n,) [m per rad]."""
     moves, bodies = moved_by(model), model.geom_bodyid
     solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
     pairs = tuple(

@@ -12,6 +12,7 @@ from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.obstacle import Obstacle, Shape
+from scenarios.check_motions import CheckOptions
 from scenarios.collision_ik import CollisionIkOptions
 from scenarios.compare_controllers import ControllersOptions
 from scenarios.settling import SettlingOptions
@@ -49,13 +50,14 @@ def test_an_obstacle_stands_at_a_pose() -> None:
 @pytest.mark.parametrize(
     ("options", "change", "message"),
     [
-        (CollisionIkOptions, {"n": 0}, "--n must be 1 or more; found 0"),
-        (CollisionIkOptions, {"cluttered": -1}, "--cluttered must be 0 or more"),
-        (CollisionIkOptions, {"seed": -1}, "--seed must be 0 or more"),
-        (CollisionIkOptions, {"exhaustive": -1}, "--exhaustive must be 0 or more"),
+        (CollisionIkOptions, {"n": 0}, "--n must be a whole number, 1 or more; found 0"),
+        (CollisionIkOptions, {"cluttered": -1}, "--cluttered must be a whole number, 0 or more"),
+        (CollisionIkOptions, {"seed": -1}, "--seed must be a whole number, 0 or more"),
+        (CollisionIkOptions, {"exhaustive": -1}, "--exhaustive must be a whole number, 0 or more"),
         (CollisionIkOptions, {"clearance": 5.0}, "--clearance must be above 0 and at most"),
         (CollisionIkOptions, {"clearance": float("nan")}, "--clearance must be above 0"),
         (CollisionIkOptions, {"report": "a.png"}, r"--report must be a file that ends with \.json"),
+        (CheckOptions, {"ptp": -1}, "--ptp must be a whole number, 0 or more; found -1"),
         (ControllersOptions, {"log": "a.png"}, r"--log must be a file that ends with \.rrd"),
         (SettlingOptions, {"report": "a.rrd"}, r"--report must be a file that ends with \.json"),
         (StepCostOptions, {"rounds": 0}, "--rounds must be 1 or more; found 0"),

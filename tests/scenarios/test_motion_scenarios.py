@@ -1,8 +1,10 @@
 import json
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
+from robo47_qp.errors import UnknownNameError
 from scenarios import check_motions, compare_profiles
 
 QUIET = Console(quiet=True)
@@ -21,6 +23,12 @@ def test_random_motions_keep_their_promises_and_refusals_hold(tmp_path: Path) ->
     assert sum(found["planned"] for found in summary.values()) - 30 > 0
     assert sum(sum(found["refused"].values()) for found in summary.values()) > 0
     assert summary["panda PTP"]["duration_per_bound_median"] < 1.01
+
+
+def test_an_unknown_robot_is_refused_before_anything_is_planned(tmp_path: Path) -> None:
+    options = check_motions.CheckOptions(robots=("panda", "nobody"), out=tmp_path / "check.json")
+    with pytest.raises(UnknownNameError, match=r"No robot is called 'nobody'; known: .*panda"):
+        check_motions.run(options, QUIET)
 
 
 def test_profiles_differ_in_what_they_are_compared_for(tmp_path: Path) -> None:

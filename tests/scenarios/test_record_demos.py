@@ -51,9 +51,9 @@ def test_the_action_is_what_is_commanded_for_the_next_frame() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"episodes": 0}, "--episodes must be 1 or more; found 0"),
+        ({"episodes": 0}, "--episodes must be a whole number, 1 or more; found 0"),
         ({"attempts": 3}, "--attempts must be no less than --episodes; found 3"),
-        ({"seed": -1}, "--seed must be 0 or more"),
+        ({"seed": -1}, "--seed must be a whole number, 0 or more"),
         ({"size": (241, 320)}, "--size must be two even numbers from 32 to 1080"),
         ({"size": (16, 320)}, "--size must be two even numbers from 32 to 1080"),
     ],
