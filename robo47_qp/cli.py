@@ -32,6 +32,7 @@ from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
 from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Task
+from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
@@ -59,7 +60,8 @@ def option_group(members: Mapping[str, tuple[type, str]]) -> Any:
     return tyro.conf.arg(name="", constructor=group)
 
 
-def _one_of(names: Sequence[str]) -> Any:
+def one_of(names: Sequence[str]) -> Any:
+    """Annotate an option that is one of several names."""
     return tyro.conf.arg(metavar="{" + ",".join(names) + "}")
 
 
@@ -67,9 +69,9 @@ def _one_of(names: Sequence[str]) -> Any:
 class StackOptions:
     """Options of the robot and of the classical stack."""
 
-    robot: Annotated[str, _one_of(robot_names())] = "panda"
+    robot: Annotated[str, one_of(robot_names())] = "panda"
     """Robot that does the task; all but the panda take their model from MuJoCo Menagerie."""
-    ik: Annotated[str, _one_of([*IK_SOLVERS])] = ClassicalStack.ik
+    ik: Annotated[str, one_of([*IK_SOLVERS])] = ClassicalStack.ik
     """Inverse kinematics: mink, the same QP without mink's overhead (qp), the faster
     Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them.
     Each starts from home and is restarted from other configurations, at most 100 times, where it
@@ -79,9 +81,9 @@ class StackOptions:
     way; with dls, answers that are too close to an obstacle are refused. Straight lines are
     followed from one start per point with any of them, and where one fails, a slower search near
     it helps."""
-    qp_solver: Annotated[str, _one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
+    qp_solver: Annotated[str, one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
     """QP solver for --ik mink and qp, also with -single."""
-    controller: Annotated[str, _one_of([*CONTROLLERS])] = ClassicalStack.controller
+    controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
     """Controller that tracks the planned motion."""
     speed: float = ClassicalStack.pace
     """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
@@ -268,8 +270,21 @@ def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     return run
 
 
-def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) -> int:
+def run_task(
+    task: Task,
+    robot: Robot,
+    options: RunOptions,
+    console: Console,
+    driver: TeleopDriver | None = None,
+) -> int:
     """Run one task once, record it, and say how it went.
+
+    Args:
+        task: The task.
+        robot: Robot that does it.
+        options: What else was chosen.
+        console: Where to say how it went.
+        driver: Moves the arm in place of the task's program, after a target.
 
     Raises:
         Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
@@ -280,8 +295,9 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
     if options.visuals == "menagerie":
         looks = with_menagerie_looks(robot, looks)
     simulation = Simulation(robot, looks)
-    runner = Runner(scenario, simulation)
+    runner = Runner(scenario, simulation, driver, extra=() if driver is None else driver.signals)
     foreseen = sum(leg.trajectory.duration for leg in runner.rehearse())
+    foreseen += 0.0 if driver is None else driver.seconds
     files = {
         "recording": options.log,
         "report": options.log.with_suffix(".json"),
@@ -301,7 +317,7 @@ def run_task(task: Task, robot: Robot, options: RunOptions, console: Console) ->
         if options.video is not None:
             observers.append(joined(Video(simulation, options.video)))
         if options.viewer:
-            observers.append(joined(ViewerWindow(simulation)))
+            observers.append(joined(ViewerWindow(simulation, driver)))
         if options.paced:
             observers.append(RealTime())
         log = joined(

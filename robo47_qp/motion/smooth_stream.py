@@ -6,6 +6,7 @@ import numpy as np
 from mink import SE3
 from numpy.lib.stride_tricks import sliding_window_view
 
+from robo47_qp.ik.stream.settings import StreamTick
 from robo47_qp.ik.stream.stream import StreamSolver
 from robo47_qp.model.arm import JointReference
 from robo47_qp.motion.trajectory import Trajectory
@@ -28,6 +29,8 @@ class SmoothStream:
             window: w, at least 1.
         """
         self._stream, self._window = stream, window
+        self.ticks: Sequence[StreamTick] = ()
+        """What the stream told in the last block, before the mean."""
 
     def reset(self, now: JointReference) -> None:
         """Start from a reference in motion, without a step in the mean.
@@ -49,8 +52,8 @@ class SmoothStream:
             targets: T_world_tcp wanted at each tick; None brakes.
         """
         stream, w = self._stream, self._window
-        ticks = [stream.tick(target) for target in targets]
-        fresh = np.array([(tick.q, tick.v, tick.a) for tick in ticks])
+        self.ticks = [stream.tick(target) for target in targets]
+        fresh = np.array([(tick.q, tick.v, tick.a) for tick in self.ticks])
         rows = np.concatenate([self._last, fresh])
         means = sliding_window_view(rows[1:], w, axis=0).mean(axis=-1)
         states = np.concatenate([np.stack(self._now)[None], means])

@@ -8,6 +8,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.signals import is_followed
 
 _STILL = 1e-3
 """Peak speed below which the tool is at rest [m/s]."""
@@ -57,10 +58,26 @@ def metrics(run: Run) -> dict[str, float]:
         **_smoothness(run, motion),
         "peak_contact_force_N": float(force.max()),
         "mean_contact_force_N": float(force[force > 0.0].mean()) if force.any() else 0.0,
+        **_following(run),
         "energy_J": _energy(run),
         "cycle_time_s": simulated,
         "real_time_factor": simulated / run.loop_seconds,
         "step_us": 1e6 * run.loop_seconds / len(rows),
+    }
+
+
+def _following(run: Run) -> dict[str, float]:
+    """Return how well a target was followed; nothing for a run without one."""
+    rows = run.rows
+    if not is_followed(rows.signals):
+        return {}
+    error = rows["target/position_error"][:, 0]
+    events = rows["target/events"].any(axis=0).sum()
+    return {
+        "median_target_error_m": float(np.median(error)),
+        "max_target_error_m": float(error.max()),
+        "final_target_error_m": float(error[-1]),
+        "kinds_of_target_events": float(events),
     }
 
 

@@ -54,7 +54,8 @@ def print_summary(
     files: Mapping[str, Path],
 ) -> None:
     """Print the outcome, the metrics and the files of a run."""
-    console.print(_waypoints(run))
+    if run.legs:
+        console.print(_waypoints(run))
     console.print(_audit(findings))
     violations = [finding for finding in findings if not finding.ok]
     for finding in violations:
@@ -66,6 +67,12 @@ def print_summary(
         console.print(f"[bold red]failed: {cause}[/]  {evidence}", highlight=False)
     if "place_error_m" in metrics:
         console.print(f"  place error      {1e3 * metrics['place_error_m']:.2f} mm")
+    if "median_target_error_m" in metrics:
+        median, largest, last = (
+            1e3 * metrics[f"{which}_target_error_m"] for which in ("median", "max", "final")
+        )
+        told = f"median {median:.2f} mm, largest {largest:.1f} mm, at the end {last:.3f} mm"
+        console.print(f"  from the target  {told}", highlight=False)
     console.print(
         f"  cycle time       {metrics['cycle_time_s']:.2f} s\n"
         f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "

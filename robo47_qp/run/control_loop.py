@@ -1,6 +1,6 @@
 """ControlLoop: reference, controller, simulation and recording, period by period."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -20,6 +20,7 @@ from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Recording
+from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 TICK_ROWS = 20
@@ -64,6 +65,7 @@ class ControlLoop:
         *,
         profile: MotionProfile | None = None,
         check: Callable[["ControlLoop"], None] | None = None,
+        extra: Sequence[Signal] = (),
     ) -> None:
         """Start at rest at home.
 
@@ -73,17 +75,19 @@ class ControlLoop:
             simulation: The world, with the same robot at home.
             profile: Limits of the joints' motion when the arm brakes; by default the robot's.
             check: Called every few periods, after a block of rows; may raise `Aborted`.
+            extra: Signals that `track` is given besides; see `signals.all_signals`.
         """
         self.arm, self.sim = arm, simulation
         self.profile = arm.robot.profile if profile is None else profile
         self.control = ActiveController(controller, arm, dt=TIMESTEP)
-        self.recording = Recording(signals.all_signals(simulation))
+        self.recording = Recording(signals.all_signals(simulation, extra))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
         self._check = check
-        self._columns = signals.Columns(simulation)
+        self._columns = signals.Columns(simulation, extra)
+        self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self._wanted = tuple(signals.references(arm.robot).values())
         self.rest(np.array(arm.robot.home))
 
@@ -134,6 +138,7 @@ class ControlLoop:
         until: Callable[[], bool] | None = None,
         *,
         block: int = TICK_ROWS,
+        extra: Matrix | None = None,
     ) -> bool:
         """Track a trajectory from its first to before its last sample.
 
@@ -141,6 +146,7 @@ class ControlLoop:
             trajectory: Starts at the current reference.
             until: Called after every block; True ends the tracking.
             block: Control periods in a block.
+            extra: Columns of the extra signals in each period; None keeps the last ones.
 
         Returns:
             True if `until` ended it, with the reference still in motion.
@@ -149,10 +155,14 @@ class ControlLoop:
             Aborted: The run cannot continue.
         """
         references = self._references(trajectory)
+        if extra is None:
+            extra = np.repeat(self._extra[-1:], trajectory.steps, axis=0)
+        else:
+            self._extra = extra
         done, ended = 0, False
         while done < trajectory.steps and not ended:
             count = min(trajectory.steps - done, self.recording.room, block)
-            self._advance(trajectory, references, done, count)
+            self._advance(trajectory, references, extra, done, count)
             done += count
             self._reference = JointReference(
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
@@ -187,7 +197,9 @@ class ControlLoop:
         for observer in self.observers:
             observer.note(self.sim.time, text, "INFO" if failure is None else "ERROR")
 
-    def _advance(self, trajectory: Trajectory, references: Matrix, first: int, count: int) -> None:
+    def _advance(
+        self, trajectory: Trajectory, references: Matrix, extra: Matrix, first: int, count: int
+    ) -> None:
         """Run `count` control periods, one row of the recording each."""
         started = perf_counter()
         sim, control = self.sim, self.control
@@ -197,6 +209,7 @@ class ControlLoop:
         rows[:, 1] = len(self.phases) - 1
         part = slice(first, first + count)
         rows[:, self._columns.references] = references[part]
+        rows[:, self._columns.extra] = extra[part]
         samples = trajectory.q[part], trajectory.v[part], trajectory.a[part]
         for row, q, v, a in zip(rows, *samples, strict=True):
             sim.write_now(row[now])

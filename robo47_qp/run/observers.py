@@ -3,6 +3,7 @@
 import os
 import sys
 from time import perf_counter, sleep
+from typing import Protocol
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import RenderingError
@@ -45,11 +46,30 @@ class RealTime(Observer):
             sleep(ahead)
 
 
-class ViewerWindow(Observer):
-    """MuJoCo's interactive viewer; if it is closed, the run continues."""
+class Operator(Protocol):
+    """Someone who moves the target of a run in the viewer's window."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    @property
+    def moves(self) -> str:
+        """Name of the body that is selected to be dragged with the mouse."""
+
+    def press(self, key: int) -> None:
+        """A key is pressed in the window; called from another thread."""
+
+    def leave(self) -> None:
+        """The window was closed."""
+
+
+class ViewerWindow(Observer):
+    """MuJoCo's interactive viewer; if it is closed, a run without an operator continues."""
+
+    def __init__(self, simulation: Simulation, operator: Operator | None = None) -> None:
         """Open the window.
+
+        Args:
+            simulation: What is shown.
+            operator: Gets the keys and is told when the window is closed; its window has no
+                side panels.
 
         Raises:
             RenderingError: There is no display, or the window cannot be opened.
@@ -64,14 +84,26 @@ class ViewerWindow(Observer):
         import mujoco.viewer
 
         try:
-            self._handle = mujoco.viewer.launch_passive(simulation.model, simulation.data)
+            self._handle = mujoco.viewer.launch_passive(
+                simulation.model,
+                simulation.data,
+                key_callback=None if operator is None else operator.press,
+                show_left_ui=operator is None,
+                show_right_ui=operator is None,
+            )
         except (RuntimeError, mujoco.FatalError) as error:
             raise RenderingError(f"--viewer cannot open its window: {error}") from error
+        self._operator = operator
+        if operator is not None:
+            with self._handle.lock():
+                self._handle.perturb.select = simulation.model.body(operator.moves).id
 
     def tick(self, simulation: Simulation) -> None:
-        """Show the current state."""
+        """Show the current state, and move what is dragged with the mouse."""
         if self._handle.is_running():
             self._handle.sync()
+        elif self._operator is not None:
+            self._operator.leave()
 
     def close(self) -> None:
         """Close the window."""

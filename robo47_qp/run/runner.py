@@ -17,6 +17,7 @@ from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Rows, Sink
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.steps import StepExecutor, as_step
+from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 _LAST_HOLD = 0.3
@@ -67,7 +68,12 @@ class Runner:
     """Runs a scenario once: a driver moves the arm, then the task judges the world."""
 
     def __init__(
-        self, scenario: Scenario, simulation: Simulation, driver: Driver | None = None
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        driver: Driver | None = None,
+        *,
+        extra: Sequence[Signal] = (),
     ) -> None:
         """Reset the world to the start of the scenario.
 
@@ -75,6 +81,7 @@ class Runner:
             scenario: What to run.
             simulation: The world, built from the scenario's robot and task.
             driver: What moves the arm; by default the task's program.
+            extra: Signals that the driver adds to the recording; see `signals.all_signals`.
         """
         self.scenario = scenario
         self._driver = ProgramDriver() if driver is None else driver
@@ -85,6 +92,7 @@ class Runner:
             simulation,
             profile=planner.profile.slowed(planner.pace),
             check=self._check,
+            extra=extra,
         )
         self.executor = StepExecutor(self.loop, planner)
         self.signals = self.loop.recording.signals

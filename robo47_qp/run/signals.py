@@ -5,12 +5,13 @@ t_k; the effects from t_k to t_k+1; what is derived from these. The simulation d
 effects (`Simulation.signals_now`, `signals_last`). Each signal is one entry of its group.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from robo47_qp.arrays import Matrix
+from robo47_qp.ik.stream.settings import Event
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.recording import Rows, slices
@@ -19,6 +20,8 @@ from robo47_qp.sim.simulation import Simulation
 
 Samples: TypeAlias = tuple[Matrix, Matrix, Matrix]
 """q, v and a of the samples of a trajectory, (N, n) each."""
+TARGET_POSE = "target/pose"
+"""The signal of a target that is followed."""
 
 
 def references(robot: Robot) -> dict[Signal, Callable[[Arm, Samples], Matrix]]:
@@ -65,8 +68,39 @@ def derived(robot: Robot) -> dict[Signal, Callable[[Rows], Matrix]]:
     return found
 
 
-def all_signals(simulation: Simulation) -> tuple[Signal, ...]:
-    """Return every signal of a run, in the order of its columns."""
+def followed() -> tuple[Signal, ...]:
+    """Return the signals of a run that follows a target: where it is, and what the stream told."""
+    events = tuple(event.name.lower() for event in Event)
+    return (
+        Signal(name=TARGET_POSE, labels=POSE, unit=POSE_UNIT),
+        Signal(name="target/events", labels=events, unit="count"),
+    )
+
+
+def followed_errors() -> dict[Signal, Callable[[Rows], Matrix]]:
+    """Return how far the tool is from the target, with functions of rows (N, 1)."""
+    return {
+        Signal(name="target/position_error", labels=("distance",), unit="m"): lambda rows: _size(
+            rows[TARGET_POSE][:, :3] - rows["tool/pose"][:, :3]
+        ),
+        Signal(name="target/angle_error", labels=("angle",), unit="rad"): lambda rows: (
+            _angle_between(rows[TARGET_POSE][:, 3:], rows["tool/pose"][:, 3:])
+        ),
+    }
+
+
+def is_followed(signals: Iterable[Signal]) -> bool:
+    """Return whether these are signals of a run that follows a target."""
+    return any(signal.name == TARGET_POSE for signal in signals)
+
+
+def all_signals(simulation: Simulation, extra: Sequence[Signal] = ()) -> tuple[Signal, ...]:
+    """Return every signal of a run, in the order of its columns.
+
+    Args:
+        simulation: Its world.
+        extra: Signals that are written besides: none, or those of `followed`.
+    """
     robot = simulation.robot
     return (
         Signal(name="time", labels=("t",), unit="s", shown=False),
@@ -76,21 +110,26 @@ def all_signals(simulation: Simulation) -> tuple[Signal, ...]:
         command(robot),
         *simulation.signals_last,
         *derived(robot),
+        *extra,
+        *(followed_errors() if is_followed(extra) else ()),
     )
 
 
 def derive(rows: Rows, robot: Robot) -> None:
     """Fill the derived columns of rows whose other columns are filled."""
-    for signal, values in derived(robot).items():
+    found = derived(robot)
+    if is_followed(rows.signals):
+        found |= followed_errors()
+    for signal, values in found.items():
         rows[signal.name][:] = values(rows)
 
 
 class Columns:
     """The columns of the groups of signals in a row."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        """Look them up."""
-        found = slices(all_signals(simulation))
+    def __init__(self, simulation: Simulation, extra: Sequence[Signal] = ()) -> None:
+        """Look them up; `extra` is as in `all_signals`."""
+        found = slices(all_signals(simulation, extra))
 
         def span(group: Iterable[Signal]) -> slice:
             spans = [found[signal.name] for signal in group]
@@ -99,6 +138,7 @@ class Columns:
         self.references = span(references(simulation.robot))
         self.now, self.last = span(simulation.signals_now), span(simulation.signals_last)
         self.command = span([command(simulation.robot)])
+        self.extra = span(extra) if extra else slice(0, 0)
 
 
 def _torques(arm: Arm, samples: Samples) -> Matrix:

@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn, VisualizerComponentMapping
 
+from robo47_qp.ik.stream.settings import Event
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.rerun.columns import component
@@ -33,8 +34,13 @@ _LIMIT_COLOUR = (110, 114, 120)
 _RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 
 
-def blueprint(robot: Robot) -> rrb.Blueprint:
-    """Return the layout: scene, phases and events on the left, plots on the right."""
+def blueprint(robot: Robot, *, followed: bool = False) -> rrb.Blueprint:
+    """Return the layout: scene, phases and events on the left, plots on the right.
+
+    Args:
+        robot: The robot.
+        followed: Whether the run follows a target; it has plots of that then, and none of forces.
+    """
     joints, unit = robot.joints, robot.unit
     angle, speed, torque = unit("rad", "m"), unit("rad/s", "m/s"), unit("N·m", "N")
     strong = _rounded_up(float(robot.tau_max.max()))
@@ -44,7 +50,8 @@ def blueprint(robot: Robot) -> rrb.Blueprint:
         column_shares=[3, 2],
     )
     phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
-    left = (_scene(), phases, _forces(robot.gripper), texts)
+    middle = _following() if followed else _forces(robot.gripper)
+    left = (_scene(), phases, middle, texts)
     # A joint has the same colour in all plots: one legend is enough.
     right = rrb.Grid(
         _plot(
@@ -92,6 +99,16 @@ def _forces(gripper: Gripper | None) -> rrb.Container:
         ),
         _plot("Finger force [N]", "gripper/force", gripper.fingers, legend=_RIGHT_TOP),
         _contact(),
+    )
+
+
+def _following() -> rrb.Container:
+    """Return plots of how far the tool is from the target, and of what the stream told."""
+    events = tuple(event.name.lower().replace("_", " ") for event in Event)
+    return rrb.Horizontal(
+        _plot("Distance from target [m]", "target/position_error", ("distance",)),
+        _plot("Angle from target [rad]", "target/angle_error", ("angle",)),
+        _plot("Events", "target/events", events, span=(-0.1, 1.6), legend=_RIGHT_TOP),
     )
 
 

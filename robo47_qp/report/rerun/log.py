@@ -24,6 +24,7 @@ from robo47_qp.report.rerun.stream import RerunStream
 from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Rows
+from robo47_qp.run.signals import is_followed
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
@@ -69,7 +70,7 @@ class RerunLog(Observer):
             RenderingError: There is no viewer for a live view, and none can be started.
         """
         viewer = viewer_url() if live else None
-        page = layout.blueprint(robot)
+        page = layout.blueprint(robot, followed=is_followed(signals))
         self._stream = RerunStream(path, f"robo47_qp {robot.name}", page, viewer)
         self._poses = BodyPoses(model, robot)
         self._columns = [SignalColumn(signal) for signal in signals if signal.shown]
