@@ -1,5 +1,8 @@
 """Fixtures for every test: each robot of the package, its arm, and MuJoCo's own view of it."""
 
+import gc
+import os
+import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,6 +20,10 @@ from tests.robots import (
     plain_arm_of,
     robot_named,
 )
+
+# Compiled once, not again by every worker and by every process that a test starts.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run: a failure of the suite is a fact about the code.
 settings.register_profile("robo47", deadline=None, derandomize=True, database=None, max_examples=40)
@@ -62,6 +69,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = kept
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector the tests themselves: it would walk all of them each time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -54,7 +54,9 @@ def run_script(
     )
 
 
-def run_here(*arguments: str, cwd: Path, script: Path = SCRIPT) -> subprocess.CompletedProcess[str]:
+def run_here(
+    *arguments: str, cwd: Path, script: Path = SCRIPT, terminal: bool = False
+) -> subprocess.CompletedProcess[str]:
     """The same in this process, which saves the imports: for what is no matter of a process."""
     stdout, stderr = StringIO(), StringIO()
     on_terminate = signal.getsignal(signal.SIGTERM)
@@ -63,6 +65,8 @@ def run_here(*arguments: str, cwd: Path, script: Path = SCRIPT) -> subprocess.Co
         patch.setenv("COLUMNS", "1000")
         for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
             patch.delenv(name, raising=False)
+        if terminal:
+            patch.setenv("FORCE_COLOR", "1")
         patch.setattr(sys, "argv", [str(script), *arguments])
         with pytest.raises(SystemExit) as ended:
             runpy.run_path(str(script), run_name="__main__")
@@ -165,7 +169,7 @@ def test_the_recording_is_closed_in_order_and_ends_with_a_summary(
 def test_json_is_all_there_is_on_the_standard_output(tmp_path: Path) -> None:
     choices = ("--ik", "dls", "--seed", "1", "--plot", "picture.png")
     # Where the output is a terminal, there is a progress bar.
-    done = run_script("--json", "--log", "run.rrd", *choices, cwd=tmp_path, terminal=True)
+    done = run_here("--json", "--log", "run.rrd", *choices, cwd=tmp_path, terminal=True)
     assert done.returncode == 0, done.stderr
     summary: dict[str, Any] = json.loads(done.stdout)
     assert summary == json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
@@ -308,7 +312,7 @@ def test_files_that_cannot_be_are_told_before_anything_moves(
 def test_a_full_disk_is_told(tmp_path: Path) -> None:
     # The report and the plot stand beside it: a link keeps them out of /dev.
     (tmp_path / "run.rrd").symlink_to("/dev/full")
-    done = run_script("--log", "run.rrd", cwd=tmp_path)
+    done = run_here("--log", "run.rrd", cwd=tmp_path)
     assert_one_message(done, "run.rrd could not be written to its end", "No space left")
     assert not (tmp_path / "run.json").exists()
 

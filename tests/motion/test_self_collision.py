@@ -1,5 +1,6 @@
 """Planning around the arm's own links: judged by MuJoCo's contacts along the motions."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,7 @@ from mink import SE3
 from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robots.panda import PANDA
@@ -127,7 +129,9 @@ def test_a_line_that_would_hit_something_only_on_its_way_rules_a_branch_out() ->
     assert 0.2 < rejection.fraction < 0.6
 
 
-def test_a_way_through_the_scene_is_refused_and_another_one_taken() -> None:
+def test_a_way_through_the_scene_is_refused_and_another_one_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The first branch with room that leads on here lies beyond a sweep through the belt."""
     q = np.array([-0.611, 0.342, 0.31, -2.13, -0.161, 2.451, 1.242])
     place = (0.2807, 0.0108)
@@ -137,9 +141,21 @@ def test_a_way_through_the_scene_is_refused_and_another_one_taken() -> None:
         Waypoint(name="up", target=above, motion=Motion.LIN),
     )
     there = Waypoint(name="there", target=above, onward=onward)
+    # Both planners are offered the same configurations, searched for once.
+    offered, seen = planner().branch_choice.candidates_for(ARM, planner().ik, Lin(), there), []
+
+    def candidates(*_: object) -> Iterator[IkResult]:
+        yield from list(seen)
+        for result in offered:
+            seen.append(result)
+            yield result
+
+    monkeypatch.setattr(BranchChoice, "candidates_for", candidates)
     careless = replace(planner(), surroundings=None).plan(ARM, there, q, DT)
     assert struck(careless.trajectory)
+    assert len(seen) == 1
     leg = planner().plan(ARM, there, q, DT)
+    assert len(seen) > 1
     assert struck(leg.trajectory) == set()
     assert touching(leg.trajectory) == set()
     assert max(ARM.pose_distance(above, leg.trajectory.end.q)) < 1.1e-6

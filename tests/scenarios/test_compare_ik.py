@@ -21,7 +21,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.tool_poses import Target
-from tests.test_command import assert_one_message, run_script
+from tests.test_command import assert_one_message, run_here, run_script
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scenarios" / "compare_ik.py"
 SOLVERS = ("dls-position", "dls-clip", "lm", "fast")
@@ -95,7 +95,7 @@ def test_the_same_seed_gives_the_same_answers_in_another_process(
 
 
 def test_bad_input_is_one_message(tmp_path: Path) -> None:
-    done = run_script("--solvers", "magic", cwd=tmp_path, script=SCRIPT)
+    done = run_here("--solvers", "magic", cwd=tmp_path, script=SCRIPT)
     assert_one_message(done, "magic", "dls-clip", "fast")
 
 

@@ -31,15 +31,13 @@ def test_all_tasks_are_found() -> None:
 
 
 @pytest.mark.parametrize("name", FOUND)
-@pytest.mark.parametrize("seed", [None, 0])
-def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str, seed: int | None) -> None:
+def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str) -> None:
+    """With a seed: what is foreseen without one is planned where the task's own tests run it."""
     if name == "obstacle_reach":
         pytest.importorskip("ompl", reason="the extra planning is not installed")
-    task: Any = FOUND[name]()
-    if seed is not None:
-        task = task.variant(np.random.default_rng([seed, 2]))
+    task: Any = FOUND[name]().variant(np.random.default_rng([0, 2]))
     simulation = Simulation(PANDA, task.build_scene)
-    runner = Runner(ClassicalStack().scenario(PANDA, task, seed), simulation)
+    runner = Runner(ClassicalStack().scenario(PANDA, task, 0), simulation)
     before = simulation.data.qpos.copy()
     try:
         legs = runner.rehearse()

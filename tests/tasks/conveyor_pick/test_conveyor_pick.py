@@ -82,7 +82,7 @@ def test_the_belt_takes_the_cube_along_by_friction() -> None:
 
 def test_a_cube_that_slips_away_is_caught_the_next_time() -> None:
     meddler = Meddler("close gripper", lambda simulation: shifted(simulation, -0.10))
-    run = carry_out(ConveyorPick(speed=0.06), observers=[meddler])
+    run = carry_out(ConveyorPick(speed=0.08), observers=[meddler])
     assert meddler.done == 1
     assert run.failure is None
     assert names(run).count("close gripper") == 2

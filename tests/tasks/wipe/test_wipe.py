@@ -14,8 +14,11 @@ from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.task_state import hide_marker, task_state
 from robo47_qp.tasks.wipe.board import (
@@ -36,9 +39,17 @@ from tests.runs import Meddler, carry_out
 WEIGHT = 9.81 * 0.04
 
 
+WHOLE = 600.0
+"""Longer than any run [s]."""
+
+
 @cache
-def wiped(seed: int | None = None) -> Run:
-    return carry_out(Wipe(), seed=seed)
+def wiped(seed: int, seconds: float) -> Run:
+    """A run, or its first seconds."""
+    task = Wipe()
+    scenario = ClassicalStack().scenario(PANDA, task, seed)
+    scenario = replace(scenario, watchdog=Watchdog(time_limit=seconds))
+    return Runner(scenario, Simulation(PANDA, task.build_scene)).run()
 
 
 def rows_of(run: Run, first: str, signal: str) -> np.ndarray:
@@ -50,21 +61,25 @@ def rows_of(run: Run, first: str, signal: str) -> np.ndarray:
 
 
 def test_the_board_is_wiped_and_the_sponge_put_back_within_all_limits() -> None:
-    run = wiped(seed=3)
+    run = wiped(3, WHOLE)
     assert run.failure is None
     assert run.measures["marks_left"] == 0.0
     assert run.measures["sponge_error_m"] <= 5e-3
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
 
-@pytest.mark.parametrize("seed", [3, 79, 343])
-def test_the_force_is_held_while_it_slides(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "seconds", "way"), [(3, WHOLE, 0.6), (79, 14.1, 0.23), (343, 16.4, 0.23)]
+)
+def test_the_force_is_held_while_it_slides(seed: int, seconds: float, way: float) -> None:
     """Judged from the recording alone, by a hand of its own.
 
-    At the touch of seed 79 the force swings to and fro, at that of 343 it creeps to what is asked.
+    At the touch of seed 79 the force swings to and fro, at that of 343 it creeps to what is asked:
+    there the way down, the first stroke and the first turn are enough.
     """
-    run = wiped(seed=seed)
-    assert run.failure is None
+    run = wiped(seed, seconds)
+    assert (run.failure is None) == (seed == 3)
+    assert run.failure is None or run.failure.cause is Cause.TIMEOUT
     sponge = run.rows["objects/sponge"]
     names = np.array([phase.name for phase in run.phases])[run.rows["phase"][:, 0].astype(int)]
     wiping = np.char.startswith(names, "stroke") | np.char.startswith(names, "turn")
@@ -72,12 +87,12 @@ def test_the_force_is_held_while_it_slides(seed: int) -> None:
     sliding = wiping & (speed > 5e-3)
     force = run.rows["contact/tool"][sliding, 2] + WEIGHT
     assert np.mean(np.abs(force - 10.0) <= 0.5) >= 0.99
-    assert speed[sliding].sum() * 1e-3 > 0.6
+    assert speed[sliding].sum() * 1e-3 > way
     assert speed[sliding].max() < 0.1
 
 
 def test_it_meets_the_board_at_a_tenth_of_a_metre_per_second_and_not_too_hard() -> None:
-    run = wiped(seed=3)
+    run = wiped(3, WHOLE)
     z = rows_of(run, "touch down", "tool/pose")[:, 2]
     assert 0.05 < -np.diff(z).min() / 1e-3 <= 0.101
     assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() <= 30.0
