@@ -142,7 +142,8 @@ def test_a_way_through_the_scene_is_refused_and_another_one_taken(
     )
     there = Waypoint(name="there", target=above, onward=onward)
     # Both planners are offered the same configurations, searched for once.
-    offered, seen = planner().branch_choice.candidates_for(ARM, planner().ik, Lin(), there), []
+    choice, ik, lin = planner().branch_choice, planner().ik, planner().lin
+    offered, seen = choice.candidates_for(ARM, ik, lin, there, q), list[IkResult]()
 
     def candidates(*_: object) -> Iterator[IkResult]:
         yield from list(seen)
