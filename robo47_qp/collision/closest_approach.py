@@ -47,7 +47,7 @@ class ClosestApproach:
         for obstacle in obstacles:
             add_obstacle(spec, obstacle)
         m = spec.compile()
-        names = (*robot.joints, *(() if robot.gripper is None else robot.gripper.joints))
+        names = (*robot.joints, *(name for gripper in robot.grippers for name in gripper.joints))
         joints = [m.joint(name).id for name in names]
         self._model, self._data = m, mujoco.MjData(m)
         self._addresses = m.jnt_qposadr[joints]
@@ -74,7 +74,7 @@ class ClosestApproach:
         distance found so far.
 
         Args:
-            q: Joints of the arm, then of the gripper (N, joints) [rad or m].
+            q: Joints of the arm, then of its grippers (N, joints) [rad or m].
         """
         travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
         rows = np.unique(np.linspace(0, len(q) - 1, _FIRST_ROWS).astype(int)).tolist()

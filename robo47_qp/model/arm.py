@@ -109,7 +109,7 @@ class Arm:
         """
         self.robot, self.obstacles = robot, tuple(obstacles)
         self._derived: dict[Hashable, Any] = {}
-        self.payloads = _by_tool(robot, payload)
+        self.payloads = loads(robot, payload)
         """What each tool is believed to hold, by its name."""
         self.payload = self.payloads.get(robot.tools[0].name)
         """What the main tool is believed to hold."""
@@ -325,7 +325,8 @@ Load = Payload | Mapping[str, Payload] | None
 """What the main tool holds, or what each of several tools holds, by their names."""
 
 
-def _by_tool(robot: Robot, load: Load) -> dict[str, Payload]:
+def loads(robot: Robot, load: Load) -> dict[str, Payload]:
+    """Return what the tools of a robot hold, by their names."""
     if isinstance(load, Payload):
         return {robot.tools[0].name: load}
     return {} if load is None else dict(load)

@@ -14,7 +14,8 @@ from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.motion_type import PlannerSettings
-from robo47_qp.motion.paths.segments import Segment, ToolPath
+from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.paths.together import ToolsPath
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Waypoint, goal_pose
@@ -33,7 +34,7 @@ class Leg:
     """Pose asked for of the main tool, or where it stays."""
     tools: ToolPoses | None = None
     """Poses asked for of several tools; None where the main tool alone is asked for."""
-    together: ToolPath | None = None
+    together: ToolsPath | None = None
     """What several tools are to stay on, as `path` for the main one alone."""
     path: Segment | None = None
     """What the tool is to stay on; None for PTP motions and where corners are blended."""

@@ -20,9 +20,8 @@ from robo47_qp.arrays import (
 )
 from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
 from robo47_qp.ik.solver import IkResult
-from robo47_qp.model.arm import Arm
+from robo47_qp.model.arm import Arm, Load
 from robo47_qp.model.gripper import Grip
-from robo47_qp.model.payload import Payload
 from robo47_qp.model.tool_poses import Target, ToolPoses
 from robo47_qp.motion.motion_type import MotionType
 from robo47_qp.motion.paths.segments import ToolPath
@@ -94,8 +93,8 @@ class Waypoint(Checked):
     """Ratio of the speeds on the way here to those of the profiles, in (0, 1]."""
     grip: Grip | None = None
     """What the gripper does on arrival; None leaves it as it is."""
-    carried: Payload | None = None
-    """What the tool holds on the way here."""
+    carried: Load = None
+    """What the main tool holds on the way here, or each of several tools, by their names."""
     onward: "tuple[Waypoint, ...]" = ()
     """LIN and CIRC motions that will follow. They are not carried out; the configuration at a PTP
     waypoint is chosen such that they can be."""

@@ -41,12 +41,15 @@ SETTLED = 0.1e-3
 def metrics(run: Run) -> dict[str, float]:
     """Return the metrics of a run and the task's own figures, by name with unit.
 
+    Errors and forces of several tools are those of the worst; rates are the main tool's.
+
     The README explains each. Smoothness is missing if the tool does not move.
     """
     rows, motion, stiff = run.rows, _tool(run), _stiff(run)
     simulated = len(rows) * TIMESTEP
-    force = np.linalg.norm(rows["contact/tool"], axis=1)
-    error = rows["errors/tool_position"][stiff]
+    labels = [label for label, _ in run.scenario.robot.tool_labels()]
+    force = np.max([np.linalg.norm(rows[f"contact/{one}tool"], axis=1) for one in labels], axis=0)
+    error = np.max([rows[f"errors/{one}tool_position"] for one in labels], axis=0)[stiff]
     return {
         **run.measures,
         "max_joint_error_rad": float(np.abs(rows["errors/q"][stiff]).max(initial=0.0)),
@@ -127,7 +130,8 @@ def _settle_time(run: Run) -> float:
     The tool has settled once it stays within `SETTLED` of its reference; if it does not before
     the next motion, the time in between counts.
     """
-    error = run.rows["errors/tool_position"][:, 0]
+    labels = [label for label, _ in run.scenario.robot.tool_labels()]
+    error = np.max([run.rows[f"errors/{one}tool_position"][:, 0] for one in labels], axis=0)
     longest, since = 0, None
     for phase, rows in run.spans():
         if phase.leg is not None:

@@ -10,7 +10,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.controller import Controller
-from robo47_qp.model.arm import Arm, JointReference
+from robo47_qp.model.arm import Arm, JointReference, Load, loads
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
@@ -79,6 +79,7 @@ class ControlLoop:
         """
         self.arm, self.sim = arm, simulation
         self.profile = arm.robot.profile if profile is None else profile
+        self._load: dict[str, Payload] = {}
         self.control = ActiveController(controller, arm, dt=TIMESTEP)
         self.recording = Recording(signals.all_signals(simulation, extra))
         self.observers: tuple[Observer, ...] = ()
@@ -185,12 +186,19 @@ class ControlLoop:
             self.begin("stop", compliant=self.phases[-1].compliant)
             self.track(braking)
 
-    def set_payload(self, payload: Payload | None) -> None:
-        """Set the payload that the controller assumes in the tool; None is nothing."""
-        told = None if payload is None else self.sim.told_payload(payload)
-        if told is not self.control.arm.payload:
-            arm = self.arm if told is None else self.arm.with_payload(told)
+    def set_payload(self, load: Load) -> None:
+        """Set what the controller assumes the tools to hold; None is nothing in any of them."""
+        self._load = loads(self.arm.robot, load)
+        told = {name: self.sim.told_payload(payload) for name, payload in self._load.items()}
+        before = self.control.arm.payloads
+        if told.keys() != before.keys() or any(told[name] is not before[name] for name in told):
+            arm = self.arm.with_payload(told) if told else self.arm
             self.control.set_arm(arm, seconds=PAYLOAD_RAMP)
+
+    def let_go(self, tool: int) -> None:
+        """Set that a tool holds nothing; what others hold stays."""
+        name = self.arm.robot.tools[tool].name
+        self.set_payload({other: it for other, it in self._load.items() if other != name})
 
     def note(self, text: str, failure: Failure | None = None) -> None:
         """Report an event to the observers, as an error if there is a failure."""

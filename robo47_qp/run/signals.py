@@ -6,6 +6,7 @@ effects (`Simulation.signals_now`, `signals_last`). Each signal is one entry of 
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -32,7 +33,10 @@ def references(robot: Robot) -> dict[Signal, Callable[[Arm, Samples], Matrix]]:
         Signal(name="joints/v_ref", labels=joints, unit=unit("rad/s", "m/s")): lambda _, s: s[1],
         Signal(name="joints/a_ref", labels=joints, unit=unit("rad/s²", "m/s²")): lambda _, s: s[2],
         Signal(name="joints/tau_ref", labels=joints, unit=unit("N·m", "N")): _torques,
-        Signal(name="tool/pose_ref", labels=POSE, unit=POSE_UNIT): _poses,
+        **{
+            Signal(name=f"tool/{label}pose_ref", labels=POSE, unit=POSE_UNIT): partial(_poses, i)
+            for i, (label, _) in enumerate(robot.tool_labels())
+        },
     }
 
 
@@ -47,25 +51,55 @@ def derived(robot: Robot) -> dict[Signal, Callable[[Rows], Matrix]]:
         Signal(name="errors/q", labels=robot.joints, unit=robot.unit("rad", "m")): lambda rows: (
             rows["joints/q_ref"] - rows["joints/q"]
         ),
-        Signal(name="errors/tool_position", labels=("distance",), unit="m"): lambda rows: _size(
-            rows["tool/pose_ref"][:, :3] - rows["tool/pose"][:, :3]
-        ),
-        Signal(name="errors/tool_angle", labels=("angle",), unit="rad"): lambda rows: (
-            _angle_between(rows["tool/pose_ref"][:, 3:], rows["tool/pose"][:, 3:])
-        ),
+        **{
+            signal: values
+            for label, _ in robot.tool_labels()
+            for signal, values in _tool_errors(label).items()
+        },
         Signal(name="joints/saturated", labels=("motors",), unit="count"): lambda rows: (
             rows["joints/tau"] != rows["joints/tau_command"]
         ).sum(axis=1, keepdims=True),
     }
-    if robot.gripper is not None:
-        fingers = robot.gripper.fingers
-        found[Signal(name="gripper/width", labels=("width",), unit="m")] = lambda rows: rows[
-            "gripper/fingers"
-        ].sum(axis=1, keepdims=True)
-        found[Signal(name="gripper/force", labels=fingers, unit="N")] = lambda rows: np.hstack(
-            [_size(rows[f"gripper/{finger}_contact"]) for finger in fingers]
-        )
+    for label, tool in robot.tool_labels():
+        if tool.gripper is not None:
+            found |= _grip(label, tool.gripper.fingers)
     return found
+
+
+def _tool_errors(label: str) -> dict[Signal, Callable[[Rows], Matrix]]:
+    """Return the signals of the errors of a tool, with functions of rows."""
+
+    def poses(rows: Rows) -> tuple[Matrix, Matrix]:
+        return rows[f"tool/{label}pose_ref"], rows[f"tool/{label}pose"]
+
+    def distance(rows: Rows) -> Matrix:
+        reference, measured = poses(rows)
+        return _size(reference[:, :3] - measured[:, :3])
+
+    def angle(rows: Rows) -> Matrix:
+        reference, measured = poses(rows)
+        return _angle_between(reference[:, 3:], measured[:, 3:])
+
+    return {
+        Signal(name=f"errors/{label}tool_position", labels=("distance",), unit="m"): distance,
+        Signal(name=f"errors/{label}tool_angle", labels=("angle",), unit="rad"): angle,
+    }
+
+
+def _grip(label: str, fingers: tuple[str, str]) -> dict[Signal, Callable[[Rows], Matrix]]:
+    """Return the signals of width and force of a gripper, with functions of rows."""
+
+    def width(rows: Rows) -> Matrix:
+        total: Matrix = rows[f"gripper/{label}fingers"].sum(axis=1, keepdims=True)
+        return total
+
+    def force(rows: Rows) -> Matrix:
+        return np.hstack([_size(rows[f"gripper/{finger}_contact"]) for finger in fingers])
+
+    return {
+        Signal(name=f"gripper/{label}width", labels=("width",), unit="m"): width,
+        Signal(name=f"gripper/{label}force", labels=fingers, unit="N"): force,
+    }
 
 
 def followed() -> tuple[Signal, ...]:
@@ -145,8 +179,8 @@ def _torques(arm: Arm, samples: Samples) -> Matrix:
     return np.array([arm.inverse_dynamics(q, v, a) for q, v, a in zip(*samples, strict=True)])
 
 
-def _poses(arm: Arm, samples: Samples) -> Matrix:
-    poses = np.array([arm.pose(q).wxyz_xyz for q in samples[0]])
+def _poses(tool: int, arm: Arm, samples: Samples) -> Matrix:
+    poses = np.array([arm.pose(q, tool).wxyz_xyz for q in samples[0]])
     return np.hstack([poses[:, 4:], poses[:, :4]])
 
 

@@ -198,6 +198,8 @@ class Grasp(Step):
 
     force: float
     """Force of each finger [N]."""
+    tool: str | None = None
+    """Name of the tool whose fingers close; None is the main one."""
     width: float = 0.0
     """Opening width to close to, if nothing is in between [m]."""
     speed: float = inf
@@ -210,13 +212,15 @@ class Grasp(Step):
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
         grip = Grip(width=self.width, force=self.force, speed=self.speed)
-        _grip(executor, self.name, grip, self.compliance)
+        _grip(executor, self.name, grip, self.compliance, self.tool)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Release(Step):
     """Open the fingers and wait until they stand still; the tool then carries nothing."""
 
+    tool: str | None = None
+    """Name of the tool whose fingers open; None is the main one."""
     width: float | None = None
     """Opening width to open to [m]; None opens them fully."""
     name: str = "release"
@@ -224,9 +228,9 @@ class Release(Step):
 
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
-        gripper = executor.loop.sim.gripper
+        gripper = executor.loop.sim.gripper_of(_place(executor, self.tool))
         width = gripper.width_max if self.width is None else self.width
-        _grip(executor, self.name, Grip(width=width, force=gripper.force_max))
+        _grip(executor, self.name, Grip(width=width, force=gripper.force_max), tool=self.tool)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,12 +258,19 @@ class Wait(Step):
 
 
 def _grip(
-    executor: StepExecutor, name: str, grip: Grip, compliance: Compliance | None = None
+    executor: StepExecutor,
+    name: str,
+    grip: Grip,
+    compliance: Compliance | None = None,
+    tool: str | None = None,
 ) -> None:
+    place = _place(executor, tool)
+    if place and compliance is not None:
+        raise InvalidValueError(f"compliance of tool {tool!r}", "one", "None: the main tool's only")
     loop, sim = executor.loop, executor.loop.sim
-    if grip.width > sim.width():
-        loop.set_payload(None)
-    sim.command_grip(grip)
+    if grip.width > sim.width(place):
+        loop.let_go(place)
+    sim.command_grip(grip, place)
     if compliance is not None:
         executor.compliance.soften(compliance)
     loop.begin(name, compliant=compliance is not None, afresh=False)
@@ -267,10 +278,15 @@ def _grip(
     while still < _GRIP_STILL and waited < _GRIP_TIMEOUT:
         loop.hold(_TICK)
         waited += _TICK
-        still = still + _TICK if sim.grip_settled() else 0.0
+        still = still + _TICK if sim.grip_settled(place) else 0.0
     executor.compliance.stiffen()
-    force = sim.last_finger_forces()
-    loop.note(f"{name}: {1e3 * sim.width():.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
+    width, force = 1e3 * sim.width(place), sim.last_finger_forces(place)
+    loop.note(f"{name}: {width:.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
+
+
+def _place(executor: StepExecutor, tool: str | None) -> int:
+    """Return the place of a tool among the robot's."""
+    return 0 if tool is None else executor.loop.arm.robot.tool_index(tool)
 
 
 StepLike: TypeAlias = Waypoint | tuple[Waypoint, ...] | Step

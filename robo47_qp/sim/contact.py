@@ -1,6 +1,8 @@
 """Contact sensing: contact forces on the tool, the links and the fingers."""
 
+from collections.abc import Sequence
 from math import hypot
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,7 +14,12 @@ from robo47_qp.sim.signal import XYZ, Signal
 
 _PARAMETERS = [1 << 1, 3, 1]
 """Of MuJoCo's contact sensor: the force field, reduced to the net force, in one slot."""
-_TOOL, _WITHIN_TOOL, _LINK = "contact/tool", "contact/within tool", "contact/link"
+_LINK = "contact/link"
+
+
+def _tool_sensors(label: str) -> tuple[str, str]:
+    """Return the names of the sensors on a tool and inside it."""
+    return f"contact/{label}tool", f"contact/within {label}tool"
 
 
 def contact_sensor(finger: str) -> str:
@@ -21,20 +28,22 @@ def contact_sensor(finger: str) -> str:
 
 
 def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add contact force sensors of tool, links and fingers to a spec with all bodies.
+    """Add contact force sensors of tools, links and fingers to a spec with all bodies.
 
-    The tool is the body of the last joint with all that it carries. Unnamed bodies get names.
+    A tool is the body of the last joint with all that it carries. Unnamed bodies get names.
 
     Raises:
         UnknownNameError: The spec lacks a joint of the robot.
     """
-    links, tool = _links_and_tool(spec, robot)
+    links, tools = _links_and_tools(spec, robot)
     body, subtree = mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY
-    for finger in () if robot.gripper is None else robot.gripper.fingers:
+    for finger in (finger for gripper in robot.grippers for finger in gripper.fingers):
         _add(spec, contact_sensor(finger), body, finger)
-    _add(spec, _TOOL, subtree, tool)
-    # Contacts between bodies of the tool count in the first sensor too.
-    _add(spec, _WITHIN_TOOL, subtree, tool, other=tool)
+    for (label, _), tool in zip(robot.tool_labels(), tools, strict=True):
+        whole, within = _tool_sensors(label)
+        _add(spec, whole, subtree, tool)
+        # Contacts between bodies of the tool count in the first sensor too.
+        _add(spec, within, subtree, tool, other=tool)
     for i, link in enumerate(links):
         _add(spec, f"{_LINK} {i}", body, link)
 
@@ -42,35 +51,41 @@ def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
 class ContactSensing:
     """Reads the contact forces on an arm; part of `Simulation`."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take views of the sensors' values in `data`."""
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, labels: Sequence[str] = ("",)
+    ) -> None:
+        """Take views of the sensors' values in `data`, given what names of tools begin with."""
         # MuJoCo reports the force of the named body on others.
-        self._by_tool = data.sensor(_TOOL).data
-        self._within_tool = data.sensor(_WITHIN_TOOL).data
+        sensors = [[data.sensor(name).data for name in _tool_sensors(label)] for label in labels]
+        self._tools = [(whole, within, np.zeros(3)) for whole, within in sensors]
         names = [model.sensor(i).name for i in range(model.nsensor)]
         links = [i for i, name in enumerate(names) if name.startswith(_LINK)]
         # Added one after the other, their values are contiguous.
         start = model.sensor_adr[links[0]] if links else 0
         self._on_links = data.sensordata[start : start + 3 * len(links)]
-        self._tool, self._links = np.zeros(3), np.zeros(1)
+        self._links = np.zeros(1)
         self.signals_last = {
-            Signal(name="contact/tool", labels=XYZ, unit="N"): (self._tool,),
+            **{
+                Signal(name=f"contact/{label}tool", labels=XYZ, unit="N"): (force,)
+                for label, (_, _, force) in zip(labels, self._tools, strict=True)
+            },
             Signal(name="contact/links", labels=("sum",), unit="N"): (self._links,),
         }
 
     def update(self) -> None:
         """Read the sensors into the views of `signals_last`."""
-        np.subtract(self._within_tool, self._by_tool, out=self._tool)
+        for whole, within, force in self._tools:
+            np.subtract(within, whole, out=force)
         forces = self._on_links.tolist()
         # Scalars, because numpy takes several times the time for so few numbers.
         self._links[0] = (
             sum(map(hypot, forces[::3], forces[1::3], forces[2::3])) if any(forces) else 0.0
         )
 
-    def tool_force(self) -> Vector:
+    def tool_force(self, tool: int = 0) -> Vector:
         """See `Simulation.last_tool_force`."""
         self.update()
-        return self._tool.copy()
+        return self._tools[tool][2].copy()
 
     def links_force(self) -> float:
         """See `Simulation.last_links_force`."""
@@ -78,14 +93,33 @@ class ContactSensing:
         return float(self._links[0])
 
 
-def _links_and_tool(spec: mujoco.MjSpec, robot: Robot) -> tuple[list[str], str]:
-    """Return the names of the links before the last joint's body, and of that body."""
-    first, last = (_carrier(spec, robot.joints[i]) for i in (0, -1))
-    arm = [first, *first.find_all("body")]
+def _links_and_tools(spec: mujoco.MjSpec, robot: Robot) -> tuple[list[str], list[str]]:
+    """Return the names of the links before the bodies of the last joints, and of those bodies."""
+    ends = _ends(spec, robot)
+    arm = [body for first, _ in ends for body in (first, *first.find_all("body"))]
     for i, body in enumerate(arm):
         body.name = body.name or f"{robot.name} body {i}"
-    tool = {last.name, *(body.name for body in last.find_all("body"))}
-    return [body.name for body in arm if body.name not in tool], last.name
+    tools = [{last.name, *(body.name for body in last.find_all("body"))} for _, last in ends]
+    links = dict.fromkeys(body.name for body in arm)
+    return [name for name in links if not any(name in tool for tool in tools)], [
+        last.name for _, last in ends
+    ]
+
+
+def _ends(spec: mujoco.MjSpec, robot: Robot) -> list[tuple[mujoco.MjsBody, mujoco.MjsBody]]:
+    """Return the bodies of the first and of the last joint that move each tool."""
+    if len(robot.tools) == 1:
+        return [(_carrier(spec, robot.joints[0]), _carrier(spec, robot.joints[-1]))]
+    ends = []
+    for tool in robot.tools:
+        site: Any = spec.site(tool.tcp)
+        body, chain = site.parent, []
+        while body is not None and body != spec.worldbody:
+            if any(joint.name in robot.joints for joint in body.joints):
+                chain.append(body)
+            body = body.parent
+        ends.append((chain[-1], chain[0]))
+    return ends
 
 
 def _carrier(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsBody:

@@ -106,7 +106,7 @@ class DisturbedSimulation(Simulation):
         )
         self._joint_sensor, self._force_sensor = JointSensor(disturbance), ForceSensor(disturbance)
         self._torque_delay = Delay(disturbance.torque_delay)
-        self._told: tuple[Payload, Payload] | None = None
+        self._told: dict[Payload, Payload] = {}
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _changed(robot, build_scene, disturbance))
         self.disturbance = self._of_this_world(disturbance)
@@ -170,12 +170,12 @@ class DisturbedSimulation(Simulation):
         factor = self.disturbance.payload_factor
         if factor == 1.0:
             return payload
-        if self._told is None or self._told[0] is not payload:
+        if payload not in self._told:
             moments = payload.inertia
             inertia = (factor * moments[0], factor * moments[1], factor * moments[2])
             wrong = replace(payload, mass=factor * payload.mass, inertia=inertia)
-            self._told = payload, wrong
-        return self._told[1]
+            self._told[payload] = wrong
+        return self._told[payload]
 
     def seen_pose(self, name: str) -> SE3:
         """See `Simulation.seen_pose`; measured in the last frame of the camera."""

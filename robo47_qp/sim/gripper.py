@@ -14,8 +14,10 @@ from robo47_qp.sim.signal import XYZ, Signal
 class SimulatedGripper:
     """Moves the fingers and reads them; part of `Simulation`."""
 
-    def __init__(self, gripper: Gripper, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take views of the gripper's state in `data`."""
+    def __init__(
+        self, gripper: Gripper, model: mujoco.MjModel, data: mujoco.MjData, label: str = ""
+    ) -> None:
+        """Take views of the gripper's state in `data`; names of signals begin with the label."""
         self.gripper = gripper
         self._model, self._data = model, data
         left, right = (model.joint(name) for name in gripper.joints)
@@ -25,11 +27,11 @@ class SimulatedGripper:
         self._forces = [data.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
         servo = data.ctrl[self._servo : self._servo + 1]
         self.signals_now = {
-            Signal(name="gripper/fingers", labels=gripper.joints, unit="m", shown=False): (
+            Signal(name=f"gripper/{label}fingers", labels=gripper.joints, unit="m", shown=False): (
                 self._left[:1],
                 self._right[:1],
             ),
-            Signal(name="gripper/width_command", labels=("width",), unit="m"): (servo,),
+            Signal(name=f"gripper/{label}width_command", labels=("width",), unit="m"): (servo,),
         }
         self.signals_last = {
             Signal(name=f"gripper/{finger}_contact", labels=XYZ, unit="N", shown=False): (force,)

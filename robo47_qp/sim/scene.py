@@ -1,6 +1,7 @@
 """Scene: robot, task objects and physics options compiled into one MuJoCo model."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -40,7 +41,9 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
         ("joints", [model.joint(joint).id for joint in robot.joints]),
         ("motors", [model.actuator(motor).id for motor in robot.motors]),
     ):
-        if ids != list(range(ids[0], ids[0] + len(ids))):
+        gaps = {b - a for a, b in pairwise(ids)} - {1}
+        # Between the joints of two arms are those of the first one's gripper.
+        if gaps and (len(robot.tools) == 1 or min(gaps) < 1):
             raise ModelError(
                 f"The {name} of robot {robot.name!r} have the ids {ids} in its model; "
                 "they must follow each other, base to tip."
@@ -64,8 +67,7 @@ def mocap_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
 def _check_names(robot: Robot, spec: mujoco.MjSpec) -> None:
     """Check the names that `robot_spec` does not: motors and gripper."""
     wanted: list[tuple[str, tuple[str, ...], Any]] = [("motor", robot.motors, spec.actuators)]
-    gripper = robot.gripper
-    if gripper is not None:
+    for gripper in robot.grippers:
         wanted += [
             ("joint", gripper.joints, spec.joints),
             ("motor", (gripper.actuator,), spec.actuators),

@@ -10,6 +10,7 @@ from robo47_qp.model.arm import JointState
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
+from robo47_qp.sim.columns import Columns, spans
 from robo47_qp.sim.contact import ContactSensing
 from robo47_qp.sim.gripper import SimulatedGripper
 from robo47_qp.sim.motors import SimulatedMotors
@@ -40,48 +41,59 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self._bodies = SimulatedObjects(self.model, self.data)
         self.objects, self.markers = self._bodies.objects, self._bodies.markers
-        m, d, n = self.model, self.data, len(robot.joints)
+        m, d = self.model, self.data
         # The arrays of MjData keep their place: each view is taken once.
-        first, motor = m.joint(robot.joints[0]), m.actuator(robot.motors[0]).id
-        q, dof = first.qposadr[0], first.dofadr[0]
-        self._q, self._v, self._a = d.qpos[q : q + n], d.qvel[dof : dof + n], d.qacc[dof : dof + n]
-        self._bias, self._passive = d.qfrc_bias[dof : dof + n], d.qfrc_passive[dof : dof + n]
-        self._ctrl, self._tau = d.ctrl[motor : motor + n], d.qfrc_actuator[dof : dof + n]
-        tcp = m.site(robot.tcp).id
-        self._tcp_position, self._tcp_quaternion = d.site_xpos[tcp], d.site_xquat[tcp]
-        hand = None if robot.gripper is None else SimulatedGripper(robot.gripper, m, d)
-        self._hand = hand
-        self._contact = ContactSensing(m, d)
+        joint_ids = [m.joint(name) for name in robot.joints]
+        at_q = spans([int(joint.qposadr[0]) for joint in joint_ids])
+        at_v = spans([int(joint.dofadr[0]) for joint in joint_ids])
+        self._q, self._v, self._a = (
+            Columns(array, at) for array, at in ((d.qpos, at_q), (d.qvel, at_v), (d.qacc, at_v))
+        )
+        self._bias, self._passive = Columns(d.qfrc_bias, at_v), Columns(d.qfrc_passive, at_v)
+        self._ctrl = Columns(d.ctrl, spans([m.actuator(name).id for name in robot.motors]))
+        self._tau = Columns(d.qfrc_actuator, at_v)
+        sites = [m.site(tool.tcp).id for tool in robot.tools]
+        self._tcps = [(d.site_xpos[site], d.site_xquat[site]) for site in sites]
+        self._hands = [
+            None if tool.gripper is None else SimulatedGripper(tool.gripper, m, d, label)
+            for label, tool in robot.tool_labels()
+        ]
+        hands = [hand for hand in self._hands if hand is not None]
+        self._contact = ContactSensing(m, d, [label for label, _ in robot.tool_labels()])
         joints, unit = robot.joints, robot.unit
-        tool = self._tcp_position, self._tcp_quaternion
         self.signals_now: dict[Signal, tuple[Vector, ...]] = {
-            Signal(name="joints/q", labels=joints, unit=unit("rad", "m")): (self._q,),
-            Signal(name="joints/v", labels=joints, unit=unit("rad/s", "m/s")): (self._v,),
-            Signal(name="tool/pose", labels=POSE, unit=POSE_UNIT): tool,
-            **({} if hand is None else hand.signals_now),
+            Signal(name="joints/q", labels=joints, unit=unit("rad", "m")): self._q.views,
+            Signal(name="joints/v", labels=joints, unit=unit("rad/s", "m/s")): self._v.views,
+            **{
+                Signal(name=f"tool/{label}pose", labels=POSE, unit=POSE_UNIT): tcp
+                for (label, _), tcp in zip(robot.tool_labels(), self._tcps, strict=True)
+            },
+            **{signal: views for hand in hands for signal, views in hand.signals_now.items()},
             **self._bodies.signals_now,
         }
         """Signals at `time`, each with the views of MjData that hold its columns."""
         self.signals_last: dict[Signal, tuple[Vector, ...]] = {
-            Signal(name="joints/a", labels=joints, unit=unit("rad/s²", "m/s²")): (self._a,),
-            Signal(name="joints/tau", labels=joints, unit=unit("N·m", "N")): (self._tau,),
+            Signal(name="joints/a", labels=joints, unit=unit("rad/s²", "m/s²")): self._a.views,
+            Signal(name="joints/tau", labels=joints, unit=unit("N·m", "N")): self._tau.views,
             **self._contact.signals_last,
-            **({} if hand is None else hand.signals_last),
+            **{signal: views for hand in hands for signal, views in hand.signals_last.items()},
         }
         """Signals of the last period, likewise."""
         self._views_now = [view for views in self.signals_now.values() for view in views]
         self._views_last = [view for views in self.signals_last.values() for view in views]
-        self._motors = SimulatedMotors(robot, self._ctrl)
+        self._motors = SimulatedMotors(robot, self._ctrl.whole)
         self.reset()
 
     def reset(self) -> None:
         """Put the robot at home, held at rest, its gripper open, and the objects at their start."""
         mujoco.mj_resetData(self.model, self.data)
-        self._q[:] = self.robot.home
-        if self._hand is not None:
-            self._hand.reset()
+        self._q.write(self.robot.home)
+        for hand in self._hands:
+            if hand is not None:
+                hand.reset()
         mujoco.mj_forward(self.model, self.data)
-        self._motors.start(self._bias - self._passive)
+        self._motors.start(self._bias.read() - self._passive.read())
+        self._ctrl.flush()
         mujoco.mj_step1(self.model, self.data)
 
     def step(self, tau: Vector) -> None:
@@ -94,28 +106,38 @@ class Simulation:
             InvalidValueError: The command is not finite; nothing has moved.
         """
         self._motors.deliver(tau)
-        if self._hand is not None:
-            self._hand.move()
+        self._ctrl.flush()
+        for hand in self._hands:
+            if hand is not None:
+                hand.move()
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
 
     @property
     def gripper(self) -> Gripper:
-        """The robot's gripper.
+        """The gripper of the main tool.
 
         Raises:
-            NoGripperError: The robot has no gripper.
+            NoGripperError: The tool has no gripper.
         """
-        return self._needed("the task").gripper
+        return self.gripper_of(0)
 
-    def command_grip(self, grip: Grip) -> None:
-        """Start moving the fingers to a width, with a bounded speed and force.
+    def gripper_of(self, tool: int) -> Gripper:
+        """Return the gripper of a tool, by its place in `Robot.tools`, as everywhere below.
+
+        Raises:
+            NoGripperError: The tool has no gripper.
+        """
+        return self._needed("the task", tool).gripper
+
+    def command_grip(self, grip: Grip, tool: int = 0) -> None:
+        """Start moving the fingers of a tool to a width, with a bounded speed and force.
 
         Raises:
             InvalidValueError: Width or force is outside the limits of the gripper.
-            NoGripperError: The robot has no gripper.
+            NoGripperError: The tool has no gripper.
         """
-        self._needed("a grip").command(grip)
+        self._needed("a grip", tool).command(grip)
 
     @property
     def time(self) -> float:
@@ -133,58 +155,59 @@ class Simulation:
 
     def state(self) -> JointState:
         """Return the measured joint positions and velocities."""
-        return JointState(self._q.copy(), self._v.copy())
+        return JointState(self._q.read(), self._v.read())
 
     def true_state(self) -> JointState:
         """Return the true joint positions and velocities."""
-        return JointState(self._q.copy(), self._v.copy())
+        return JointState(self._q.read(), self._v.read())
 
-    def tool_pose(self) -> SE3:
-        """Return T_world_tcp."""
-        return SE3(np.concatenate([self._tcp_quaternion, self._tcp_position]))
+    def tool_pose(self, tool: int = 0) -> SE3:
+        """Return T_world_tcp of a tool."""
+        position, quaternion = self._tcps[tool]
+        return SE3(np.concatenate([quaternion, position]))
 
-    def width(self) -> float:
-        """Return the opening width of the gripper [m]."""
-        return self._needed("its width").width()
+    def width(self, tool: int = 0) -> float:
+        """Return the opening width of a gripper [m]."""
+        return self._needed("its width", tool).width()
 
-    def width_speed(self) -> float:
+    def width_speed(self, tool: int = 0) -> float:
         """Return the rate of the opening width [m/s]."""
-        return self._needed("its width").width_speed()
+        return self._needed("its width", tool).width_speed()
 
-    def width_command(self) -> float:
-        """Return the setpoint of the gripper's servo on the opening width [m]."""
-        return self._needed("its width").width_command()
+    def width_command(self, tool: int = 0) -> float:
+        """Return the setpoint of a gripper's servo on the opening width [m]."""
+        return self._needed("its width", tool).width_command()
 
-    def grip_settled(self) -> bool:
+    def grip_settled(self, tool: int = 0) -> bool:
         """Return whether the fingers stand still, at the commanded width or at the full force."""
-        return self._needed("a grip").settled()
+        return self._needed("a grip", tool).settled()
 
     def last_acceleration(self) -> Vector:
         """Return the joint accelerations in the last period (n,) [rad/s²]."""
-        return self._a.copy()
+        return self._a.read()
 
     def last_torque(self) -> Vector:
         """Return the torques that the motors delivered in the last period (n,) [N·m]."""
-        return self._tau.copy()
+        return self._tau.read()
 
     def motor_torque(self) -> Vector:
         """Return the torques that the motors were set to last (n,) [N·m]."""
-        return self._ctrl.copy()
+        return self._ctrl.whole.copy()
 
-    def last_finger_forces(self) -> Vector:
-        """Return the magnitude of the net contact force on each finger (2,) [N]."""
-        return self._needed("the force of its fingers").forces()
+    def last_finger_forces(self, tool: int = 0) -> Vector:
+        """Return the magnitude of the net contact force on each finger of a tool (2,) [N]."""
+        return self._needed("the force of its fingers", tool).forces()
 
-    def last_tool_force(self) -> Vector:
-        """Return the net contact force on the tool in the last period (3,), in the world [N].
+    def last_tool_force(self, tool: int = 0) -> Vector:
+        """Return the net contact force on a tool in the last period (3,), in the world [N].
 
         It acts from outside on the body of the last joint and all that it carries, without
         inertia and weight: +z for a hand that presses on a table.
         """
-        return self._contact.tool_force()
+        return self._contact.tool_force(tool)
 
     def felt_force(self) -> Vector:
-        """Return `last_tool_force` as measured for controllers (3,) [N]: here, the true one."""
+        """Return the main tool's `last_tool_force` as controllers measure it: here, as it is."""
         return self._contact.tool_force()
 
     def last_links_force(self) -> float:
@@ -256,7 +279,8 @@ class Simulation:
         """
         self._bodies.place_marker(name, T_world_marker)
 
-    def _needed(self, wanted: str) -> SimulatedGripper:
-        if self._hand is None:
+    def _needed(self, wanted: str, tool: int) -> SimulatedGripper:
+        hand = self._hands[tool]
+        if hand is None:
             raise NoGripperError(self.robot.name, wanted)
-        return self._hand
+        return hand

@@ -1,12 +1,14 @@
 """Paths of several tools over one parameter: they move together by construction."""
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.tool_poses import Target, ToolPoses
 from robo47_qp.motion.paths.segments import Line, Segment, ToolPath
@@ -29,6 +31,10 @@ class Together:
     def at(self, s: float) -> ToolPoses:
         """Return the poses of the tools at s in [0, 1]."""
         return ToolPoses({name: path.at(s) for name, path in self.paths.items()})
+
+    def distances(self, name: str, positions: Matrix, quaternions: Matrix) -> Vector:
+        """Return the distances of a tool's positions (N, 3) from its path (N,) [m]."""
+        return self.paths[name].distances(positions)
 
 
 class HeldTogether:
@@ -61,6 +67,22 @@ class HeldTogether:
         """Return the poses of the tools at s in [0, 1]."""
         T_world_body = self.body.at(s)
         return ToolPoses({name: T_world_body @ way.at(s) for name, way in self._grasps.items()})
+
+    def distances(self, name: str, positions: Matrix, quaternions: Matrix) -> Vector:
+        """Return how far a tool would hold the body off its path (N,) [m].
+
+        Args:
+            name: The tool.
+            positions: Its positions (N, 3) [m].
+            quaternions: Its orientations wxyz (N, 4).
+        """
+        to_body = self._grasps[name].at(1.0).inverse().translation()
+        turned = Rotation.from_quat(quaternions, scalar_first=True).apply(to_body)
+        return self.body.distances(positions + turned)
+
+
+ToolsPath: TypeAlias = Together | HeldTogether
+"""A path of several tools."""
 
 
 def body_pose(tools: ToolPoses, holding: ToolPoses) -> SE3:

@@ -91,8 +91,12 @@ def _contacts(run: Run) -> list[Finding]:
     links = at_most("link contact", "N", run.rows["contact/links"][:, 0], 0.0)
     if not isfinite(limit):
         return [links]
-    force = np.linalg.norm(run.rows["contact/tool"], axis=1)
-    return [at_most("tool contact", "N", force, limit), links]
+    found = []
+    for label, tool in run.scenario.robot.tool_labels():
+        force = np.linalg.norm(run.rows[f"contact/{label}tool"], axis=1)
+        name = f"{tool.name} contact" if label else "tool contact"
+        found.append(at_most(name, "N", force, limit))
+    return [*found, links]
 
 
 def _clearances(run: Run) -> list[Finding]:
@@ -106,7 +110,8 @@ def _clearances(run: Run) -> list[Finding]:
     if not obstacles:
         return []
     closest = ClosestApproach(robot, obstacles)
-    fingers = [] if robot.gripper is None else [rows["gripper/fingers"]]
+    labels = [label for label, tool in robot.tool_labels() if tool.gripper is not None]
+    fingers = [rows[f"gripper/{label}fingers"] for label in labels]
     found = []
     collisions = scenario.planner.collisions
     if collisions is not None:

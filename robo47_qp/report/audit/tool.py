@@ -39,15 +39,13 @@ def tool_paths(run: Run) -> list[Finding]:
     """Check the distances from lines and arcs; in compliant motions, of the reference only."""
     findings = []
     for motion in Motion:
-        for signal, column, limit in (
-            ("commanded", "tool/pose_ref", LIN_COMMANDED),
-            ("measured", "tool/pose", LIN_MEASURED),
-        ):
-            measured = signal == "measured"
-            off = _off_way(run, motion, run.rows[column][:, :3], measured)
-            if off is not None:
-                name = f"{motion.name} {signal}"
-                findings.append(bounded(name, ["m"], ("tool",), off, np.array([limit])))
+        for signal, limit in (("commanded", LIN_COMMANDED), ("measured", LIN_MEASURED)):
+            for label, tool in run.scenario.robot.tool_labels():
+                off = _off_way(run, motion, (label, tool.name), signal == "measured")
+                if off is not None:
+                    name = f"{motion.name} {signal}"
+                    which = tool.name if label else "tool"
+                    findings.append(bounded(name, ["m"], (which,), off, np.array([limit])))
     return findings
 
 
@@ -57,9 +55,21 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     The bounds are those of the tool's profile at the pace of each motion. The reference must keep
     all of them, the tool itself, which also vibrates, its speeds; a compliant tool is not checked.
     """
+    tools = enumerate(run.scenario.robot.tool_labels())
+    return [found for i, (label, _) in tools for found in _rates_of(run, arm, i, label)]
+
+
+def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
     findings: list[Finding] = []
-    for title, measured in (("reference", False), ("measured", True)):
-        spans = [span for span in _spans(run, measured) if span[1].waypoint.prescribes_path]
+    name_of_tool = arm.robot.tools[tool].name
+    which = f"{name_of_tool} " if label else ""
+    for kind, measured in (("reference", False), ("measured", True)):
+        title = which + kind
+        spans = [
+            span
+            for span in _spans(run, measured)
+            if span[1].waypoint.prescribes_path and _is_asked_for(span[1], label, name_of_tool)
+        ]
         if not spans:
             continue
         rows = np.concatenate([span for span, _ in spans])
@@ -68,7 +78,7 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
         if measured:
             bounds *= 1.0 + MEASURED_EXCESS
         limits = np.repeat(bounds, [len(span) for span, _ in spans], axis=0)
-        motion = _motion(run, arm, rows, "" if measured else "_ref")
+        motion = _motion(run, arm, rows, "" if measured else "_ref", tool)
         for i, (part, (name, unit)) in enumerate(zip(motion, _RATES, strict=True)):
             if (measured and i not in _SPEEDS) or not np.isfinite(bounds[:, i]).any():
                 continue
@@ -88,17 +98,23 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     return findings
 
 
-def _motion(run: Run, arm: Arm, rows: NDArray[np.intp], kind: str) -> ToolMotion:
-    """Return the motion of the tool in some rows; with kind "_ref", that of its reference."""
+def _is_asked_for(leg: Leg, label: str, name: str) -> bool:
+    """Return whether a leg moves a tool."""
+    return not label if leg.tools is None else name in leg.tools
+
+
+def _motion(run: Run, arm: Arm, rows: NDArray[np.intp], kind: str, tool: int) -> ToolMotion:
+    """Return the motion of a tool in some rows; with kind "_ref", that of its reference."""
     q, v, a = (run.rows[f"joints/{name}{kind}"] for name in "qva")
     # Mean jerk of the period that a row begins; the last row begins none.
     after = a[np.minimum(rows + 1, len(a) - 1)]
-    return tool_motion(arm, q[rows], v[rows], a[rows], (after - a[rows]) / TIMESTEP)
+    return tool_motion(arm, q[rows], v[rows], a[rows], (after - a[rows]) / TIMESTEP, tool)
 
 
 def _bounds(planner: Planner, leg: Leg) -> Vector:
     """Return the bounds of the tool on the path of a leg, in the order of `ToolMotion` (6,)."""
-    straight = leg.path is not None and leg.waypoint.motion.type.straight
+    alone = leg.path is not None or leg.together is not None
+    straight = alone and leg.waypoint.motion.type.straight
     profile = planner.lin.profile if straight else planner.continuous.profile
     slowed = profile.slowed(planner.pace * leg.waypoint.pace)
     bounds = np.array([*slowed.linear, *slowed.angular])
@@ -114,12 +130,22 @@ def _spans(run: Run, measured: bool) -> Iterator[tuple[NDArray[np.intp], Leg]]:
             yield np.arange(rows.start, rows.stop), phase.leg
 
 
-def _off_way(run: Run, motion: Motion, positions: Matrix, measured: bool) -> Matrix | None:
-    """Return the distance from line or arc in the rows of such motions (N, 1), 0 elsewhere."""
-    off = np.zeros((len(positions), 1))
+def _off_way(run: Run, motion: Motion, tool: tuple[str, str], measured: bool) -> Matrix | None:
+    """Return a tool's distance from line or arc in the rows of such motions (N, 1), 0 elsewhere.
+
+    The tool is given by what its signals begin with, and its name.
+    """
+    label, name = tool
+    poses = run.rows[f"tool/{label}pose{'' if measured else '_ref'}"]
+    off = np.zeros((len(poses), 1))
     found = False
     for rows, leg in _spans(run, measured):
-        if leg.path is not None and leg.waypoint.motion is motion:
+        if leg.waypoint.motion is not motion:
+            continue
+        if leg.path is not None and not label:
             found = True
-            off[rows, 0] = leg.path.distances(positions[rows])
+            off[rows, 0] = leg.path.distances(poses[rows, :3])
+        elif leg.together is not None and leg.tools is not None and name in leg.tools:
+            found = True
+            off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
     return off if found else None

@@ -19,9 +19,10 @@ class BodyPoses:
         self._sources: list[tuple[str, list[int]]] = [
             ("joints/q", [_address(model, name) for name in robot.joints])
         ]
-        if robot.gripper is not None:
-            fingers = [_address(model, name) for name in robot.gripper.joints]
-            self._sources.append(("gripper/fingers", fingers))
+        for label, tool in robot.tool_labels():
+            if tool.gripper is not None:
+                fingers = [_address(model, name) for name in tool.gripper.joints]
+                self._sources.append((f"gripper/{label}fingers", fingers))
         for name in free_bodies(model):
             first = int(model.jnt_qposadr[model.body(name).jntadr[0]])
             self._sources.append((f"objects/{name}", list(range(first, first + 7))))

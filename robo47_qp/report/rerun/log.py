@@ -77,10 +77,13 @@ class RerunLog(Observer):
         self._limits = limit_columns(model, robot)
         self._unit = robot.unit("rad", "m")
         self._markers: dict[str, Vector] = {}
-        self._last_frame, self._last_tool = -1.0, np.empty((0, 3))
+        self._tools = [label for label, _ in robot.tool_labels()]
+        self._last_frame = -1.0
+        self._last_tools = [np.empty((0, 3)) for _ in self._tools]
         self._now = self._next_flush = 0.0
         moving = [body_name(model, body) for body in self._poses.moving]
-        self._frames = PoseColumns([*moving, layout.TOOL], _ROOT)
+        tools = [f"{label}{layout.TOOL}" for label in self._tools]
+        self._frames = PoseColumns([*moving, *tools], _ROOT)
         self._describe(signals)
         self._draw_scene(model)
         self._stream.flush(0.0)
@@ -115,7 +118,10 @@ class RerunLog(Observer):
             [points[k : k + 2] for k in range(0, len(points) - 1, 2)], colors=colour, radii=0.004
         )
         self._stream.log(layout.PLANNED, dashes, time=time)
-        self._stream.log(layout.GOALS, _frame(leg.T_world_goal.as_matrix()), time=time)
+        goals = [leg.T_world_goal] if leg.tools is None else list(leg.tools.values())
+        for i, goal in enumerate(goals):
+            entity = f"{layout.GOALS}/{i}" if i else layout.GOALS
+            self._stream.log(entity, _frame(goal.as_matrix()), time=time)
         self.note(
             time,
             f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
@@ -188,8 +194,11 @@ class RerunLog(Observer):
             for kind, shape in body_shapes(model, body):
                 self._stream.log(f"{path}/{kind}", shape, *frame)
         style = rr.LineStrips3D.from_fields(colors=_PATH_COLOUR, radii=0.0018)
-        self._stream.log(layout.PATH, style)
-        self._stream.log(layout.TOOL, _frame(np.eye(4)), rr.CoordinateFrame(layout.TOOL))
+        for label in self._tools:
+            tool = f"{label}{layout.TOOL}"
+            self._stream.log(_of_tool(layout.PATH, label), style)
+            axes = _of_tool(layout.TOOL, label)
+            self._stream.log(axes, _frame(np.eye(4)), rr.CoordinateFrame(tool))
         for geom in undrawn(model):
             self.note(0.0, f"geom {geom!r} has a type that is not drawn", "WARN")
 
@@ -203,20 +212,27 @@ class RerunLog(Observer):
         if not picked.size:
             return
         self._last_frame = float(frames[-1])
-        times, tool = rows["time"][picked, 0], rows["tool/pose"][picked]
+        times = rows["time"][picked, 0]
+        tools = np.stack([rows[f"tool/{label}pose"][picked] for label in self._tools], axis=1)
         positions, quaternions = self._poses.of_moving(rows, picked)
         columns = self._frames.of(
-            np.concatenate((positions, tool[:, None, :3]), axis=1),
-            np.concatenate((quaternions, tool[:, None, 3:]), axis=1),
+            np.concatenate((positions, tools[:, :, :3]), axis=1),
+            np.concatenate((quaternions, tools[:, :, 3:]), axis=1),
         )
-        count = positions.shape[1] + 1
+        count = positions.shape[1] + len(self._tools)
         self._stream.send(layout.FRAMES, np.repeat(times, count), columns)
-        way = np.concatenate((self._last_tool, tool[:, :3]))
-        self._last_tool = tool[-1:, :3].copy()
-        if len(way) > 1:
-            strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
-            lines = rr.LineStrips3D.columns(strips=strips)
-            self._stream.send(layout.PATH, times[-len(strips) :], list(lines))
+        for i, label in enumerate(self._tools):
+            way = np.concatenate((self._last_tools[i], tools[:, i, :3]))
+            self._last_tools[i] = tools[-1:, i, :3].copy()
+            if len(way) > 1:
+                strips = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32)
+                lines = rr.LineStrips3D.columns(strips=strips)
+                self._stream.send(_of_tool(layout.PATH, label), times[-len(strips) :], list(lines))
+
+
+def _of_tool(entity: str, label: str) -> str:
+    """Return the entity of a tool, below that of the main one."""
+    return f"{entity}/{label}{entity}" if label else entity
 
 
 def _frame(T: Matrix) -> rr.Arrows3D:

@@ -13,6 +13,7 @@ from mink import SE3, SO3
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.gripper import Grip
+from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
@@ -405,7 +406,7 @@ def test_the_payload_is_the_cube() -> None:
     task = PickPlace(item=cube(mass=0.3, edge=0.05))
     simulation = Simulation(PANDA, task.build_scene)
     lift = motions(task, simulation)["lift"]
-    assert lift.carried is not None
+    assert isinstance(lift.carried, Payload)
     body = simulation.model.body("cube")
     assert lift.carried.mass == pytest.approx(body.mass[0])
     np.testing.assert_allclose(lift.carried.inertia, body.inertia, rtol=1e-9)

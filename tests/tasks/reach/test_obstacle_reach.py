@@ -134,7 +134,7 @@ def test_the_end_is_judged_by_where_the_arm_is() -> None:
     for target in ("behind post", "under shelf"):
         hide_marker(simulation, target)
     assert task.verdict(simulation) is None
-    simulation._q[1] += 0.011
+    simulation.data.qpos[1] += 0.011
     failure = task.verdict(simulation)
     assert failure is not None
     assert failure.cause is Cause.PLACE
