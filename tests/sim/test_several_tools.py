@@ -1,5 +1,7 @@
 """Two arms in one simulation: joints, fingers and contacts of each are its own."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -102,7 +104,7 @@ def test_a_weight_is_carried_by_the_arm_that_is_told_of_it() -> None:
         return np.abs(sim.state().q - PAIR.home)
 
     def _held(spec: mujoco.MjSpec) -> None:
-        hand: mujoco.MjsBody = spec.site("right_tcp").parent
+        hand: Any = spec.body("right_hand")
         load = hand.add_body(name="load", pos=[0.0, 0.0, 0.1034])
         load.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02], mass=0.5, contype=0)
         load.geoms[0].conaffinity = 0
