@@ -199,6 +199,19 @@ def dense_call(backend: str) -> AbstractContextManager[object]:
     return catch_warnings(action="ignore", category=SparseConversionWarning)
 
 
+def settings_of(backend: str) -> dict[str, Any]:
+    """Return the arguments by which qpsolvers takes a QP solver and its settings."""
+    return {"solver": backend, **(OSQP_SETTINGS if backend == "osqp" else {})}
+
+
+def solved(backend: str, P: Matrix, q: Vector, G: Matrix | None, h: Vector | None) -> Vector | None:
+    """Return the minimiser of ½ xᵀ P x + qᵀ x subject to G x <= h; None where there is none."""
+    with dense_call(backend):
+        found = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h), **settings_of(backend))
+    x: Vector | None = found.x
+    return x if found.found and x is not None and np.isfinite(x).all() else None
+
+
 def box_qp(backend: str, n: int) -> BoxQp:
     """Return a QP solver of that name for n unknowns, with memory of its own.
 

@@ -44,7 +44,10 @@ def diagnosed(
         starts: Where to search from, each (n,) [rad].
         tolerance: How close counts as reached.
     """
-    if best.reason is not Reason.NOT_CONVERGED:
+    near = best.position_error <= tolerance.position
+    posed = near and best.orientation_error <= tolerance.orientation
+    if best.reason is not Reason.NOT_CONVERGED or posed:
+        # Where the pose is reached, something else that was asked for is missing.
         return best
     remains = residual(best.position_error, best.orientation_error, best.iterations)
     remains = f"{remains} from {best.restarts + 1} starts"
@@ -62,6 +65,8 @@ def diagnosed(
                 f"where {outside_limits(arm, turned)}"
             ),
         )
+    if not tolerance.demand.position:
+        return replace(best, explanation=f"no start points there: {remains}")
     left = _left_without_orientation(arm, T_world_target, starts, tolerance)
     if left > tolerance.position:
         return replace(

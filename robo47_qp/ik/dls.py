@@ -6,7 +6,7 @@ from time import process_time
 import numpy as np
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
-from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, rejected
+from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, only_full, rejected
 from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
@@ -37,6 +37,15 @@ class DlsIk(Checked):
     """Distance that an answer must keep from itself and from obstacles [m]; looked at in the end
     only, no step avoids anything. None looks at none."""
     tolerance: Tolerance = Tolerance()
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            InvalidValueError: A number is out of its range, or the demand is not the whole pose.
+        """
+        super().__post_init__()
+        only_full(self.tolerance, "DlsIk")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""

@@ -9,6 +9,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.gauss_newton import FLOOR
+from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.ik.tool_error import ToolError, error_to
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
@@ -46,6 +47,7 @@ class FusedStepper:
         *,
         tools: tuple[int, ...] = (0,),
         limited: bool = True,
+        demand: ToolDemand = FULL,
     ) -> None:
         """Make the memory for an arm.
 
@@ -55,12 +57,13 @@ class FusedStepper:
             qp: What solves for a step.
             tools: The tools that targets are for, by their places among the robot's.
             limited: False lets joints leave their limits.
+            demand: What of the poses counts.
         """
         n, everywhere = arm.n, np.full(arm.n, np.inf)
         self._q_min = arm.q_min if limited else -everywhere
         self._q_max = arm.q_max if limited else everywhere
         self._objective, self._qp = objective, qp
-        self._error = error_to(arm, tools)
+        self._error = error_to(arm, tools, None, demand)
         self._q_seed = arm.home
         self._low, self._high = np.empty(n), np.empty(n)
         self._H, self._f, self._lean = np.empty((n, n)), np.empty(n), np.empty(n)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import sqrt
 from time import process_time
-from typing import Annotated, Protocol, Self
+from typing import Annotated, Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class GaussNewtonIk(Checked, ABC):
     tolerance: Tolerance = Tolerance()
 
     @abstractmethod
-    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> "Search":
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> "Search[Any]":
         """Return the search for poses of some tools of an arm, with its memory."""
 
     @property
@@ -107,7 +107,8 @@ class GaussNewtonIk(Checked, ABC):
         tolerance, clearance = self._demanded, self.clearance
         limits = (tolerance, self.max_iterations, self.stall)
         iterations = search.run(T_world_target, q_seed, *limits)
-        if search.missed and arm.target_beyond_reach(T_world_target) <= 0.0:
+        placed = tolerance.demand.position
+        if search.missed and not (placed and arm.target_beyond_reach(T_world_target) > 0.0):
             return Unconverged(search.q.copy(), iterations, search.error)
         free = judged(arm, T_world_target, search.q, tolerance, iterations, None, clearance)
         if clearance is None or free.reason is not Reason.COLLISION or free.inevitable:
@@ -154,12 +155,13 @@ class Stepper(Protocol):
         ...
 
 
-class Search:
+S = TypeVar("S", bound=Stepper)
+
+
+class Search(Generic[S]):
     """The loop of all searches on one arm; `q` is where the last one ended."""
 
-    def __init__(
-        self, arm: Arm, stepper: Stepper, *, limited: bool = True, turns: bool = True
-    ) -> None:
+    def __init__(self, arm: Arm, stepper: S, *, limited: bool = True, turns: bool = True) -> None:
         """Make the memory for an arm.
 
         Args:
@@ -176,6 +178,8 @@ class Search:
         self.q: Vector = np.empty(n)
         self.error = np.inf
         """Distance and angle that were left at the end [m + rad]."""
+        self.reached = False
+        """True where nothing was left to be reached."""
         self.missed = True
         """True where more was left than rounding at the limits explains."""
 
@@ -202,11 +206,12 @@ class Search:
         np.minimum(q, q_max, out=q)
         close = tolerance.position**2
         aligned = tolerance.orientation**2 if self._turns else np.inf
-        history: list[float] = []
+        history, self.reached = list[float](), False
         for iteration in range(max_iterations + 1):
             distance2, angle2, rest2 = stepper.move(q)
             reached = distance2 <= close and angle2 <= aligned and rest2 <= 0.0
             if reached and (avoidance is None or avoidance.kept(q)):
+                self.reached = True
                 break
             squared_error = (distance2 + angle2 if self._turns else distance2) + rest2
             if stall is not None and not reached:

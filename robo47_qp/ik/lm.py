@@ -9,6 +9,7 @@ from robo47_qp.ik.box_qp import box_qp
 from robo47_qp.ik.fused_step import FusedStepper, Linearised
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.solver import Tolerance
+from robo47_qp.ik.tool_demand import ToolDemand
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -33,9 +34,11 @@ class LmIk(GaussNewtonIk):
     damping: NotNegative = 0.03
     """λ per squared error."""
 
-    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search:
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[FusedStepper]:
         rows = 3 if self.position_only else 6
-        return arm.derived(_lm, tools, self.damping, rows, self.within_limits)
+        return arm.derived(
+            _lm, tools, self.damping, rows, self.within_limits, self.tolerance.demand
+        )
 
     @property
     def _demanded(self) -> Tolerance:
@@ -56,7 +59,14 @@ class _DampedError:
         return Linearised(error.e[rows], error.J[rows], damping)
 
 
-def _lm(arm: Arm, tools: tuple[int, ...], damping: float, rows: int, limited: bool) -> Search:
+def _lm(
+    arm: Arm,
+    tools: tuple[int, ...],
+    damping: float,
+    rows: int,
+    limited: bool,
+    demand: ToolDemand,
+) -> Search[FusedStepper]:
     qp, objective = box_qp("daqp", arm.n), _DampedError(damping, rows, len(tools))
-    stepper = FusedStepper(arm, objective, qp, tools=tools, limited=limited)
+    stepper = FusedStepper(arm, objective, qp, tools=tools, limited=limited, demand=demand)
     return Search(arm, stepper, limited=limited, turns=rows == 6)

@@ -1,25 +1,27 @@
 """Inverse kinematics by mink itself: its configuration, tasks and limits, and its `solve_ik`."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import sqrt
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-import mink
-import numpy as np
-from mink import SE3
-
-from robo47_qp.arrays import Matrix, NotNegative, Vector
-from robo47_qp.ik.avoidance import DistanceRows
-from robo47_qp.ik.box_qp import OSQP_SETTINGS, check_backend, dense_call
-from robo47_qp.ik.gauss_newton import FLOOR, GaussNewtonIk, Search
-from robo47_qp.ik.mended import FrameTask
-from robo47_qp.ik.tool_error import ToolError, ToolsError, error_to
+from robo47_qp.arrays import NotNegative, Vector
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.box_qp import check_backend
+from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
+from robo47_qp.ik.mink_step import MinkSettings, MinkStepper
+from robo47_qp.ik.objectives import (
+    Composition,
+    ConstraintSource,
+    LimitSource,
+    Objective,
+    TaskSource,
+)
+from robo47_qp.ik.settling import SettlingSearch
+from robo47_qp.ik.solver import IkResult, Reason, Unconverged
+from robo47_qp.ik.tool_demand import ToolDemand
+from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
-
-_DT = 1.0
-"""A step is a displacement: mink's velocity over one second [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +30,8 @@ class MinkIk(GaussNewtonIk):
 
     `mink.FrameTask`, `mink.PostureTask` and `mink.ConfigurationLimit`, solved by
     `mink.solve_ik`. The problem is that of `QpIk`, which solves it faster: a posture that fades
-    out on the way draws the answer towards the seed.
+    out on the way draws the answer towards the seed. To it come any tasks, limits and
+    constraints of a user, and `tolerance.demand` says what of the tool's pose is asked for.
     """
 
     backend: str = "daqp"
@@ -37,9 +40,19 @@ class MinkIk(GaussNewtonIk):
     """Levenberg-Marquardt damping of the tool's task, per squared error."""
     posture_cost: NotNegative = 1e-2
     """Cost of the posture, per error."""
+    objectives: Sequence[Objective | TaskSource] = ()
+    """Tasks of a user; one without an `Objective` around it has priority 1."""
+    limits: Sequence[LimitSource] = ()
+    """Limits of a user, beside those of the joints."""
+    constraints: Sequence[ConstraintSource] = ()
+    """Tasks that have to be met exactly."""
+    frozen: Sequence[str] = ()
+    """Names of joints that stay at the seed."""
+    joint_cost: Sequence[float] | None = None
+    """How dear motion of each joint is (n,); all the same by default."""
 
     def __post_init__(self) -> None:
-        """Check the settings.
+        """Check the settings; what depends on the arm is checked at its first search.
 
         Raises:
             InvalidValueError: A number is out of its range.
@@ -47,156 +60,75 @@ class MinkIk(GaussNewtonIk):
         """
         super().__post_init__()
         check_backend(self.backend)
+        # Lists of the caller may change; the solver does not.
+        for name in ("objectives", "limits", "constraints", "frozen", "joint_cost"):
+            given = getattr(self, name)
+            if isinstance(given, str) or not (given is None or isinstance(given, Iterable)):
+                raise InvalidValueError(name, repr(given), "a list")
+            object.__setattr__(self, name, None if given is None else tuple(given))
 
-    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search:
-        return arm.derived(_mink, tools, self.backend, self.lm_damping, self.posture_cost)
+    def composed(
+        self, objectives: Sequence[Objective | TaskSource] = (), demand: ToolDemand | None = None
+    ) -> "MinkIk":
+        """Return the solver with further objectives, and with another demand where one is given."""
+        tolerance = self.tolerance if demand is None else replace(self.tolerance, demand=demand)
+        return replace(self, objectives=(*self.objectives, *objectives), tolerance=tolerance)
 
+    def start(self, arm: Arm, q_start: Vector, q_seed: Vector) -> Vector:
+        """Return where to start in place of q_start: frozen joints stay at the seed (n,)."""
+        if not self.frozen:
+            return q_start
+        joints = list(self._search(arm).stepper.frozen)
+        q = q_start.copy()
+        q[joints] = q_seed[joints]
+        return q
 
-class ToolTask(FrameTask):
-    """`mended.FrameTask` of a tool, its residual taken from the search's own measurement.
+    def explained(self, arm: Arm, T_world_target: Target, result: IkResult) -> IkResult:
+        """Return a result with what of the composition gave way, or is not reached."""
+        stepper = self._search(arm, tools_of(arm, T_world_target)).stepper
+        if stepper.composed is None:
+            return result
+        relaxed = tuple(sorted(stepper.relaxed.items()))
+        result = replace(result, relaxed=relaxed)
+        left = stepper.left(result.q)
+        if result.converged and left:
+            told = f"the pose is reached, but not {'; '.join(left)}"
+            return replace(result, reason=Reason.NOT_CONVERGED, explanation=told)
+        rivals = stepper.rivals(result.q)
+        if result.reason in (Reason.NOT_CONVERGED, Reason.JOINT_LIMITS) and (rivals or left):
+            more = [*left, *(f"{rival}, which pulls at the same priority" for rival in rivals)]
+            told = f"{result.explanation}; beside the pose: {'; '.join(dict.fromkeys(more))}"
+            return replace(result, explanation=told)
+        return result
 
-    Costs and gain are 1. The residual has the axes of the world and the signs of both error and
-    Jacobian turned around: norms, and so the QP, are those of mink.
-    """
+    def _attempt(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult | Unconverged:
+        stepper = self._search(arm, tools_of(arm, T_world_target)).stepper
+        stepper.relaxed.clear()
+        end = super()._attempt(arm, T_world_target, q_seed)
+        return end if isinstance(end, Unconverged) else self.explained(arm, T_world_target, end)
 
-    def __init__(self, arm: Arm, tool: int, way: ToolError, lm_damping: float) -> None:
-        """Make the task of a tool of an arm, measured by `way`."""
-        super().__init__(arm.robot.tools[tool].tcp, "site", 1.0, 1.0, lm_damping=lm_damping)
-        self._measured, self._J = way, np.empty((6, arm.n))
-        self.squared_error = 0.0
-        """That of the last residual."""
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[MinkStepper]:
+        return arm.derived(_mink, tools, self._settings)
 
-    def compute_qp_residual(
-        self, configuration: mink.Configuration
-    ) -> tuple[Matrix, Vector, float]:
-        """See `mink.Task.compute_qp_residual`."""
-        way = self._measured
-        way.update_jacobian()
-        e, slope = self._log.expand(way.e)
-        self.squared_error = float(e.dot(e))
-        return slope.dot(way.J, self._J), e, self.lm_damping * self.squared_error
-
-
-class _FadingPosture(mink.PostureTask):
-    """`mink.PostureTask` whose cost is a share of the tools' error: a lasting one holds it up."""
-
-    def __init__(self, arm: Arm, tools: Sequence[ToolTask], share: float) -> None:
-        super().__init__(arm.model, cost=share)
-        self._tools, self._share = tools, share
-        self._identity, self._J = np.eye(arm.n), np.empty((arm.n, arm.n))
-
-    def compute_qp_residual(
-        self, configuration: mink.Configuration
-    ) -> tuple[Matrix, Vector, float]:
-        if self.target_q is None:
-            raise mink.TargetNotSet(type(self).__name__)
-        cost = self._share * sqrt(sum(tool.squared_error for tool in self._tools))
-        J = np.multiply(self._identity, cost, out=self._J)
-        return J, cost * (self.target_q - configuration.data.qpos), 0.0
-
-
-class _JointLimits(mink.ConfigurationLimit):
-    """`mink.ConfigurationLimit` of joints with one degree of freedom each, in memory kept."""
-
-    def __init__(self, arm: Arm) -> None:
-        super().__init__(arm.model, gain=1.0)
-        self._G = np.vstack([np.eye(arm.n), -np.eye(arm.n)])
-        self._h = np.empty(2 * arm.n)
-        self._high, self._low = self._h[: arm.n], self._h[arm.n :]
-
-    def compute_qp_inequalities(
-        self, configuration: mink.Configuration, dt: float
-    ) -> mink.Constraint:
-        q = configuration.data.qpos
-        np.subtract(self.upper, q, self._high)
-        np.subtract(q, self.lower, self._low)
-        return mink.Constraint(self._G, self._h)
-
-
-class _Rows(mink.Limit):
-    """Rows of the step that is being made."""
-
-    def __init__(self) -> None:
-        self.rows: DistanceRows | None = None
-
-    def compute_qp_inequalities(
-        self, configuration: mink.Configuration, dt: float
-    ) -> mink.Constraint:
-        if self.rows is None or len(self.rows.upper) == 0:
-            return mink.Constraint()
-        return mink.Constraint(self.rows.A, self.rows.upper)
+    @cached_property
+    def _settings(self) -> MinkSettings:
+        cost = self.joint_cost
+        composition = Composition(
+            tuple(_objective(one) for one in self.objectives),
+            tuple(self.limits),
+            tuple(self.constraints),
+            tuple(self.frozen),
+            None if cost is None else tuple(float(one) for one in cost),
+        )
+        return MinkSettings(
+            self.backend, self.lm_damping, self.posture_cost, self.tolerance.demand, composition
+        )
 
 
-class MinkStepper:
-    """mink's objects for one arm, made once; see `gauss_newton.Stepper`."""
-
-    def __init__(
-        self,
-        arm: Arm,
-        tools: tuple[int, ...],
-        backend: str,
-        lm_damping: float,
-        posture_cost: float,
-    ) -> None:
-        """Make the objects for some tools of an arm; the settings are those of `MinkIk`."""
-        self._solver: dict[str, Any] = {"solver": backend}
-        if backend == "osqp":
-            self._solver |= OSQP_SETTINGS
-        self._backend = backend
-        self._configuration = mink.Configuration(arm.model)
-        self._error = error_to(arm, tools, self._configuration.data)
-        ways = self._error.parts if isinstance(self._error, ToolsError) else [self._error]
-        self._tools = [
-            ToolTask(arm, tool, way, lm_damping) for tool, way in zip(tools, ways, strict=True)
-        ]
-        self._posture = _FadingPosture(arm, self._tools, posture_cost)
-        self._rows = _Rows()
-        self._limits = [_JointLimits(arm), self._rows]
-        self._tasks = [*self._tools, self._posture]
-
-    def aim(self, T_world_target: Target, q_seed: Vector) -> None:
-        """See `Stepper.aim`."""
-        self._error.set_target(T_world_target)
-        if isinstance(T_world_target, SE3):
-            self._tools[0].set_target(T_world_target)
-        else:
-            for tool, pose in zip(self._tools, T_world_target.values(), strict=True):
-                tool.set_target(pose)
-        self._posture.set_target(q_seed)
-
-    def move(self, q: Vector) -> tuple[float, float, float]:
-        """See `Stepper.move`."""
-        self._configuration.update(q)
-        distance2, angle2 = self._error.measure()
-        return distance2, angle2, 0.0
-
-    def step(self, q: Vector, squared_error: float, rows: DistanceRows | None) -> Vector | None:
-        """See `Stepper.step`; where rows leave no step, the parting gives way."""
-        self._rows.rows = rows
-        dq = self._solved()
-        if dq is None and rows is not None and len(rows.upper) and rows.upper.min() < 0.0:
-            self._rows.rows = rows._replace(upper=np.maximum(rows.upper, 0.0))
-            dq = self._solved()
-        return dq
-
-    def _solved(self) -> Vector | None:
-        """Return mink's step; None where its QP has no solution."""
-        try:
-            with dense_call(self._backend):
-                step: Vector = mink.solve_ik(
-                    self._configuration,
-                    self._tasks,
-                    _DT,
-                    damping=FLOOR,
-                    limits=self._limits,
-                    **self._solver,
-                )
-        except mink.NoSolutionFound:
-            return None
-        return step
+def _objective(one: Objective | TaskSource) -> Objective:
+    return one if isinstance(one, Objective) else Objective(one)
 
 
-def _mink(
-    arm: Arm, tools: tuple[int, ...], backend: str, lm_damping: float, posture_cost: float
-) -> Search:
-    return Search(arm, MinkStepper(arm, tools, backend, lm_damping, posture_cost))
+def _mink(arm: Arm, tools: tuple[int, ...], settings: MinkSettings) -> Search[MinkStepper]:
+    stepper = MinkStepper(arm, tools, settings)
+    return Search(arm, stepper) if stepper.composed is None else SettlingSearch(arm, stepper)

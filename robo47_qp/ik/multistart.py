@@ -12,6 +12,7 @@ from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Vector
 from robo47_qp.ik.diagnosis import diagnosed
 from robo47_qp.ik.seeds import feature_of, library_of
 from robo47_qp.ik.solver import (
+    Composing,
     EarlyStopping,
     IkResult,
     IkSolver,
@@ -148,8 +149,11 @@ class MultiStart(Checked):
             if isinstance(best, Unconverged):
                 best = judged(arm, T_world_target, best.q, self.tolerance, best.iterations)
             best = replace(best, iterations=iterations, restarts=restarts)
-            starts = list(islice(self._starts(arm, T_world_target, q_seed), _DIAGNOSES))
-            found = [diagnosed(arm, T_world_target, best, starts, self.tolerance)]
+            starts = list(islice(self._all_starts(arm, T_world_target, q_seed), _DIAGNOSES))
+            told = diagnosed(arm, T_world_target, best, starts, self.tolerance)
+            if isinstance(self.solver, Composing):
+                told = self.solver.explained(arm, T_world_target, told)
+            found = [told]
         ranked = self.preference.ranked(arm, found, q_seed)
         seconds = process_time() - started
         return tuple(
@@ -160,7 +164,7 @@ class MultiStart(Checked):
     def _search(self, arm: Arm, T_world_target: Target, q_seed: Vector, tally: "_Tally") -> None:
         """Search from one start after another until enough solutions are found."""
         attempt = attempts_of(self.solver, arm, T_world_target)
-        for q_start in islice(self._starts(arm, T_world_target, q_seed), self.max_restarts + 1):
+        for q_start in islice(self._all_starts(arm, T_world_target, q_seed), self.max_restarts + 1):
             tally.starts += 1
             if tally.take(attempt(q_start)):
                 return
@@ -169,6 +173,13 @@ class MultiStart(Checked):
                 if any(tally.take(again(q)) for q in tally.ends()):
                     return
 
+    def _all_starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
+        """Yield the starts as the solver takes them: with joints where it holds them."""
+        starts, solver = self._starts(arm, T_world_target, q_seed), self.solver
+        if not isinstance(solver, Composing):
+            return starts
+        return (solver.start(arm, q_start, q_seed) for q_start in starts)
+
     def _starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
         """Yield the starts: seed, nearest of the library, then the others in their order."""
         if not isinstance(T_world_target, SE3) or len(arm.robot.tools) > 1:
@@ -176,12 +187,14 @@ class MultiStart(Checked):
             return
         if self.seed_first:
             yield q_seed
-        library, target = library_of(arm, self.library), feature_of(T_world_target)
+        demand = self.tolerance.demand
+        library = library_of(arm, self.library, demand=demand)
+        target = demand.feature(feature_of(T_world_target))
         distances = library.distances(target)
         near = library.nearest(distances, min(self.near, len(distances)))
         taken = [next(near)]
         if not self.seed_first:
-            seed = feature_of(arm.pose(q_seed))
+            seed = demand.feature(feature_of(arm.pose(q_seed)))
             if seed.dot(0.5 * seed - target) <= distances[taken[0]]:
                 yield q_seed
         yield library.q[taken[0]]
@@ -209,8 +222,9 @@ class MultiStart(Checked):
 
     def _by_nearness(self, arm: Arm, tool: int, pose: SE3) -> Iterator[int]:
         """Yield the nearest of a tool's library, then all others in their order."""
-        library = library_of(arm, self.library, tool)
-        distances, taken = library.distances(feature_of(pose)), list[int]()
+        demand = self.tolerance.demand
+        library = library_of(arm, self.library, tool, demand)
+        distances, taken = library.distances(demand.feature(feature_of(pose))), list[int]()
         for place in library.nearest(distances, min(self.near, len(distances))):
             taken.append(place)
             yield place

@@ -9,6 +9,7 @@ from robo47_qp.ik.box_qp import box_qp, check_backend
 from robo47_qp.ik.fused_step import FusedStepper, Linearised
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.pose_log import PoseLog
+from robo47_qp.ik.solver import only_full
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -37,13 +38,14 @@ class QpIk(GaussNewtonIk):
         """Check the settings.
 
         Raises:
-            InvalidValueError: A number is out of its range.
+            InvalidValueError: A number is out of its range, or the demand is not the whole pose.
             UnknownNameError: The QP solver is not one of `backends()`.
         """
         super().__post_init__()
         check_backend(self.backend)
+        only_full(self.tolerance, "QpIk")
 
-    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search:
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[FusedStepper]:
         return arm.derived(_qp, tools, self.backend, self.lm_damping, self.posture_cost)
 
 
@@ -80,7 +82,7 @@ class _TwistsAndPosture(_TwistAndPosture):
 
 def _qp(
     arm: Arm, tools: tuple[int, ...], backend: str, lm_damping: float, posture_cost: float
-) -> Search:
+) -> Search[FusedStepper]:
     costs = lm_damping, posture_cost
     one = len(tools) == 1
     objective = (

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from robo47_qp.arrays import Matrix
+from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
 
@@ -32,7 +33,8 @@ class SeedLibrary:
     q: Matrix
     """Configurations (count, n) [rad]; joints that do not move the tool stand at home."""
     feature: NDArray[np.float32]
-    """Tool position and 0.3 times the rotation matrix, per configuration (count, 12) [m]."""
+    """Tool position and 0.3 times the rotation matrix, per configuration (count, 12) [m]; of a
+    demand the part that is asked for."""
     half_square: NDArray[np.float32]
     """Half the squared length of each feature (count,)."""
 
@@ -60,15 +62,24 @@ def feature_of(pose: SE3) -> NDArray[np.float32]:
     return feature.astype(np.float32)
 
 
-def library_of(arm: Arm, count: int, tool: int = 0) -> SeedLibrary:
+def library_of(arm: Arm, count: int, tool: int = 0, demand: ToolDemand = FULL) -> SeedLibrary:
     """The library of a tool of an arm: from memory, from the user's cache folder, or made now.
+
+    Its features hold what a demand asks for; compare them with `demand.feature(feature_of(pose))`.
 
     What is kept on disk is named after what forward kinematics depends on: another robot,
     tool frame or joint limit has another name. A file that cannot be read, or is not to the
     bit what was written, is made anew, and one that cannot be written is made anew in the
     next process: neither changes an answer.
     """
-    return arm.derived(_library, count, tool)
+    if demand == FULL:
+        return arm.derived(_library, count, tool)
+    return arm.derived(_demanded, count, tool, demand)
+
+
+def _demanded(arm: Arm, count: int, tool: int, demand: ToolDemand) -> SeedLibrary:
+    library = library_of(arm, count, tool)
+    return _by_feature(library.q, demand.feature(library.feature))
 
 
 def _library(arm: Arm, count: int, tool: int) -> SeedLibrary:
@@ -77,7 +88,10 @@ def _library(arm: Arm, count: int, tool: int) -> SeedLibrary:
     if kept is None:
         kept = _made(arm, count, tool)
         _write(path, *kept)
-    q, feature = kept
+    return _by_feature(*kept)
+
+
+def _by_feature(q: Matrix, feature: NDArray[np.float32]) -> SeedLibrary:
     half_square = 0.5 * np.einsum("ij,ij->i", feature, feature)
     for array in (q, feature, half_square):
         array.setflags(write=False)

@@ -1,12 +1,12 @@
 """The protocol of IK solvers, their result, and how it is judged by forward kinematics."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from math import degrees
 from time import process_time
-from typing import NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from mink import SE3
@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector
 from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_text
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target, ToolPoses
 
@@ -29,6 +31,27 @@ class Tolerance:
     """[m]"""
     orientation: float = 1e-6
     """[rad]; infinite where the orientation does not matter."""
+    demand: ToolDemand = FULL
+    """What of the tool's pose counts."""
+
+    def __post_init__(self) -> None:
+        """Check the demand.
+
+        Raises:
+            InvalidValueError: It is none.
+        """
+        check_demand(self.demand)
+
+
+def only_full(tolerance: Tolerance, solver: str) -> None:
+    """Check that a tolerance asks for the whole pose, for solvers that know nothing else.
+
+    Raises:
+        InvalidValueError: It asks for a part of it.
+    """
+    if tolerance.demand != FULL:
+        expected = f"FULL with {solver}; MinkIk and LmIk take others"
+        raise InvalidValueError("demand", tolerance.demand, expected)
 
 
 class Reason(Enum):
@@ -80,6 +103,8 @@ class IkResult:
     """How far the target is out of reach [m]; 0 for any other reason."""
     bound: ReachEvidence | None = None
     """How that is known; None for any other reason."""
+    relaxed: tuple[tuple[str, int], ...] = ()
+    """What gave way on the way here, and in how many steps: limits and constraints of a user."""
     joints: tuple[str, ...] = ()
     """Joints that are outside their limits, or would have to be; empty for any other reason."""
     clearance: float | None = None
@@ -143,6 +168,25 @@ class EarlyStopping(Protocol):
         ...
 
 
+@runtime_checkable
+class Composing(Protocol):
+    """A solver that takes objectives and demands of a user."""
+
+    def composed(
+        self, objectives: Sequence[Any] = (), demand: ToolDemand | None = None
+    ) -> "IkSolver":
+        """Return the solver with further objectives, and with another demand where one is given."""
+        ...
+
+    def start(self, arm: Arm, q_start: Vector, q_seed: Vector) -> Vector:
+        """Return where to start in place of q_start: joints that are held stay at the seed (n,)."""
+        ...
+
+    def explained(self, arm: Arm, T_world_target: Target, result: IkResult) -> IkResult:
+        """Return a result with what of the user's demands gave way, or is not reached."""
+        ...
+
+
 def judged(
     arm: Arm,
     T_world_target: Target,
@@ -164,7 +208,7 @@ def judged(
         asked: Clearance that an answer must have [m]; None leaves collisions out.
     """
     q = np.array(q, dtype=np.float64)
-    position_error, orientation_error = arm.pose_distance(T_world_target, q)
+    position_error, orientation_error = tolerance.demand.distance(arm, T_world_target, q)
     margin = arm.limit_margin(q)
     reason: Reason | None = None
     explanation, beyond = "", 0.0
@@ -180,7 +224,7 @@ def judged(
             if reason is None and near.distance < asked:
                 reason, explanation = Reason.COLLISION, too_close_text(near, asked)
     else:
-        beyond = arm.target_beyond_reach(T_world_target)
+        beyond = arm.target_beyond_reach(T_world_target) if tolerance.demand.position else 0.0
         if beyond > 0.0:
             reason, bound = Reason.OUT_OF_REACH, ReachEvidence.STRETCHED
             explanation = f"the target is {beyond:.3f} m beyond the reach of the arm"

@@ -7,6 +7,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target, ToolPoses
 
@@ -70,13 +71,41 @@ class ToolError:
         self._jacobian()
 
 
+class DemandedError(ToolError):
+    """The part of a pose error, and of its Jacobian, that a demand asks for; the rest is zero."""
+
+    def __init__(self, arm: Arm, demand: ToolDemand, tool: int, data: mujoco.MjData | None) -> None:
+        """Allocate the memory for a tool of an arm; see `ToolError`."""
+        super().__init__(arm, tool, data)
+        self._demand = demand
+        self._rotation = self._data.site_xmat[arm.tool_sites[tool]].reshape(3, 3)
+
+    def measure(self) -> tuple[float, float]:
+        """Return the squared distance [m²] and angle [rad²] that are asked for."""
+        super().measure()
+        p, w = self._p, self._w
+        if not self._demand.position:
+            p[:] = 0.0
+        w[:] = self._demand.turn(w, self._rotation)
+        return float(p.dot(p)), float(w.dot(w))
+
+    def update_jacobian(self) -> None:
+        """Update the part of `J` that is asked for."""
+        super().update_jacobian()
+        if not self._demand.position:
+            self.J[:3] = 0.0
+        self.J[3:] = self._demand.turning(self.J[3:], self._rotation)
+
+
 class ToolsError(ToolError):
     """Pose errors and Jacobians of several tools, stacked: `e` (6 tools,) and `J` (6 tools, n)."""
 
-    def __init__(self, arm: Arm, tools: tuple[int, ...], data: mujoco.MjData | None = None) -> None:
+    def __init__(
+        self, arm: Arm, tools: tuple[int, ...], data: mujoco.MjData | None, demand: ToolDemand
+    ) -> None:
         """Allocate the memory for some tools of an arm; see `ToolError`."""
         super().__init__(arm, tools[0], data)
-        self.parts = [ToolError(arm, tool, self._data) for tool in tools]
+        self.parts = [error_to(arm, (tool,), self._data, demand) for tool in tools]
         self.e, self.J = np.zeros(6 * len(tools)), np.zeros((6 * len(tools), arm.n))
 
     def set_target(self, T_world_target: Target) -> None:
@@ -107,9 +136,18 @@ class ToolsError(ToolError):
             self.J[6 * i : 6 * i + 6] = part.J
 
 
-def error_to(arm: Arm, tools: tuple[int, ...], data: mujoco.MjData | None = None) -> ToolError:
+def error_to(
+    arm: Arm,
+    tools: tuple[int, ...],
+    data: mujoco.MjData | None = None,
+    demand: ToolDemand = FULL,
+) -> ToolError:
     """Return the pose error of one or several tools of an arm; see `ToolError`."""
-    return ToolError(arm, tools[0], data) if len(tools) == 1 else ToolsError(arm, tools, data)
+    if len(tools) > 1:
+        return ToolsError(arm, tools, data, demand)
+    if demand == FULL:
+        return ToolError(arm, tools[0], data)
+    return DemandedError(arm, demand, tools[0], data)
 
 
 def tools_of(arm: Arm, target: Target) -> tuple[int, ...]:

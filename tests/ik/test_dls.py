@@ -135,7 +135,8 @@ def test_a_wider_tolerance_is_met_sooner(arm: Arm, plain: PlainArm) -> None:
 def test_both_errors_count(arm: Arm, field: str, value: float) -> None:
     """One tolerance wide open does not open the other."""
     target = turned(shifted(arm.pose(arm.home), np.array([0.1, 0.1, -0.1])), 1, 0.3)
-    tolerance = Tolerance(**{field: value})
+    wide = {"position": Tolerance(position=value), "orientation": Tolerance(orientation=value)}
+    tolerance = wide[field]
     result = DlsIk(tolerance=tolerance).solve(arm, target, arm.home)
     assert result.converged
     assert result.position_error <= tolerance.position
