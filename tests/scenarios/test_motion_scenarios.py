@@ -12,15 +12,15 @@ QUIET = Console(quiet=True)
 
 def test_random_motions_keep_their_promises_and_refusals_hold(tmp_path: Path) -> None:
     out = tmp_path / "check.json"
-    options = check_motions.CheckOptions(n=4, ptp=30, seed=5, out=out)
+    options = check_motions.CheckOptions(n=2, ptp=10, seed=3, out=out)
     assert check_motions.run(options, QUIET) == 0
     summary = json.loads(out.read_text())
     assert set(summary) == {f"panda {kind}" for kind in check_motions.KINDS}
     for kind in ("LIN", "CIRC", "blended", "via"):
         found = summary[f"panda {kind}"]
-        assert found["planned"] + sum(found["refused"].values()) == 4
+        assert found["planned"] + sum(found["refused"].values()) == 2
+        assert found["planned"] > 0
         assert found["off_m"] < 10e-6
-    assert sum(found["planned"] for found in summary.values()) - 30 > 0
     assert sum(sum(found["refused"].values()) for found in summary.values()) > 0
     assert summary["panda PTP"]["duration_per_bound_median"] < 1.01
 

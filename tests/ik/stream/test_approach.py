@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
@@ -25,6 +25,7 @@ def follow(way: Vector, v_max: Vector, a_max: Vector, gain: float) -> tuple[Vect
     return np.array(ways), np.array(velocities)
 
 
+@settings(max_examples=20)  # of thousands of periods each
 @given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3).map(np.array), st.floats(5.0, 100.0))
 def test_joints_arrive_together_and_without_overshoot(way: Vector, gain: float) -> None:
     v_max, a_max = np.array([2.0, 1.5, 1.0]), np.array([5.0, 8.0, 3.0])

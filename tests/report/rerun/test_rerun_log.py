@@ -349,6 +349,7 @@ def test_a_write_that_fails_is_reported_and_the_process_ends(path: Path) -> None
         """
 from robo47_qp.report.rerun import stream
 stream._RESERVE = -1e9  # as if the space went away between two looks
+stream._PATIENCE = 1.0
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_300_000, 1_300_000))
 for first in range(0, 10_000, 250):
