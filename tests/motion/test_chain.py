@@ -136,8 +136,7 @@ def test_where_the_usual_answer_leads_on_it_is_taken(arm: Arm, robot: Robot) -> 
 
 
 def test_the_waypoint_that_rules_a_chain_out_is_named() -> None:
-    few = BranchChoice(candidates=3, restarts=30)
-    planner = Planner(ik=IK, profile=PANDA.profile, branch_choice=few)
+    planner = Planner(ik=IK, profile=PANDA.profile)
     here = ARM.pose(ARM.home)
     good, far = shifted(here, np.array([0.0, 0.0, -0.1])), shifted(here, np.array([0.6, 0.0, -0.1]))
     chain = [
