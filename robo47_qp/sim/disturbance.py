@@ -156,9 +156,9 @@ class DisturbedSimulation(Simulation):
         """See `Simulation.state`; the same however often it is asked for in a period."""
         return super().state() if self._joint_sensor.ideal else self._joint_sensor.state()
 
-    def felt_force(self) -> Vector:
+    def felt_force(self, tool: int = 0) -> Vector:
         """See `Simulation.felt_force`."""
-        force = super().felt_force()
+        force = super().felt_force(tool)
         return force if self._force_sensor.ideal else force + self._force_sensor.error
 
     def true_state(self) -> JointState:

@@ -206,9 +206,9 @@ class Simulation:
         """
         return self._contact.tool_force(tool)
 
-    def felt_force(self) -> Vector:
-        """Return the main tool's `last_tool_force` as controllers measure it: here, as it is."""
-        return self._contact.tool_force()
+    def felt_force(self, tool: int = 0) -> Vector:
+        """Return `last_tool_force` as measured for controllers (3,) [N]: here, the true one."""
+        return self._contact.tool_force(tool)
 
     def last_links_force(self) -> float:
         """Return the sum of contact force magnitudes on the links in the last period [N].

@@ -1,0 +1,118 @@
+"""Hand: one of several hands of a robot, what it holds, and its weight."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.model.tool_poses import ToolPoses
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.failure import Cause, Condition, Failure
+from robo47_qp.run.steps import Grasp, StepLike, Wait
+from robo47_qp.sim.simulation import Simulation
+
+_WIDTH_TOLERANCE = 3e-3
+"""Largest difference between the opening width and that of what is held [m]."""
+_LEAST_SHARE = 0.1
+"""Least force of a finger that holds something, relative to the commanded one [-]."""
+_AROUND, _GENTLY = 8e-3, 0.02
+"""Opening beyond the width up to which the fingers close fast [m], and their rate then [m/s]."""
+_STILL, _READINGS = 0.3, 5
+"""Time to come to rest [s], and how many readings of the sensor are averaged."""
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hand:
+    """One hand of a robot with several, by the name of its tool."""
+
+    simulation: Simulation
+    name: str
+
+    @cached_property
+    def place(self) -> int:
+        """Its place among the robot's tools."""
+        return self.simulation.robot.tool_index(self.name)
+
+    def pose(self) -> SE3:
+        """Return T_world_tcp."""
+        return self.simulation.tool_pose(self.place)
+
+    def target(self, T_world_tcp: SE3) -> ToolPoses:
+        """Return the target of this hand alone."""
+        return ToolPoses({self.name: T_world_tcp})
+
+    def line(self, name: str, T_world_tcp: SE3) -> Waypoint:
+        """Return a waypoint that this hand alone reaches on a straight line."""
+        return Waypoint(name=name, target=self.target(T_world_tcp), motion=Motion.LIN)
+
+    def closed_on(self, width: float, force: float) -> bool:
+        """Return whether the fingers press on something of a width [m], commanded a force [N]."""
+        return self.against(width, force) is None
+
+    def against(self, width: float, force: float) -> str | None:
+        """Return the evidence that something of a width [m] is not held; None if it is."""
+        opening = self.simulation.width(self.place)
+        if abs(opening - width) > _WIDTH_TOLERANCE:
+            return (
+                f"the fingers of the {self.name} hand are {1e3 * opening:.1f} mm apart, what it "
+                f"is to hold measures {1e3 * width:.1f} mm"
+            )
+        pressing = self.simulation.last_finger_forces(self.place)
+        if pressing.min() < _LEAST_SHARE * force:
+            return (
+                f"the fingers of the {self.name} hand press with {pressing[0]:.1f} N and "
+                f"{pressing[1]:.1f} N, {force:.1f} N were asked for"
+            )
+        return None
+
+    def holds(self, width: float, force: float, cause: Cause) -> Condition:
+        """Return the condition that something is held; a violation fails with `cause`."""
+        return Condition(
+            name=f"the {self.name} hand holds it",
+            cause=cause,
+            against=lambda: self.against(width, force),
+        )
+
+    def grasp(self, width: float, force: float) -> Generator[StepLike, None, None]:
+        """Close the fingers on something of a width [m], gently; fails with GRASP."""
+        name = f"close {self.name} hand"
+        near = width + _AROUND
+        if near < self.simulation.width(self.place):
+            yield Grasp(name=name, tool=self.name, force=force, width=near)
+        held = (self.holds(width, force, Cause.GRASP),)
+        yield Grasp(name=name, tool=self.name, force=force, speed=_GENTLY, after=held)
+
+    def weigh(self) -> Generator[StepLike, None, float]:
+        """Return the mass that hangs on the hand at rest, by the force sensor at its wrist [kg]."""
+        yield Wait(name="weigh", seconds=_STILL)
+        readings: list[float] = []
+
+        def against() -> str | None:
+            readings.append(-float(self.simulation.felt_force(self.place)[2]) / _GRAVITY)
+            return None if len(readings) >= _READINGS else "not read often enough"
+
+        read = Condition(name="the sensor is read", cause=Cause.TIMEOUT, against=against)
+        yield Wait(name="weigh", seconds=1.0, until=read)
+        return float(np.mean(readings))
+
+
+def raised(pose: SE3, height: float) -> SE3:
+    """Return a pose that is higher by so much [m]."""
+    return SE3.from_translation(np.array([0.0, 0.0, height])) @ pose
+
+
+def hands_unfinished(simulation: Simulation) -> Failure | None:
+    """Return the failure that the arms are not home with their grippers open; None if they are."""
+    away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
+    closed = [
+        f"the {tool.name} hand is open {1e3 * simulation.width(i):.1f} mm"
+        for i, tool in enumerate(simulation.robot.tools)
+        if tool.gripper and simulation.width(i) < tool.gripper.width_max - 1e-3
+    ]
+    if away <= 0.01 and not closed:
+        return None
+    evidence = "; ".join([f"a joint is {away:.3f} rad from home (allowed are 0.01 rad)", *closed])
+    return Failure(cause=Cause.PLACE, evidence=evidence)

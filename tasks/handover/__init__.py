@@ -1,0 +1,1 @@
+"""Hand an item from one arm to the other in the air."""
