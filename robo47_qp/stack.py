@@ -145,8 +145,13 @@ class ClassicalStack:
             seed: Seed of the random start; None takes the default start.
 
         Raises:
+            InvalidValueError: The robot has fewer tools than the task needs.
             MissingExtraError: See `planner`.
         """
+        have, needed = len(robot.tools), task.tools_needed
+        if have < needed:
+            expected = f"one with {needed} tools for {task.name}, such as panda_pair"
+            raise InvalidValueError("robot", f"{robot.name} with {have}", expected)
         return Scenario(
             robot=robot,
             task=task,

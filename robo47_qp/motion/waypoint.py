@@ -74,8 +74,8 @@ class Waypoint(Checked):
     """T_world_tcp to reach (of the main tool, or `ToolPoses` of several tools at once), or a
     place of the robot's own."""
     holding: ToolPoses | None = None
-    """T_body_tcp of the tools that hold one body together. The target is then T_world_body, and a
-    LIN or CIRC is the path of the body, which the tools hold as they do on all of it."""
+    """T_body_tcp of the tools that hold one body together. The target is then T_world_body, and
+    LIN and CIRC prescribe the path of the body, which the tools hold so on all of it."""
     motion: Motion = Motion.PTP
     through: Annotated[Vector, Size(3)] | None = None
     """CIRC: a point on the arc between start and target (3,) [m]."""
@@ -118,6 +118,12 @@ class Waypoint(Checked):
         elif self.holding is not None:
             raise InvalidValueError(
                 f"target of waypoint {self.name!r}", self.target, "the pose of the body held"
+            )
+        if self.holding is not None and not self.prescribes_path:
+            raise InvalidValueError(
+                f"motion to waypoint {self.name!r} of a body that is held",
+                self.motion.name,
+                f"{PRESCRIBED}, on which the tools keep their places on it",
             )
         if not self._single and not self.rests:
             raise InvalidValueError(

@@ -93,7 +93,11 @@ class CompliantMode:
     def unload(self) -> None:
         """Take the arm's position as the reference of the springs, so that they carry no load."""
         if self.active:
-            self._restart(self._loop.control.controller)
+            self.unload_stiff()
+
+    def unload_stiff(self) -> None:
+        """Do the same whether the arm is compliant or stiff."""
+        self._restart(self._loop.control.controller)
 
     def _restart(self, controller: Controller) -> None:
         """Take the arm's position as the reference, at rest, and go on with a controller.

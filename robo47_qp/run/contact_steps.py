@@ -157,3 +157,22 @@ class Comply(Checked, Step):
             loop.begin(self.name, compliant=True)
             still = hold(loop.reference.q, round(self.seconds / TIMESTEP), TIMESTEP)
             loop.track(still, monitor, block=_TICK_ROWS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unload(Checked, Step):
+    """Take the arm's position as its reference, so that its springs carry no load.
+
+    Two hands that hold one body stiffly press and pull at it by what their positions lack to fit:
+    that goes. The body should stand on something, as its weight would be let go as well.
+    """
+
+    seconds: NotNegative = 0.2
+    """Time in which the forces fade [s]."""
+    name: str = "unload"
+
+    def carry_out(self, executor: StepExecutor) -> None:
+        """See `Step.carry_out`."""
+        executor.compliance.unload_stiff()
+        executor.loop.begin(self.name, compliant=True)
+        executor.loop.hold(self.seconds)

@@ -34,6 +34,9 @@ class Task(Checked, ABC):
     scene_stream: ClassVar[int | None] = None
     """Random stream from which a single run with a seed draws the `variant`; None draws none."""
 
+    tools_needed: ClassVar[int] = 1
+    """How many tools the robot must have."""
+
     @property
     @abstractmethod
     def name(self) -> str:

@@ -54,7 +54,6 @@ class Handover(Task):
     """
 
     tools_needed: ClassVar[int] = 2
-    scene_stream: ClassVar[int | None] = None
 
     start: tuple[float, float] = option((0.45, 0.24), "Start of the bar without a seed: x, y [m].")
     end: tuple[float, float] = option((0.45, -0.24), "Its goal without a seed: x, y [m].")
@@ -110,7 +109,7 @@ class Handover(Task):
         up = TABLE_TOP + 0.5 * self.bar.height
         simulation.place_object(self.bar.name, upright([*start, up], turns[0]))
         place_goal(simulation, end, turns[1])
-        simulation.place_marker(_MEETING, upright(air, turns[2]))
+        simulation.place_marker(_MEETING, upright([*air], turns[2]))
 
     def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.preview`."""
@@ -181,11 +180,8 @@ class Handover(Task):
         yield from left.grasp(self.bar.size[0], self.grip_force)
         bar, T_tcp_bar = self.bar, grasp.inverse() @ T_world_bar
         held = (left.holds(bar.size[0], self.grip_force, Cause.DROP),)
-        up = Waypoint(
-            name="take up",
-            target=left.target(raised(left.pose(), _TAKE_UP)),
-            carried={left.name: bar.payload(T_tcp_bar)},
-        )
+        up = left.line("take up", raised(left.pose(), _TAKE_UP))
+        up = replace(up, carried={left.name: bar.payload(T_tcp_bar)})
         yield Move(waypoints=(up,), after=held)
         if not simulation.weights_known:
             mass = yield from left.weigh()

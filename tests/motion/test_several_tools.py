@@ -218,4 +218,9 @@ def test_arcs_of_several_tools_have_a_point_for_each() -> None:
 
 def test_a_body_that_is_held_has_one_target() -> None:
     with pytest.raises(InvalidValueError, match="the body held"):
-        Waypoint(name="tray", target=BOTH, holding=BOTH)
+        Waypoint(name="tray", target=BOTH, holding=BOTH, motion=Motion.LIN)
+
+
+def test_a_body_that_is_held_moves_on_a_path() -> None:
+    with pytest.raises(InvalidValueError, match="LIN or CIRC"):
+        Waypoint(name="tray", target=SE3.identity(), holding=BOTH)

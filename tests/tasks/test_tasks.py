@@ -1,6 +1,8 @@
 """Every task, found by looking: rehearsed, scripted, and judged the same whoever moves the arm."""
 
 import pkgutil
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -8,26 +10,44 @@ import numpy as np
 import pytest
 
 import scenarios
-from robo47_qp.errors import PlanError
+from robo47_qp.constants import TASKS
+from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
+from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from scenarios.policies.random_targets import RandomTargets
 from tests.policies import follow
 
-FOUND = {name: load_task(name) for name in task_names()}
+PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
+DECLARED: dict[str, str] = tomllib.loads(PYPROJECT.read_text())["project"]["entry-points"][TASKS]
+FOUND = {name: load_task(place) for name, place in DECLARED.items()}
+PAIR = panda_pair()
 SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
 
 
 def test_all_tasks_are_found() -> None:
     assert set(FOUND) == {
         *("pick_place", "reach", "stack", "sort", "wipe"),
-        *("peg_insert", "obstacle_reach", "conveyor_pick"),
+        *("peg_insert", "obstacle_reach", "conveyor_pick", "handover", "carry_tray"),
     }
+    assert set(task_names()) <= set(FOUND)
+
+
+def robot_for(task: type[Task]) -> Robot:
+    return PAIR if task.tools_needed == 2 else PANDA
+
+
+@pytest.mark.parametrize("name", ["handover", "carry_tray"])
+def test_a_task_for_two_arms_refuses_one(name: str) -> None:
+    with pytest.raises(InvalidValueError, match="panda_pair"):
+        ClassicalStack().scenario(PANDA, FOUND[name]())
 
 
 @pytest.mark.parametrize("name", FOUND)
@@ -36,8 +56,9 @@ def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str) -> Non
     if name == "obstacle_reach":
         pytest.importorskip("ompl", reason="the extra planning is not installed")
     task: Any = FOUND[name]().variant(np.random.default_rng([0, 2]))
-    simulation = Simulation(PANDA, task.build_scene)
-    runner = Runner(ClassicalStack().scenario(PANDA, task, 0), simulation)
+    robot = robot_for(FOUND[name])
+    simulation = Simulation(robot, task.build_scene)
+    runner = Runner(ClassicalStack().scenario(robot, task, 0), simulation)
     before = simulation.data.qpos.copy()
     try:
         legs = runner.rehearse()
@@ -64,7 +85,7 @@ def state(simulation: Simulation, kinds: int) -> np.ndarray:
 @pytest.mark.parametrize("name", FOUND)
 def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str) -> None:
     task = FOUND[name]()
-    simulation = Simulation(PANDA, task.build_scene)
+    simulation = Simulation(robot_for(FOUND[name]), task.build_scene)
     task.reset(simulation, np.random.default_rng(0))
     start = task.verdict(simulation)
     assert start is not None
@@ -90,7 +111,8 @@ def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str)
 def test_a_policy_may_try_every_task_and_fails_with_a_cause(name: str) -> None:
     if name == "obstacle_reach":
         pytest.importorskip("ompl", reason="the extra planning is not installed")
-    run = follow(RandomTargets(), task=FOUND[name](), timing=PolicyTiming(seconds=0.4), seed=0)
+    timing, robot = PolicyTiming(seconds=0.4), robot_for(FOUND[name])
+    run = follow(RandomTargets(), task=FOUND[name](), timing=timing, robot=robot, seed=0)
     assert run.failure is not None
     assert run.failure.cause is Cause.PLACE
     assert len(run.rows) >= 400

@@ -9,7 +9,7 @@ from robo47_qp.collision.closest_approach import ClosestApproach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
 from robo47_qp.report.audit.finding import Finding, at_most, bounded, within
-from robo47_qp.report.audit.tool import tool_paths, tool_rates
+from robo47_qp.report.audit.tool import held_together, tool_paths, tool_rates
 from robo47_qp.run.scenario import Run
 
 
@@ -20,6 +20,7 @@ def audit(run: Run) -> list[Finding]:
         *_joints(run, arm),
         *tool_paths(run),
         *tool_rates(run, arm),
+        *held_together(run),
         *_clearances(run),
         *_contacts(run),
     ]

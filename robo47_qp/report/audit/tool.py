@@ -4,10 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
@@ -18,6 +20,8 @@ LIN_COMMANDED = 10e-6
 """Distance of the reference of a LIN or CIRC motion from its line or arc at most [m]."""
 LIN_MEASURED = 0.3e-3
 """Distance of the tool from the line or arc at most [m]."""
+HELD_APART, HELD_TURNED = 0.5e-3, 1e-3
+"""Largest error of the pose of tools that hold one body, relative to each other [m, rad]."""
 COMMANDED_EXCESS = 2e-3
 """Share by which the reference may exceed the bounds of the tool [-]: the planner bounds means
 over up to three periods, and its joint paths are splines that approximate a line."""
@@ -96,6 +100,45 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
                 )
             )
     return findings
+
+
+def held_together(run: Run) -> list[Finding]:
+    """Check the pose of tools that hold one body, relative to each other, as they move it."""
+    findings = []
+    for title, kind in (("commanded", "_ref"), ("measured", "")):
+        off = np.zeros((len(run.rows), 2))
+        found = False
+        for rows, leg in _spans(run, not kind):
+            holding = leg.waypoint.holding
+            if holding is not None and len(holding) > 1:
+                found = True
+                off[rows] = _apart(run, rows, holding, kind)
+        if found:
+            limits = np.array([HELD_APART, HELD_TURNED])
+            signal = f"relative pose {title}"
+            findings.append(bounded(signal, ["m", "rad"], ("position", "angle"), off, limits))
+    return findings
+
+
+def _apart(run: Run, rows: NDArray[np.intp], holding: ToolPoses, kind: str) -> Matrix:
+    """Return by how much tools are not where the first one wants them [m, rad] (N, 2)."""
+    labels = {tool.name: label for label, tool in run.scenario.robot.tool_labels()}
+    first, *others = holding
+    worst = np.zeros((len(rows), 2))
+    p, R = _places(run.rows[f"tool/{labels[first]}pose{kind}"][rows])
+    for name in others:
+        asked = holding[first].inverse() @ holding[name]
+        p_other, R_other = _places(run.rows[f"tool/{labels[name]}pose{kind}"][rows])
+        shift = R.inv().apply(p_other - p) - asked.translation()
+        R_asked = Rotation.from_quat(asked.rotation().wxyz, scalar_first=True)
+        turn = (R_asked.inv() * R.inv() * R_other).magnitude()
+        apart = np.column_stack([np.linalg.norm(shift, axis=1), turn])
+        worst = np.maximum(worst, apart)
+    return worst
+
+
+def _places(poses: Matrix) -> tuple[Matrix, Rotation]:
+    return poses[:, :3], Rotation.from_quat(poses[:, 3:], scalar_first=True)
 
 
 def _is_asked_for(leg: Leg, label: str, name: str) -> bool:

@@ -108,7 +108,7 @@ class Seen(Simulation):
     def seen_pose(self, name: str) -> SE3:
         return SE3.from_translation(np.array([0.03, 0.0, 0.0])) @ self.object_pose(name)
 
-    def felt_force(self) -> Vector:
+    def felt_force(self, tool: int = 0) -> Vector:
         return np.array([1.0, 2.0, 3.0])
 
 

@@ -34,7 +34,7 @@ class Scales(Simulation):
 
     felt = np.zeros(3)
 
-    def felt_force(self) -> np.ndarray:
+    def felt_force(self, tool: int = 0) -> np.ndarray:
         return self.felt
 
 

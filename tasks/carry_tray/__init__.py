@@ -1,0 +1,1 @@
+"""Carry a tray with two arms."""

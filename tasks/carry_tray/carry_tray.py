@@ -1,0 +1,293 @@
+"""Two arms carry a tray, level, over a wall, and set it down."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import mujoco
+import numpy as np
+from mink import SE3
+
+from robo47_qp.arrays import Positive
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.tool_poses import ToolPoses
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.contact_steps import Unload
+from robo47_qp.run.failure import Cause, Condition, Failure
+from robo47_qp.run.steps import Move, Release, StepLike, Wait
+from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.carry_tray.tray import NAME, Tray, tilt
+from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised
+from robo47_qp.tasks.handling.item_handler import HOME
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
+from robo47_qp.tasks.task_state import add_task_state, task_state
+
+_START, _END, _WALL = (0.335, 0.36), (0.64, 0.66), (0.495, 0.505)
+"""Ranges of x of random starts, goals and walls [m]."""
+_ASIDE, _TURN = 0.04, 0.12
+"""Ranges of random starts and goals about the middle: y [m] and heading [rad]."""
+_THICK, _HIGH = (0.01, 0.02), (0.03, 0.10)
+"""Sizes of random walls [m]."""
+_MASSES, _BALLS, _CUPS, _OFF = (0.3, 0.8), (0.02, 0.05), (0.05, 0.2), 0.02
+"""Masses of random trays, balls and cups [kg], and their place beside the middle [m]."""
+_ABOVE = 0.10
+"""Height above the handles from which the hands descend [m]."""
+_OVER = 0.05
+"""Height of the tray above the wall [m]."""
+_TAKE_UP = 0.015
+"""Height of the first lift [m]."""
+_LET_GO = 0.5e-3
+"""Height from which the tray is let go: a table that takes its weight would push it aside [m]."""
+_LIFTED = 5e-3
+"""Height above which the tray counts as carried [m]."""
+_STILL = 1e-3
+"""Speed below which the tray is at rest [m/s]."""
+_GOAL, _OBSTACLE = "goal", "wall"
+_TILT, _FORCE, _TOUCHED, _WENT = range(4)
+"""Task state: largest tilt [rad], largest internal force [N], whether the wall was touched, and
+whether the tray was above the wall."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarryTray(Task):
+    """Both arms hold a tray by its handles and carry it, level, over a wall to its goal.
+
+    It counts as done when the tray is at rest at its goal, was never tilted by more than
+    `tilt_max` nor squeezed by more than `squeeze_max`, did not touch the wall, the ball is in its
+    dish and the cup stands, the grippers are open and the arms are home.
+    """
+
+    tools_needed: ClassVar[int] = 2
+
+    start: tuple[float, float] = option((0.35, 0.0), "Start of the tray without a seed: x, y [m].")
+    end: tuple[float, float] = option((0.65, 0.0), "Its goal without a seed: x, y [m].")
+    tray: Tray = field(default_factory=Tray)
+    """The tray."""
+    wall: tuple[float, float, float] = (0.50, 0.015, 0.08)
+    """The wall between start and goal: its x, thickness and height [m]."""
+    grip_force: Positive = 50.0
+    """Force of one finger on a handle [N]."""
+    tilt_max: Positive = 2.0
+    """Largest tilt of the tray [°]."""
+    squeeze_max: Positive = 20.0
+    """Largest internal force between the hands [N]."""
+    place_tolerance: Positive = 5e-3
+    """Largest distance of the tray from its goal [m]."""
+    name: str = "carry_tray"
+
+    def __post_init__(self) -> None:
+        """Check the fields; see `Checked`."""
+        super().__post_init__()
+        check_place("start", self.start)
+        check_place("end", self.end)
+
+    def variant(self, rng: np.random.Generator) -> Self:
+        """Return the task with a random tray and wall."""
+        tray = Tray(
+            mass=rng.uniform(*_MASSES),
+            ball_mass=rng.uniform(*_BALLS),
+            cup_mass=rng.uniform(*_CUPS),
+            aside=rng.uniform(-_OFF, _OFF),
+        )
+        wall = (rng.uniform(*_WALL), rng.uniform(*_THICK), rng.uniform(*_HIGH))
+        return replace(self, tray=tray, wall=wall)
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        """See `Task.build_scene`."""
+        add_table(spec)
+        self.tray.add(spec, *self.start, TABLE_TOP)
+        x, thick, high = self.wall
+        spec.worldbody.add_geom(
+            name=_OBSTACLE,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.5 * thick, 0.10, 0.5 * high],
+            pos=[x, 0.0, TABLE_TOP + 0.5 * high],
+            rgba=[0.45, 0.47, 0.50, 1.0],
+        )
+        marker = spec.worldbody.add_body(name=_GOAL, mocap=True)
+        marker.add_geom(
+            name=_GOAL,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.10, 0.15, 0.0005],
+            rgba=[0.15, 0.55, 0.30, 1.0],
+            contype=0,
+            conaffinity=0,
+        )
+        add_task_state(spec, 4)
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        task_state(simulation)[:] = 0.0
+        start, end, turns = np.array(self.start), np.array(self.end), np.zeros(2)
+        if rng is not None:
+            start = np.array([rng.uniform(*_START), rng.uniform(-_ASIDE, _ASIDE)])
+            end = np.array([rng.uniform(*_END), rng.uniform(-_ASIDE, _ASIDE)])
+            turns = rng.uniform(-_TURN, _TURN, 2)
+        self.tray.place(simulation, upright([*start, TABLE_TOP], turns[0]))
+        simulation.place_marker(_GOAL, upright([*end, TABLE_TOP], turns[1]))
+
+    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+        """See `Task.preview`."""
+        tray = simulation.object_pose(NAME)
+        grasps = self._grasps(tray)
+        holding = grasps.each(lambda _, pose: tray.inverse() @ pose)
+        return [(*self._approach(grasps), *self._way(tray, holding, simulation)), HOME]
+
+    def program(self, simulation: Simulation) -> Program:
+        """See `Task.program`."""
+        hands = self._hands(simulation)
+        tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
+        above, down = self._approach(self._grasps(_level(tray)))
+        yield replace(above, onward=(down,))
+        yield down
+        for hand in hands:
+            yield from hand.grasp(self.tray.handle_width, self.grip_force)
+        # What the hands were off the handles is not to be carried along as an internal force.
+        yield Unload()
+        yield Unload()
+        tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
+        tray = _level(tray)
+        poses = ToolPoses({hand.name: hand.pose() for hand in hands})
+        holding = poses.each(lambda _, pose: tray.inverse() @ pose)
+        loads = yield from self._take_up(simulation, tray, holding)
+        for waypoint in self._way(tray, holding, simulation):
+            yield self._carrying(hands, replace(waypoint, carried=loads))
+        for hand in hands:
+            yield Release(name="let go", tool=hand.name)
+        up = ToolPoses({hand.name: raised(hand.pose(), _ABOVE) for hand in hands})
+        yield Waypoint(name="retreat", target=up, motion=Motion.LIN)
+        yield HOME
+        return None
+
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`: note tilt, internal force and the wall while the tray is carried."""
+        tray, notes = simulation.object_pose(NAME), task_state(simulation)
+        height = tray.translation()[2] - TABLE_TOP
+        if height > _LIFTED:
+            notes[_TILT] = max(notes[_TILT], tilt(tray))
+            notes[_FORCE] = max(notes[_FORCE], squeeze(simulation))
+        if height > self.wall[2]:
+            notes[_WENT] = 1.0
+        if _touches_wall(simulation):
+            notes[_TOUCHED] = 1.0
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        """See `Task.verdict`."""
+        figures, notes = self.measures(simulation), task_state(simulation)
+        if notes[_TOUCHED]:
+            return Failure(cause=Cause.COLLISION, evidence="the wall was touched")
+        against = [self.tray.lost(simulation)]
+        for name, limit, text in (
+            ("tilt_max_deg", self.tilt_max, "the tray was tilted by {:.2f}°; allowed are {:.2f}°"),
+            (
+                "internal_force_N",
+                self.squeeze_max,
+                "the hands squeezed or pulled it with {:.1f} N; allowed are {:.1f} N",
+            ),
+            (
+                "place_error_m",
+                self.place_tolerance,
+                "the tray is {:.4f} m from its goal; allowed are {:.4f} m",
+            ),
+            ("tray_speed_m_s", _STILL, "the tray moves at {:.4f} m/s; allowed are {:.4f} m/s"),
+        ):
+            if figures[name] > limit:
+                against.append(text.format(figures[name], limit))
+        if not notes[_WENT]:
+            against.append("the tray was never above the wall")
+        evidence = "; ".join(text for text in against if text is not None)
+        if evidence:
+            return Failure(cause=Cause.PLACE, evidence=evidence)
+        return hands_unfinished(simulation)
+
+    def measures(self, simulation: Simulation) -> dict[str, float]:
+        """Return the tray's distance from its goal [m], speed [m/s], and largest tilt [°] and
+        internal force [N] on the way."""
+        off = simulation.object_pose(NAME).translation() - self._goal(simulation).translation()
+        notes = task_state(simulation)
+        return {
+            "place_error_m": float(np.linalg.norm(off)),
+            "tray_speed_m_s": float(np.linalg.norm(simulation.object_twist(NAME)[:3])),
+            "tilt_max_deg": float(np.degrees(notes[_TILT])),
+            "internal_force_N": float(notes[_FORCE]),
+        }
+
+    def _take_up(
+        self, simulation: Simulation, tray: SE3, holding: ToolPoses
+    ) -> Generator[StepLike, None, dict[str, Payload]]:
+        """Lift the tray a little, and return what each hand carries by its own sensor."""
+        hands = self._hands(simulation)
+        loads = {hand.name: _load(0.5 * self.tray.whole_mass) for hand in hands}
+        up = replace(_line("take up", raised(tray, _TAKE_UP), holding), carried=loads)
+        yield self._carrying(hands, up)
+        yield Wait(name="weigh", seconds=0.1)
+        shares = {}
+        for hand in hands:
+            shares[hand.name] = yield from hand.weigh()
+        least = 0.05 * self.tray.whole_mass
+        return {name: _load(max(share, least)) for name, share in shares.items()}
+
+    def _approach(self, grasps: ToolPoses) -> tuple[Waypoint, ...]:
+        """Return the waypoints of both hands above the handles and down to them."""
+        above = grasps.each(lambda _, pose: raised(pose, _ABOVE))
+        down = Waypoint(name="descend", target=grasps, motion=Motion.LIN)
+        return Waypoint(name="approach", target=above), down
+
+    def _way(self, tray: SE3, holding: ToolPoses, simulation: Simulation) -> tuple[Waypoint, ...]:
+        """Return the straight ways of the tray up, over the wall and down to its goal."""
+        goal = self._goal(simulation)
+        high = TABLE_TOP + self.wall[2] + _OVER - tray.translation()[2]
+        over = raised(goal, high)
+        ways = (("lift", raised(tray, high)), ("cross", over), ("lower", raised(goal, _LET_GO)))
+        return tuple(_line(name, pose, holding) for name, pose in ways)
+
+    def _carrying(self, hands: Sequence[Hand], waypoint: Waypoint) -> Move:
+        width, force = self.tray.handle_width, self.grip_force
+        held: tuple[Condition, ...] = tuple(h.holds(width, force, Cause.DROP) for h in hands)
+        return Move(waypoints=(waypoint,), before=held, during=held)
+
+    def _grasps(self, tray: SE3) -> ToolPoses:
+        return ToolPoses({"left": self.tray.grasp(tray, 1.0), "right": self.tray.grasp(tray, -1.0)})
+
+    def _hands(self, simulation: Simulation) -> tuple[Hand, ...]:
+        tools = simulation.robot.tools[:2]
+        return tuple(Hand(simulation=simulation, name=tool.name) for tool in tools)
+
+    def _goal(self, simulation: Simulation) -> SE3:
+        return simulation.marker_pose(_GOAL)
+
+
+def squeeze(simulation: Simulation) -> float:
+    """Return the internal force of two hands on what both hold [N].
+
+    The part of their contact forces that moves nothing: half the difference of what they feel,
+    of which the weight they share cancels.
+    """
+    left, right = (simulation.last_tool_force(tool) for tool in (0, 1))
+    return float(0.5 * np.linalg.norm(left - right))
+
+
+def _line(name: str, tray: SE3, holding: ToolPoses) -> Waypoint:
+    """Return a straight way of the tray."""
+    return Waypoint(name=name, target=tray, holding=holding, motion=Motion.LIN)
+
+
+def _level(pose: SE3) -> SE3:
+    """Return a pose on the table without the tilt that a noisy camera sees."""
+    x, y, z = pose.translation()
+    return upright([x, y, z], heading(pose))
+
+
+def _load(mass: float) -> Payload:
+    """Return a share of the tray that hangs at a hand."""
+    small = 1e-5 * mass
+    return Payload(mass=mass, inertia=(small, small, small), T_tcp_com=SE3.identity())
+
+
+def _touches_wall(simulation: Simulation) -> bool:
+    m, contact = simulation.model, simulation.data.contact
+    wall = m.geom(_OBSTACLE).id
+    return bool((contact.geom == wall).any())

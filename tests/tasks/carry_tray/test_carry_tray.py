@@ -1,0 +1,140 @@
+"""The tray stays level between two hands that do not fight each other."""
+
+import mujoco
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.model.robots.panda_pair import panda_pair
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
+from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
+from robo47_qp.tasks.carry_tray.tray import BALL, CUP, NAME, tilt
+from robo47_qp.tasks.task_state import task_state
+
+PAIR = panda_pair()
+TASK = CarryTray()
+
+
+def start() -> Simulation:
+    simulation = Simulation(PAIR, TASK.build_scene)
+    TASK.reset(simulation, np.random.default_rng(0))
+    return simulation
+
+
+def at_goal() -> Simulation:
+    """The world as it is to be in the end."""
+    simulation = start()
+    TASK.tray.place(simulation, simulation.marker_pose("goal"))
+    task_state(simulation)[3] = 1.0
+    return simulation
+
+
+def shifted(simulation: Simulation, name: str, by: list[float]) -> None:
+    pose = SE3.from_translation(np.array(by)) @ simulation.object_pose(name)
+    simulation.place_object(name, pose)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    simulation = Simulation(PAIR, TASK.build_scene)
+    return Runner(ClassicalStack(ik="qp").scenario(PAIR, TASK), simulation).run()
+
+
+def test_the_tray_is_carried_level_over_the_wall(run: Run) -> None:
+    assert run.failure is None
+    assert run.measures["tilt_max_deg"] < 0.5
+    assert run.measures["internal_force_N"] < 5.0
+    assert run.rows[f"objects/{NAME}"][:, 2].max() > TASK.wall[2] + 0.04
+
+
+def test_no_limit_is_violated_and_the_hands_keep_their_relative_pose(run: Run) -> None:
+    findings = audit(run)
+    assert [finding for finding in findings if not finding.ok] == []
+    together = [finding for finding in findings if finding.signal.startswith("relative pose")]
+    assert len(together) == 2
+
+
+def test_the_weight_is_shared(run: Run) -> None:
+    (rows,) = [rows for phase, rows in run.spans() if phase.name == "cross"]
+    left, right = (-run.rows[f"contact/{one}tool"][rows, 2].mean() for one in ("", "right_"))
+    whole = TASK.tray.whole_mass * 9.81
+    assert left + right == pytest.approx(whole, rel=0.02)
+    assert min(left, right) > 0.3 * whole
+
+
+def test_the_end_is_judged() -> None:
+    assert TASK.verdict(at_goal()) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "told"),
+    [
+        (BALL, [0.05, 0.0, 0.0], "the ball is 50 mm"),
+        (BALL, [0.0, 0.0, 0.05], "the ball"),
+        (CUP, [0.03, 0.0, 0.0], "the cup has slid 30 mm"),
+        (NAME, [0.0, 0.006, 0.0], "from its goal"),
+    ],
+)
+def test_what_has_left_its_place_is_told(name: str, by: list[float], told: str) -> None:
+    simulation = at_goal()
+    shifted(simulation, name, by)
+    failure = TASK.verdict(simulation)
+    assert failure is not None
+    assert told in failure.evidence
+
+
+@pytest.mark.parametrize(
+    ("note", "value", "told"),
+    [(0, np.radians(2.1), "tilted by 2.10"), (1, 20.5, "20.5 N"), (3, 0.0, "never above")],
+)
+def test_what_happened_on_the_way_is_told(note: int, value: float, told: str) -> None:
+    simulation = at_goal()
+    task_state(simulation)[note] = value
+    failure = TASK.verdict(simulation)
+    assert failure is not None
+    assert told in failure.evidence
+
+
+def test_a_cup_that_lies_is_told() -> None:
+    simulation = at_goal()
+    cup = simulation.object_pose(CUP)
+    lying = SE3.from_rotation_and_translation(SO3.from_x_radians(1.4), cup.translation())
+    simulation.place_object(CUP, lying)
+    assert "leans 80" in str(TASK.tray.lost(simulation))
+
+
+def test_a_tray_that_touches_the_wall_is_a_collision() -> None:
+    simulation = at_goal()
+    x, thick, _ = TASK.wall
+    TASK.tray.place(simulation, SE3.from_translation(np.array([x - 0.1 - 0.4 * thick, 0.0, 0.02])))
+    mujoco.mj_forward(simulation.model, simulation.data)
+    TASK.monitor(simulation)
+    failure = TASK.verdict(simulation)
+    assert failure is not None
+    assert failure.cause is Cause.COLLISION
+
+
+def test_the_tilt_is_the_angle_from_the_vertical() -> None:
+    for angle in (0.0, 1e-5, 0.3, 2.0):
+        turned = SO3.from_z_radians(0.7) @ SO3.from_x_radians(angle) @ SO3.from_z_radians(0.4)
+        assert tilt(SE3.from_rotation(turned)) == pytest.approx(angle, abs=1e-9)
+
+
+def test_starts_walls_and_goals_do_not_overlap() -> None:
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        x, thick, _ = TASK.variant(rng).wall
+        turned = 0.1 * np.cos(0.12) + 0.1 * np.sin(0.12)
+        assert 0.36 + turned < x - 0.5 * thick
+        assert x + 0.5 * thick < 0.64 - turned
+
+
+def test_at_the_start_nothing_is_noted() -> None:
+    simulation = start()
+    TASK.monitor(simulation)
+    assert not task_state(simulation).any()
