@@ -53,6 +53,7 @@ TASKS_MAY_USE = {
     "model.gripper",
     "model.obstacle",
     "model.payload",
+    "model.tool_poses",
     "motion.waypoint",
     "run.compliance",
     "run.contact_steps",
