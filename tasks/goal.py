@@ -47,6 +47,13 @@ def marked_goal(simulation: Simulation) -> SE3:
     return simulation.marker_pose(_NAME)
 
 
+def seen_goal(simulation: Simulation, marker: str = _NAME) -> SE3:
+    """Return T_world_goal as the camera sees a marker, at the height of the table."""
+    seen = simulation.seen_marker(marker)
+    x, y, _ = seen.translation()
+    return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
     """Goal of one item in a simulation."""
@@ -56,8 +63,15 @@ class Goal:
 
     def pose(self) -> SE3:
         """Return T_world_item of the item when it stands on the marker."""
+        return self._on(marked_goal(self.simulation))
+
+    def seen(self) -> SE3:
+        """Return the same pose for the marker as the camera sees it."""
+        return self._on(seen_goal(self.simulation))
+
+    def _on(self, T_world_goal: SE3) -> SE3:
         up = np.array([0.0, 0.0, 0.5 * self.item.height])
-        return SE3.from_translation(up) @ marked_goal(self.simulation)
+        return SE3.from_translation(up) @ T_world_goal
 
     def error(self) -> float:
         """Return the distance of the item's centre from its goal, in 3-D [m]."""

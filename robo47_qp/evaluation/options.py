@@ -54,8 +54,8 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     cluster: Literal["local", "ray"] = "local"
     """Where episodes run: processes of this machine, or a Ray cluster (needs the extra "ray")."""
     perturb: Literal["none", "moderate", "severe"] = "none"
-    """How much the world differs from the controller's models: moderate is 5 mm of camera noise,
-    30 % of mass and friction, 2 ms of latency."""
+    """How much the world differs from what the stack believes: moderate is a calibrated real cell,
+    severe about twice as wrong; docs/evaluation.md has the table."""
     perturbations: Annotated[Mapping[str, float | str], option_group(_PERTURBATIONS)] = field(
         default_factory=dict
     )

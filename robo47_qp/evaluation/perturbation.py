@@ -5,18 +5,17 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Ends, NotNegative, Range, Span, Vector, ends
+from robo47_qp.arrays import Ends, Matrix, NotNegative, Range, Span, Vector, ends
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.sim.disturbance import Disturbance, Push
 from robo47_qp.sim.sensing import About, SensorErrors
 
 PUSHES = 3
 """Pushes that are drawn for every episode, used or not."""
-LINKS, JOINTS = 64, 32
-"""Bodies and joints of a robot that errors are drawn for, used or not."""
-_NONE = (0.0, 0.0, 0.0)
-_Share = Annotated[float, Range(at_least=0.0, below=1.0)]
+LINKS, JOINTS, OBJECTS = 64, 32, 16
+"""Bodies and joints of a robot, and free objects, that errors are drawn for, used or not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +56,29 @@ class Perturbation(SensorErrors):
         About("Weight of what is carried, told to the controller as more by this part", "-"),
     ] = 0.0
     object_mass: Annotated[
-        _Share, About("Mass of the free objects, more or less by at most this share", "-", "mass")
+        Span, Ends(above=-1.0), About("Mass of every free object, more by this part", "-", "mass")
     ] = 0.0
-    friction: Annotated[
-        _Share, About("Friction of all contacts, more or less by at most this share", "-")
+    object_com: Annotated[
+        NotNegative,
+        About(
+            "Centre of mass of every free object, off by at most this along each axis, but "
+            "within the object",
+            "m",
+        ),
     ] = 0.0
+    object_size: Annotated[
+        Span, Ends(above=-1.0), About("Lengths of every free object, more by this part", "-")
+    ] = 0.0
+    friction: (
+        Annotated[
+            Span,
+            Ends(at_least=0.0),
+            About(
+                "Coefficient of sliding friction µ of all contacts, in place of the models'", "-"
+            ),
+        ]
+        | None
+    ) = None
     pushes: Annotated[
         int,
         Range(at_least=0, at_most=PUSHES, whole=True),
@@ -79,23 +96,26 @@ class Perturbation(SensorErrors):
         differ in the chosen perturbations only. Fields with the name of one of `Disturbance` are
         passed on.
         """
-        mass, friction = rng.uniform(-1.0, 1.0, 2)
+        friction = rng.random()
         directions, sizes = rng.standard_normal((PUSHES, 3)), rng.uniform(0.0, 1.0, PUSHES)
         starts = rng.uniform(0.0, 1.0, PUSHES)
         directions /= np.linalg.norm(directions, axis=1)[:, None]
         links, joints, told = rng.random((5, LINKS)), rng.random((3, JOINTS)), rng.random()
+        objects = rng.random((5, OBJECTS))
         passed_on = {f.name for f in fields(self)} & {f.name for f in fields(Disturbance)}
         return Disturbance(
-            **{name: getattr(self, name) for name in passed_on - {"pushes"}},
+            **{name: getattr(self, name) for name in passed_on - {"pushes", "friction"}},
             link_mass_factor=1.0 + _drawn(self.link_mass, links[0]),
             link_inertia_factor=1.0 + _drawn(self.link_inertia, links[1]),
-            link_com_shift=self.link_com * (2.0 * links[2:].T - 1.0) if self.link_com else _NONE,
+            link_com_shift=_around(self.link_com, links[2:]),
             dry_friction=_drawn(self.joint_friction, joints[0]),
             damping_factor=1.0 + _drawn(self.joint_damping, joints[1]),
             armature_factor=1.0 + _drawn(self.armature, joints[2]),
             payload_factor=1.0 + float(_drawn(self.payload_error, told)),
-            object_mass_factor=float(1.0 + self.object_mass * mass),
-            friction_factor=float(1.0 + self.friction * friction),
+            object_mass_factor=1.0 + _drawn(self.object_mass, objects[0]),
+            object_size_factor=1.0 + _drawn(self.object_size, objects[1]),
+            object_com_shift=_around(self.object_com, objects[2:]),
+            friction=None if self.friction is None else float(_drawn(self.friction, friction)),
             pushes=tuple(
                 Push(force=self.push_force * sizes[i] * directions[i], start=float(start))
                 for i, start in enumerate(self.push_time * starts[: self.pushes])
@@ -163,20 +183,81 @@ def _drawn(span: Span, chance: Vector | float) -> Vector | float:
     return low if low == high else low + (high - low) * chance
 
 
+def _around(most: float, chance: Matrix) -> ArrayLike:
+    """Return points (k, 3) off by at most this along each axis, by numbers from 0 to 1 (3, k)."""
+    return most * (2.0 * chance.T - 1.0) if most else (0.0, 0.0, 0.0)
+
+
+_MODERATE = Perturbation(
+    link_mass=(-0.05, 0.05),
+    link_com=5e-3,
+    link_inertia=(-0.1, 0.1),
+    joint_friction=(0.2, 0.6),
+    wrist_friction=0.5,
+    joint_damping=(-0.3, 0.3),
+    noise_q=5e-5,
+    noise_force=0.3,
+    force_drift=1.0,
+    state_delay=(0.5e-3, 1e-3),
+    torque_delay=(0.5e-3, 1e-3),
+    pose_bias=2e-3,
+    rotation_bias=float(np.radians(0.5)),
+    pose_noise=2e-3,
+    pose_noise_time=0.3,
+    heading_noise=float(np.radians(2.0)),
+    camera_latency=0.05,
+    dropped_frames=0.05,
+    outliers=0.01,
+    outlier_size=0.03,
+    object_mass=(-0.3, 0.3),
+    object_com=0.01,
+    friction=(0.3, 0.9),
+)
 PRESETS: Mapping[str, Perturbation] = {
     "none": Perturbation(),
-    "moderate": Perturbation(pose_noise=5e-3, object_mass=0.3, friction=0.3, torque_delay=2e-3),
-    "severe": Perturbation(
-        pose_noise=10e-3,
-        heading_noise=0.1,
-        pose_bias=2e-3,
-        object_mass=0.6,
-        friction=0.5,
-        torque_delay=3e-3,
+    "moderate": _MODERATE,
+    "severe": replace(
+        _MODERATE,
+        link_mass=(-0.1, 0.1),
+        link_com=10e-3,
+        link_inertia=(-0.2, 0.2),
+        joint_friction=(0.4, 1.2),
+        joint_damping=(-0.6, 0.6),
+        armature=(-0.2, 0.2),
+        payload_error=(-0.2, 0.2),
         noise_q=1e-4,
+        state_delay=(1e-3, 2e-3),
+        torque_delay=(1e-3, 2e-3),
+        pose_bias=4e-3,
+        rotation_bias=float(np.radians(1.0)),
+        pose_noise=4e-3,
+        heading_noise=float(np.radians(5.0)),
+        object_mass=(-0.6, 0.6),
+        friction=(0.2, 0.9),
         pushes=2,
         push_force=10.0,
     ),
 }
-"""Named levels. Moderate is a calibrated cell with a depth camera; severe is below what
-makes every run fail, such as a latency of 5 ms, with which stiff joints are unstable."""
+"""Named levels: moderate is a calibrated real cell, severe about twice as wrong. The delays of
+state and torque together are 1 to 2 ms, and 2 to 4 ms."""
+
+
+def perturbation_table() -> str:
+    """Return the table of all perturbations and levels in Markdown, in the units of the options."""
+    levels = [PRESETS[name] for name in ("moderate", "severe")]
+    lines = ["| option | meaning | moderate | severe |", "|---|---|---|---|"]
+    for option, (name, _, about) in options().items():
+        cells = [_told(getattr(level, name), about.scale) for level in levels]
+        unit = "" if about.unit == "-" else f" [{about.unit}]"
+        lines.append(f"| `{_label(option)}`{unit} | {about.text} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _told(value: Span | None, scale: float) -> str:
+    """Return a value as an option has it."""
+    if value is None:
+        return "–"
+    low, high = (end / scale for end in ends(value))
+    if low == high:
+        return f"{low:.3g}"
+    return f"±{high:.3g}" if low == -high else f"{low:.3g} to {high:.3g}"

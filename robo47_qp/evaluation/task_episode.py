@@ -55,7 +55,13 @@ class TaskEpisode:
         """Return the world of an episode."""
         rng = np.random.default_rng([seed, 1])
         disturbance = self.perturbation.draw(rng)
-        return DisturbedSimulation(self.robot, scenario.task.build_scene, disturbance, rng)
+        return DisturbedSimulation(
+            self.robot,
+            scenario.task.build_scene,
+            disturbance,
+            rng,
+            goals_asked_for=scenario.task.goals_asked_for,
+        )
 
     def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
         """See `Episode`."""

@@ -33,6 +33,8 @@ class Task(Checked, ABC):
 
     scene_stream: ClassVar[int | None] = None
     """Random stream from which a single run with a seed draws the `variant`; None draws none."""
+    goals_asked_for: ClassVar[bool] = False
+    """True where markers are poses that the tool is asked for, and not things that are seen."""
 
     tools_needed: ClassVar[int] = 1
     """How many tools the robot must have."""

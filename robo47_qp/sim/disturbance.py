@@ -16,12 +16,18 @@ from robo47_qp.model.arm import JointState
 from robo47_qp.model.mjcf import add_payload
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
-from robo47_qp.sim.camera import CameraNoise, ObjectCamera
+from robo47_qp.sim.camera import ObjectCamera
 from robo47_qp.sim.delay import Delay
 from robo47_qp.sim.scene import BuildScene, free_bodies
 from robo47_qp.sim.sensing import ForceSensor, JointSensor, SensorErrors
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.sim.wrong_model import change_inertias, change_joints, numbers
+from robo47_qp.sim.wrong_model import (
+    change_inertias,
+    change_joints,
+    change_object,
+    lowest,
+    numbers,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +50,8 @@ class Disturbance(SensorErrors):
     the order of the model, from base to tip; further ones are left out.
     """
 
+    force_drift_time: Positive = 30.0
+    """Time constant of the drift of the measured force [s]."""
     payload: Payload | None = None
     """A body fixed to the tool that the controller does not know."""
     payload_factor: Positive = 1.0
@@ -64,10 +72,15 @@ class Disturbance(SensorErrors):
     armature_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
     """Inertia of the drive of every joint, relative to the model [-]."""
     pushes: Sequence[Push] = ()
-    object_mass_factor: Positive = 1.0
-    """Mass and inertia of the free bodies, relative to the model [-]."""
-    friction_factor: Positive = 1.0
-    """Sliding, torsional and rolling friction of all contacts, relative to the model [-]."""
+    object_mass_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
+    """Mass and moments of every free body, relative to the model [-]."""
+    object_com_shift: Annotated[ArrayLike, Range()] = (0.0, 0.0, 0.0)
+    """Shift of its centre of mass, along its axes and at most 0.7 of the way to its sides (3,) or
+    (k, 3) [m]."""
+    object_size_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
+    """Its lengths, relative to the model, with the same mass [-]."""
+    friction: NotNegative | None = None
+    """Coefficient of the sliding friction of all contacts; None is that of the model [-]."""
 
 
 class DisturbedSimulation(Simulation):
@@ -83,6 +96,8 @@ class DisturbedSimulation(Simulation):
         build_scene: BuildScene,
         disturbance: Disturbance,
         rng: np.random.Generator | None = None,
+        *,
+        goals_asked_for: bool = False,
     ) -> None:
         """Compile the disturbed scene.
 
@@ -92,6 +107,8 @@ class DisturbedSimulation(Simulation):
             disturbance: The errors of the world.
             rng: Source of the seeds of the sensors, which are drawn here; each sensor has random
                 numbers of its own, the same ones after every `reset`.
+            goals_asked_for: Whether markers are poses that are asked for; else they are things
+                that the camera sees.
 
         Raises:
             InvalidValueError: There is noise, but no generator; there are fewer numbers than
@@ -104,22 +121,24 @@ class DisturbedSimulation(Simulation):
         self._seeds: list[int] | None = (
             None if rng is None else rng.integers(2**63, size=2).tolist()
         )
-        self._joint_sensor, self._force_sensor = JointSensor(disturbance), ForceSensor(disturbance)
+        self._joint_sensor, self._force_sensor = (
+            JointSensor(disturbance),
+            ForceSensor(disturbance, disturbance.force_drift_time),
+        )
         self._torque_delay = Delay(disturbance.torque_delay)
         self._told: dict[Payload, Payload] = {}
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _changed(robot, build_scene, disturbance))
+        self._seen_markers = () if goals_asked_for else self.markers
         self.disturbance = self._of_this_world(disturbance)
-        self.model.geom_friction *= disturbance.friction_factor
-        self.model.pair_friction *= disturbance.friction_factor
-        noise = CameraNoise(
-            position=disturbance.pose_noise,
-            heading=disturbance.heading_noise,
-            bias=disturbance.pose_bias,
-            rate=disturbance.camera_rate,
-        )
-        if self._seeds is not None and (noise.position or noise.heading or noise.bias):
-            self._camera = ObjectCamera(self.objects, noise, self._seeds[1])
+        if disturbance.friction is not None:
+            self.model.geom_friction[:, 0] = disturbance.friction
+            self.model.pair_friction[:, :2] = disturbance.friction
+        if disturbance.camera_errs:
+            seed = 0 if self._seeds is None else self._seeds[1]
+            self._camera = ObjectCamera(
+                [*self.objects, *self._seen_markers], disturbance, seed, self._occluded
+            )
         self.reset()
 
     def reset(self) -> None:
@@ -134,7 +153,7 @@ class DisturbedSimulation(Simulation):
         if self._force_noise is not None:
             self._force_sensor.start(self._force_noise)
         if self._camera is not None:
-            self._camera.take(self.time, self.object_pose)
+            self._camera.start(self.time, self._thing_pose)
 
     def step(self, tau: Vector) -> None:
         """See `Simulation.step`; with the command that has arrived, and the pushes."""
@@ -150,7 +169,7 @@ class DisturbedSimulation(Simulation):
         if self._force_noise is not None and not self._force_sensor.ideal:
             self._force_sensor.sample(self._force_noise)
         if self._camera is not None:
-            self._camera.watch(self.time, self.object_pose)
+            self._camera.watch(self.time, self._thing_pose)
 
     def state(self) -> JointState:
         """See `Simulation.state`; the same however often it is asked for in a period."""
@@ -170,17 +189,30 @@ class DisturbedSimulation(Simulation):
         factor = self.disturbance.payload_factor
         if factor == 1.0:
             return payload
-        if payload not in self._told:
+        if id(payload) not in self._told:
             moments = payload.inertia
             inertia = (factor * moments[0], factor * moments[1], factor * moments[2])
             wrong = replace(payload, mass=factor * payload.mass, inertia=inertia)
-            self._told[payload] = wrong
-        return self._told[payload]
+            # With the payload itself, so that its id is not given away.
+            self._told[id(payload)] = payload, wrong
+        return self._told[id(payload)][1]
 
     def seen_pose(self, name: str) -> SE3:
-        """See `Simulation.seen_pose`; measured in the last frame of the camera."""
+        """See `Simulation.seen_pose`; measured in the last frame that has arrived."""
         T_world_object = self.object_pose(name)
-        return T_world_object if self._camera is None else self._camera.seen(name)
+        return T_world_object if self._camera is None else self._camera.seen(name).pose
+
+    def seen_marker(self, name: str) -> SE3:
+        """See `Simulation.seen_marker`."""
+        T_world_marker = self.marker_pose(name)
+        if self._camera is None or name not in self._seen_markers:
+            return T_world_marker
+        return self._camera.seen(name).pose
+
+    def seen_time(self, name: str) -> float:
+        """See `Simulation.seen_time`."""
+        self._thing_pose(name)
+        return self.time if self._camera is None else self._camera.seen(name).time
 
     @property
     def camera_noise(self) -> float:
@@ -190,21 +222,55 @@ class DisturbedSimulation(Simulation):
     @property
     def weights_known(self) -> bool:
         """See `Simulation.weights_known`."""
-        return self.disturbance.object_mass_factor == 1.0
+        return bool(np.all(np.asarray(self.disturbance.object_mass_factor) == 1.0))
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
-        """See `Simulation.place_object`; the camera takes a new frame at once."""
-        super().place_object(name, T_world_object)
+        """See `Simulation.place_object`; the camera sees it there at once."""
+        up = SE3.from_translation(self._grown(name, T_world_object))
+        super().place_object(name, T_world_object if self._sizes_known else up @ T_world_object)
         if self._camera is not None:
-            self._camera.take(self.time, self.object_pose)
+            self._camera.place(name, self.time, self.object_pose(name))
+
+    def place_marker(self, name: str, T_world_marker: SE3) -> None:
+        """See `Simulation.place_marker`; before the first step, the camera sees it at once."""
+        super().place_marker(name, T_world_marker)
+        if self._camera is not None and self.time == 0.0 and name in self._seen_markers:
+            self._camera.place(name, self.time, self.marker_pose(name))
+
+    @property
+    def _sizes_known(self) -> bool:
+        return bool(np.all(np.asarray(self.disturbance.object_size_factor) == 1.0))
+
+    def _grown(self, name: str, T_world_object: SE3) -> Vector:
+        """Return how far a body of another size is put up, so that it stands where it stood."""
+        if name not in self.objects:
+            return np.zeros(3)
+        factors = self.disturbance.object_size_factor
+        factor = numbers("object_size_factor", factors, len(self.objects))[self.objects.index(name)]
+        below = lowest(self.model, name, T_world_object.rotation().as_matrix())
+        return np.array([0.0, 0.0, below / float(factor[0]) - below])
+
+    def _thing_pose(self, name: str) -> SE3:
+        return self.object_pose(name) if name in self.objects else self.marker_pose(name)
+
+    def _occluded(self, name: str) -> bool:
+        """Return whether a finger touches an object, as far as that hides it."""
+        if not self.disturbance.occlusion or name not in self.objects:
+            return False
+        m, contact = self.model, self.data.contact
+        bodies = m.geom_bodyid[contact.geom]
+        fingers = [m.body(f).id for gripper in self.robot.grippers for f in gripper.fingers]
+        touched = bodies == m.body(name).id
+        return bool((touched & np.isin(bodies[:, ::-1], fingers)).any())
 
     def _of_this_world(self, wrong: Disturbance) -> Disturbance:
         """Return the disturbance without the numbers that belong to no link or joint."""
         links = [self.model.body(i).name for i in robot_bodies(self.robot, self.model)]
         counts = {name: len(links) - (_PAYLOAD in links) for name in _PER_LINK}
         counts |= {name: len(self.robot.joints) for name in _PER_JOINT}
+        counts |= {name: len(self.objects) for name in _PER_OBJECT}
         rows = {name: np.asarray(getattr(wrong, name)) for name in counts}
-        dims = {name: 1 + (name == "link_com_shift") for name in counts}
+        dims = {name: 1 + name.endswith("_shift") for name in counts}
         given: dict[str, Any] = {
             k: row[: counts[k]] for k, row in rows.items() if row.ndim == dims[k]
         }
@@ -223,6 +289,7 @@ class DisturbedSimulation(Simulation):
 
 _PAYLOAD = "unknown_payload"
 _PER_LINK = ("link_mass_factor", "link_inertia_factor", "link_com_shift")
+_PER_OBJECT = ("object_mass_factor", "object_com_shift", "object_size_factor")
 _PER_JOINT = ("dry_friction", "damping_factor", "armature_factor")
 
 
@@ -232,9 +299,17 @@ def _changed(robot: Robot, build_scene: BuildScene, wrong: Disturbance) -> Build
     def build(spec: mujoco.MjSpec) -> None:
         build_scene(spec)
         model = spec.compile()
-        free = [model.body(name).id for name in free_bodies(model)]
         change_inertias(spec, model, *_links(robot, model, wrong))
-        change_inertias(spec, model, *_objects(model, free, wrong))
+        free = free_bodies(model)
+        rows = np.hstack(
+            [
+                numbers("object_size_factor", wrong.object_size_factor, len(free)),
+                numbers("object_mass_factor", wrong.object_mass_factor, len(free)),
+                numbers("object_com_shift", wrong.object_com_shift, len(free), 3),
+            ]
+        )
+        for name, row in zip(free, rows, strict=True):
+            change_object(spec, model, name, row)
         change_joints(spec, model, robot.joints, _joints(robot, wrong), wrong.wrist_friction)
         if wrong.payload is not None:
             add_payload(spec, robot.tools[0], wrong.payload, _PAYLOAD)
@@ -260,15 +335,6 @@ def _links(robot: Robot, model: mujoco.MjModel, wrong: Disturbance) -> tuple[lis
         numbers("link_com_shift", wrong.link_com_shift, len(links), 3),
     ]
     return links, np.hstack(columns)
-
-
-def _objects(
-    model: mujoco.MjModel, free: list[int], wrong: Disturbance
-) -> tuple[list[int], Matrix]:
-    """Return ids of the bodies that move freely, and what is wrong with them."""
-    bodies = np.flatnonzero(np.isin(model.body_rootid, free)).tolist()
-    change = np.tile([wrong.object_mass_factor, 1.0, 0.0, 0.0, 0.0], (len(bodies), 1))
-    return bodies, change
 
 
 def _joints(robot: Robot, wrong: Disturbance) -> Matrix:

@@ -2,19 +2,19 @@
 
 from dataclasses import dataclass
 from math import exp, pi, sqrt
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, Ends, NotNegative, Positive, Span, Vector, ends
+from robo47_qp.arrays import Checked, Ends, NotNegative, Positive, Range, Span, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import JointState
 from robo47_qp.sim.delay import Delay
 
 VELOCITY_CUTOFF = 50.0
 """Cut-off of the velocities that are estimated from noisy positions, if none is chosen [1/s]."""
-DRIFT_TIME = 30.0
-"""Time constant of the drift of the force sensor [s]."""
+
+Share: TypeAlias = Annotated[float, Range(at_least=0.0, below=1.0)]
 
 
 @dataclass(frozen=True)
@@ -78,29 +78,67 @@ class SensorErrors(Checked):
     force_drift: Annotated[
         NotNegative,
         About(
-            "Standard deviation of the drift of the measured force, per axis; it changes with a "
-            f"time constant of {DRIFT_TIME:g} s",
+            "Standard deviation of the drift of the measured force, per axis, which changes slowly",
             "N",
         ),
     ] = 0.0
-    pose_noise: Annotated[
-        NotNegative, About("Standard deviation of seen coordinates of an object, per frame", "m")
-    ] = 0.0
-    heading_noise: Annotated[
-        NotNegative, About("Standard deviation of the seen heading of an object, per frame", "rad")
-    ] = 0.0
     pose_bias: Annotated[
         NotNegative,
-        About("Standard deviation of seen coordinates of an object, constant in an episode", "m"),
+        About(
+            "Standard deviation of the camera's calibration, per axis, the same for all things "
+            "and constant in an episode",
+            "m",
+        ),
+    ] = 0.0
+    rotation_bias: Annotated[
+        NotNegative,
+        About(
+            "Standard deviation of the camera's turn about each axis through the middle of the "
+            "table, likewise",
+            "rad",
+        ),
+    ] = 0.0
+    pose_noise: Annotated[
+        NotNegative, About("Standard deviation of the noise of seen coordinates", "m")
+    ] = 0.0
+    heading_noise: Annotated[
+        NotNegative, About("Standard deviation of the noise of seen headings", "rad")
+    ] = 0.0
+    pose_noise_time: Annotated[
+        NotNegative,
+        About("Time constant of the noise of poses; at 0, each frame has noise of its own", "s"),
     ] = 0.0
     camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
+    camera_latency: Annotated[
+        NotNegative, About("Time from a frame to its poses", "ms", scale=1e-3)
+    ] = 0.0
+    dropped_frames: Annotated[Share, About("Share of the frames that get lost", "-")] = 0.0
+    outliers: Annotated[
+        Share, About("Share of the measured poses that are wrong altogether", "-")
+    ] = 0.0
+    outlier_size: Annotated[
+        NotNegative, About("How far such a pose is off, in any direction", "m")
+    ] = 0.03
+    occlusion: Annotated[
+        int,
+        Range(at_least=0, at_most=1, whole=True),
+        About("1: what a finger touches is hidden from the camera", "0 or 1"),
+    ] = 0
 
     @property
     def noisy(self) -> bool:
         """True where chance decides about a measurement or a delay."""
         low, high = zip(ends(self.state_delay), ends(self.torque_delay), strict=True)
         joints_and_force = self.noise_q or self.noise_force or self.force_drift or low != high
-        return bool(joints_and_force or self.pose_noise or self.heading_noise or self.pose_bias)
+        bias, noise = self.pose_bias or self.rotation_bias, self.pose_noise or self.heading_noise
+        return bool(joints_and_force or bias or noise or self.dropped_frames or self.outliers)
+
+    @property
+    def camera_errs(self) -> bool:
+        """True where a seen pose may differ from the true one."""
+        bias, noise = self.pose_bias or self.rotation_bias, self.pose_noise or self.heading_noise
+        late = self.camera_latency or self.dropped_frames or self.occlusion
+        return bool(bias or noise or late or self.outliers)
 
 
 class GaussMarkov:
@@ -187,10 +225,15 @@ class JointSensor:
 class ForceSensor:
     """Errors of the measured force at the wrist: white noise and a slow drift."""
 
-    def __init__(self, errors: SensorErrors) -> None:
-        """Set the sensor up; its errors begin with `start`."""
+    def __init__(self, errors: SensorErrors, drift_time: float) -> None:
+        """Set the sensor up; its errors begin with `start`.
+
+        Args:
+            errors: Sizes of noise and drift.
+            drift_time: Time constant of the drift [s].
+        """
         self._noise = errors.noise_force
-        self._drift = GaussMarkov(errors.force_drift, TIMESTEP, DRIFT_TIME)
+        self._drift = GaussMarkov(errors.force_drift, TIMESTEP, drift_time)
         self.ideal = not (errors.noise_force or errors.force_drift)
         """True where it measures the true force."""
         self._offset = self.error = np.zeros(3)

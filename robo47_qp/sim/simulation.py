@@ -233,6 +233,26 @@ class Simulation:
         """
         return self.object_pose(name)
 
+    def seen_marker(self, name: str) -> SE3:
+        """Return T_world_marker as the camera of the cell measures it: here, the true one.
+
+        A marker that stands for a pose that is asked for, and for no thing, is as asked for.
+
+        Raises:
+            UnknownNameError: No marker has this name.
+        """
+        return self.marker_pose(name)
+
+    def seen_time(self, name: str) -> float:
+        """Return when the last frame with an object or a marker in it was taken: here, now [s].
+
+        Raises:
+            UnknownNameError: No free body and no marker has this name.
+        """
+        if name not in self.objects:
+            self.marker_pose(name)
+        return self.time
+
     @property
     def camera_noise(self) -> float:
         """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, 0."""

@@ -5,13 +5,15 @@ those of their bodies, so that changing them later gives another body than was a
 """
 
 from collections.abc import Sequence
+from itertools import product
 from typing import cast
 
 import mujoco
 import numpy as np
+from mink import SO3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
 _WRIST = 5
@@ -87,3 +89,56 @@ def change_joints(
         joint.frictionloss += dry * (wrist if place >= _WRIST else 1.0)
         joint.damping = damping * np.asarray(joint.damping)
         joint.armature *= armature
+
+
+def change_object(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, row: Vector) -> None:
+    """Change size, mass and centre of mass of a free body.
+
+    Args:
+        spec: Changed in place.
+        model: The same, compiled.
+        name: Name of the body.
+        row: Factors of its lengths and of its mass [-], and shift of its centre of mass along
+            its axes [m], which is cut at 0.7 of the way to its sides (5,).
+
+    Raises:
+        InvalidValueError: A body that consists of meshes cannot have another size.
+    """
+    size, mass = row[:2]
+    body = model.body(name)
+    geoms = range(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0]))
+    if size != 1.0:
+        for geom in spec.geoms:
+            if geom.id in geoms:
+                _resize(geom, model, float(size))
+        below = lowest(model, name, SO3(np.asarray(body.quat)).as_matrix())
+        body_spec = cast(mujoco.MjsBody, spec.body(name))
+        x, y, z = body_spec.pos
+        body_spec.pos = [x, y, z + (1.0 - size) * below]
+    inside = 0.7 * size * np.abs(_corners(model, name)).max(axis=0)
+    shift = np.clip(row[2:], -inside, inside) + (size - 1.0) * model.body_ipos[body.id]
+    change_inertias(spec, model, [body.id], np.array([[mass, size**2, *shift]]))
+
+
+def lowest(model: mujoco.MjModel, name: str, R_world_body: Matrix) -> float:
+    """Return the height of the lowest point of a body above its origin [m]; negative, mostly."""
+    return float((_corners(model, name) @ R_world_body[2]).min())
+
+
+def _corners(model: mujoco.MjModel, name: str) -> Matrix:
+    """Return the corners of the boxes around the geoms of a body, in its frame (k, 3) [m]."""
+    body, signs = model.body(name), np.array(list(product((-1.0, 1.0), repeat=3)))
+    points = []
+    for i in range(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0])):
+        R, box = SO3(model.geom_quat[i]).as_matrix(), model.geom_aabb[i]
+        points.append(model.geom_pos[i] + (box[:3] + signs * box[3:]) @ R.T)
+    return np.vstack(points)
+
+
+def _resize(geom: mujoco.MjsGeom, model: mujoco.MjModel, size: float) -> None:
+    if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        raise InvalidValueError(f"size of {geom.name!r}", size, "1 for a mesh")
+    geom.fromto = np.full(6, np.nan)
+    geom.size = size * model.geom_size[geom.id]
+    geom.pos = size * model.geom_pos[geom.id]
+    geom.quat = model.geom_quat[geom.id].copy()

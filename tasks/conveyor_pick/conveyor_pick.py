@@ -129,7 +129,7 @@ class ConveyorPick(Task):
                     yield HOME
                     return gone
                 yield from picker.catch(self._first)
-                yield from hand.place(self._goal(simulation).pose())
+                yield from hand.place(self._goal(simulation).seen())
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise

@@ -104,7 +104,7 @@ class PickPlace(Task):
         for attempt in range(1 + self.retries):
             try:
                 held = yield from hand.pick()
-                yield from hand.place(self._goal(simulation).pose(), held)
+                yield from hand.place(self._goal(simulation).seen(), held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise

@@ -58,6 +58,7 @@ class ObstacleReach(Task):
     force_max: Positive = 1.0
     """Largest contact force: nothing may be touched [N]."""
     name: str = "obstacle_reach"
+    goals_asked_for: ClassVar[bool] = True
     scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:

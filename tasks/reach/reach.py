@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import mujoco
 import numpy as np
@@ -70,6 +70,7 @@ class Reach(Task):
     obstacles: tuple[Obstacle, ...] = (TABLE,)
     """All obstacles."""
     name: str = "reach"
+    goals_asked_for: ClassVar[bool] = True
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""

@@ -14,7 +14,7 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import YELLOW, add_goal, marked_goal, place_goal
+from robo47_qp.tasks.goal import YELLOW, add_goal, marked_goal, place_goal, seen_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import heading, upright
@@ -202,4 +202,4 @@ class Stack(Task):
         )
 
     def _tower(self, simulation: Simulation) -> Tower:
-        return Tower(edge=self.edge, T_world_goal=marked_goal(simulation))
+        return Tower(edge=self.edge, T_world_goal=seen_goal(simulation))

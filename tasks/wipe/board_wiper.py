@@ -124,14 +124,14 @@ class BoardWiper(ItemHandler):
 
     def _over(self, x: float, y: float, height: float) -> SE3:
         """Return the tool pose over a position on the board, at a height in the world [m]."""
-        T_world_board = self.simulation.marker_pose("board")
+        T_world_board = self.simulation.seen_marker("board")
         at = T_world_board @ np.array([x, y, 0.0])
         at[2] = height
         return tool_down(at, heading(T_world_board))
 
     def _y(self) -> np.ndarray:
         """Return the direction of the strokes (3,) [-]."""
-        return self.simulation.marker_pose("board").rotation().as_matrix()[:, 1]
+        return self.simulation.seen_marker("board").rotation().as_matrix()[:, 1]
 
     def _pressed(self) -> Condition:
         """Return the condition that the force has been close to its set value for a while."""

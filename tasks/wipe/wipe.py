@@ -12,6 +12,7 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.goal import seen_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table
@@ -103,7 +104,7 @@ class Wipe(Task):
         """See `Task.program`."""
         hand = self._wiper(simulation)
         home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
-        back = simulation.marker_pose("place of the sponge") @ home
+        back = seen_goal(simulation, "place of the sponge") @ home
         held = False
         for attempt in range(1 + self.retries):
             try:

@@ -60,7 +60,7 @@ class Odd(Reach):
 
 def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
     settings = {"episodes": 3, "workers": 2, "log": tmp_path / "eval.rrd"}
-    settings["perturbations"] = {"friction": chosen.pop("friction", 0.3)}
+    settings["perturbations"] = {"friction": chosen.pop("friction", "0.7:1.3")}
     return EvaluateOptions(**{**settings, **chosen})
 
 
@@ -112,7 +112,7 @@ def test_it_leaves_a_report_a_picture_and_the_failures(done: Path) -> None:
     low, high = report["interval"]
     assert low < report["rate"] < high
     assert [e["seed"] for e in report["entries"]] == [0, 1, 2]
-    assert report["settings"]["perturbation"]["friction"] == 0.3
+    assert report["settings"]["perturbation"]["friction"] == [0.7, 1.3]
     assert report["versions"]["mujoco"]
     assert report["replayed"] == {str(e["seed"]): True for e in failed}
     assert report["timing"]["episodes"] == 3
@@ -213,7 +213,7 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    far = Perturbation(friction=0.3)
+    far = Perturbation(friction=(0.7, 1.3))
     found = evaluate_policy(Odd(), PANDA, episodes=3, perturbation=far)
     assert evaluate(Odd(), PANDA, options(tmp_path / "files"), QUIET) == 0
     again = EvaluationReport.of_json(read(tmp_path / "files"))

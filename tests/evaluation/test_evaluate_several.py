@@ -128,7 +128,12 @@ def without_times(figures: dict[str, Any]) -> dict[str, Any]:
 def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None:
     policies = ("classical", "classical:dls-single")
     chosen = options(
-        tmp_path, episodes=2, policy=policies, ik="lm", failures=0, perturbations={"friction": 0.3}
+        tmp_path,
+        episodes=2,
+        policy=policies,
+        ik="lm",
+        failures=0,
+        perturbations={"friction": "0.7:1.3"},
     )
     assert evaluate(Reach(), PANDA, chosen, QUIET) == 0
     a, b = read(tmp_path, "eval.classical.json"), read(tmp_path, "eval.classical-dls-single.json")
@@ -145,7 +150,7 @@ def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None
     for x, y in zip(a["entries"], b["entries"], strict=True):
         assert x["disturbance"] == y["disturbance"]
         assert x["sha256"] != y["sha256"]
-    frictions = {e["disturbance"]["friction_factor"] for e in a["entries"]}
+    frictions = {e["disturbance"]["friction"] for e in a["entries"]}
     assert len(frictions) == 2
     assert {k: v for k, v in a["settings"].items() if k != "policy"} == {
         k: v for k, v in b["settings"].items() if k != "policy"

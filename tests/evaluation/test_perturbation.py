@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,33 +15,64 @@ from rich.console import Console
 from robo47_qp.cli import main
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
+from robo47_qp.evaluation.perturbation import (
+    PRESETS,
+    Perturbation,
+    options,
+    perturbation_table,
+)
+from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.sim.disturbance import DisturbedSimulation
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.tasks.table import add_table
 from tests.controlled import LOAD
 from tests.runs import Reach
 
-WIDE = Perturbation(object_mass=0.3, friction=0.5, pushes=3, push_force=10.0, push_time=4.0)
+ROOT = Path(__file__).resolve().parents[2]
+LEVELS = ("moderate", "severe")
+WIDE = Perturbation(
+    object_mass=(-0.3, 0.3),
+    object_com=0.01,
+    friction=(0.3, 0.9),
+    link_mass=(-0.05, 0.05),
+    link_com=5e-3,
+    joint_friction=(0.2, 0.6),
+    pushes=3,
+    push_force=10.0,
+    push_time=4.0,
+)
 
 
 def test_nothing_is_wrong_by_default() -> None:
-    drawn = Perturbation().draw(np.random.default_rng(1))
-    assert (drawn.object_mass_factor, drawn.friction_factor) == (1.0, 1.0)
-    assert (drawn.torque_delay, tuple(drawn.pushes), drawn.noisy) == (0.0, (), False)
+    drawn, nothing = Perturbation().draw(np.random.default_rng(1)), Disturbance()
+    for item in dataclasses.fields(Disturbance):
+        assert getattr(drawn, item.name) == getattr(nothing, item.name), item.name
+    assert not drawn.noisy
+    assert not drawn.camera_errs
     assert PRESETS["none"] == Perturbation()
 
 
 def test_draws_fill_their_ranges_evenly() -> None:
     drawn = [WIDE.draw(np.random.default_rng([seed, 1])) for seed in range(400)]
-    for name, width in (("object_mass_factor", 0.3), ("friction_factor", 0.5)):
-        values = np.array([getattr(one, name) for one in drawn])
-        assert 1 - width <= values.min() < 1 - 0.97 * width
-        assert 1 + 0.97 * width < values.max() <= 1 + width
-        assert values.mean() == pytest.approx(1.0, abs=0.1 * width)
-        assert values.std() == pytest.approx(width / np.sqrt(3), rel=0.06)
-    factors = [(one.object_mass_factor, one.friction_factor) for one in drawn]
-    assert abs(np.corrcoef(np.transpose(factors))[0, 1]) < 0.15
+    columns = {}
+    for name, low, high in (
+        ("object_mass_factor", 0.7, 1.3),
+        ("object_com_shift", -0.01, 0.01),
+        ("friction", 0.3, 0.9),
+        ("link_mass_factor", 0.95, 1.05),
+        ("link_com_shift", -5e-3, 5e-3),
+        ("dry_friction", 0.2, 0.6),
+    ):
+        values = np.array([np.ravel(getattr(one, name)) for one in drawn])
+        columns[name] = values[:, :8]
+        span = high - low
+        assert low <= values.min() < low + 0.02 * span
+        assert high - 0.02 * span < values.max() <= high
+        assert values.mean() == pytest.approx((low + high) / 2, abs=0.05 * span)
+        assert values.std() == pytest.approx(span / np.sqrt(12), rel=0.06)
+    # Each link, joint and object has a value of its own.
+    together = np.hstack(list(columns.values()))
+    assert np.abs(np.corrcoef(together.T) - np.eye(together.shape[1])).max() < 0.25
     forces = np.array([push.force for one in drawn for push in one.pushes])
     sizes = np.linalg.norm(forces, axis=1)
     assert 9.8 < sizes.max() <= 10.0
@@ -51,13 +83,22 @@ def test_draws_fill_their_ranges_evenly() -> None:
     assert starts.mean() == pytest.approx(2.0, rel=0.06)
 
 
+def test_a_number_is_the_same_for_everything_in_every_episode() -> None:
+    fixed = Perturbation(link_mass=0.05, joint_friction=0.5, object_mass=-0.2, friction=0.4)
+    drawn = fixed.draw(np.random.default_rng(1))
+    assert drawn.link_mass_factor == 1.05
+    assert (drawn.dry_friction, drawn.wrist_friction) == (0.5, 0.6)
+    assert (drawn.object_mass_factor, drawn.friction) == (0.8, 0.4)
+
+
 def test_what_is_asked_for_does_not_change_what_else_is_drawn() -> None:
     """Paired: the world of a seed has the same friction with and without pushes."""
     full, less = (
         one.draw(np.random.default_rng(5))
-        for one in (WIDE, dataclasses.replace(WIDE, object_mass=0.0, pushes=1))
+        for one in (WIDE, dataclasses.replace(WIDE, object_mass=0.0, link_com=0.0, pushes=1))
     )
-    assert full.friction_factor == less.friction_factor
+    assert full.friction == less.friction
+    assert np.array_equal(full.link_mass_factor, less.link_mass_factor)
     assert less.object_mass_factor == 1.0
     assert less.pushes[0].force.tolist() == full.pushes[0].force.tolist()
     rngs = [np.random.default_rng(5), np.random.default_rng(5)]
@@ -67,11 +108,25 @@ def test_what_is_asked_for_does_not_change_what_else_is_drawn() -> None:
 
 
 def test_the_levels_are_as_told() -> None:
-    drawn = PRESETS["moderate"].draw(np.random.default_rng(1))
-    assert (drawn.pose_noise, drawn.heading_noise, drawn.torque_delay) == (5e-3, 0.0, 2e-3)
-    assert PRESETS["moderate"].object_mass == PRESETS["moderate"].friction == 0.3
-    for name, value in vars(PRESETS["severe"]).items():
-        assert value is None or value >= getattr(PRESETS["moderate"], name)
+    """As docs/evaluation.md has them, in its units."""
+    page = (ROOT / "docs" / "evaluation.md").read_text()
+    assert perturbation_table() in page
+    rows = [line.split("|")[1:-1] for line in perturbation_table().splitlines()[2:]]
+    told = {row[0].split("`")[1].strip("-"): [cell.strip() for cell in row[2:]] for row in rows}
+    assert told["link-mass"] == ["±0.05", "±0.1"]
+    assert told["joint-friction"] == ["0.2 to 0.6", "0.4 to 1.2"]
+    assert told["torque-delay"] == ["0.5 to 1", "1 to 2"]
+    assert told["occlusion"] == ["0", "0"]
+    assert len(rows) == len(options())
+    moderate, severe = (PRESETS[name].draw(np.random.default_rng(1)) for name in LEVELS)
+    for one in dataclasses.fields(Disturbance):
+        if one.name not in ("payload", "pushes", "velocity_cutoff"):
+            milder, worse = (
+                np.ravel(getattr(drawn, one.name)).astype(float) for drawn in (moderate, severe)
+            )
+            neutral = np.ravel(getattr(Disturbance(), one.name)).astype(float)[0]
+            if one.name not in ("friction", "dry_friction", "state_delay", "torque_delay"):
+                assert np.abs(worse - neutral).max() >= np.abs(milder - neutral).max(), one.name
 
 
 def test_single_options_stand_in_place_of_those_of_the_level() -> None:
@@ -99,8 +154,9 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
         ({"torque_delay": np.nan}, "torque_delay must be 0 or more and finite: .* found nan"),
         ({"link_mass": (-1.5, 0.1)}, "link_mass must be above -1 and finite: one number, or two"),
         ({"joint_friction": (0.6, 0.2)}, "joint_friction must be .* two in rising order; found"),
-        ({"object_mass": 1.0}, "object_mass must be at least 0 and below 1; found 1"),
-        ({"friction": 1.5}, "friction must be at least 0 and below 1; found 1.5"),
+        ({"object_mass": -1.0}, "object_mass must be above -1 and finite: .*; found -1"),
+        ({"friction": (-0.1, 0.3)}, "friction must be 0 or more and finite: .*; found"),
+        ({"outliers": 1.5}, "outliers must be at least 0 and below 1; found 1.5"),
         ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite; found 0"),
         ({"pushes": 4}, "pushes must be a whole number, at least 0 and at most 3; found 4"),
     ],
@@ -113,7 +169,7 @@ def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> No
 @pytest.mark.parametrize(
     ("chosen", "message"),
     [
-        ({"mass": 1.5}, r"^--mass must be at least 0 and below 1; found 1.5\.$"),
+        ({"mass": -1.5}, r"^--mass must be above -1 and finite: .*; found -1.5\.$"),
         ({"state_delay": "-2"}, r"^--state-delay must be 0 or more and finite: .*; found -2\.$"),
         ({"link_mass": "a:b"}, r"^--link-mass must be a number, or a range such as 0.1:0.2; f"),
         ({"link_mass": "0.1:0.2:0.3"}, r"^--link-mass must be .* two in rising order; found 0.1:"),
@@ -150,12 +206,21 @@ class Effect:
 
 PUSHED = {"pushes": 1, "push_force": 30.0, "push_time": 0.0}
 EFFECTS = {
-    "pose_noise": Effect(0.01, {"seen position"}),
-    "heading_noise": Effect(0.1, {"seen heading"}),
-    "pose_bias": Effect(0.01, {"seen position"}),
-    "camera_rate": Effect(60.0, {"seen position"}, {"pose_noise": 0.01}),
-    "object_mass": Effect(0.5, {"mass"}),
-    "friction": Effect(0.5, {"friction"}),
+    "pose_noise": Effect(0.01, {"seen frame", "seen position", "seen goal"}),
+    "heading_noise": Effect(0.1, {"seen frame", "seen heading", "seen goal"}),
+    "pose_noise_time": Effect(0.3, {"seen position", "seen goal"}, {"pose_noise": 0.01}),
+    "pose_bias": Effect(0.01, {"seen frame", "seen position", "seen goal"}),
+    "rotation_bias": Effect(0.05, {"seen frame", "seen position", "seen heading", "seen goal"}),
+    "camera_rate": Effect(60.0, {"seen position", "seen goal", "seen frame"}, {"pose_noise": 0.01}),
+    "camera_latency": Effect(50.0, {"seen frame"}),
+    "dropped_frames": Effect(0.5, {"seen frame"}),
+    "outliers": Effect(0.5, {"seen position", "seen goal", "seen frame"}),
+    "outlier_size": Effect(0.05, {"seen position", "seen goal"}, {"outliers": 0.5}),
+    "occlusion": Effect(1, {"seen frame", "hidden"}),
+    "object_mass": Effect("-0.5:0.5", {"mass"}),
+    "object_com": Effect(0.01, {"mass", "seen position"}),
+    "object_size": Effect(0.05, {"size", "seen position"}),
+    "friction": Effect("0.3:0.9", {"friction"}),
     "link_mass": Effect("-0.05:0.05", {"motion", "links"}),
     "link_inertia": Effect("-0.1:0.1", {"motion", "links"}),
     "link_com": Effect(0.005, {"motion", "links"}),
@@ -175,7 +240,15 @@ EFFECTS = {
     "push_time": Effect(0.05, {"motion"}, PUSHED),
 }
 """Every perturbation has an entry: whoever adds one says here what it changes."""
-NO_ZERO = {"camera_rate", "push_time", "wrist_friction", "velocity_cutoff"}
+NO_ZERO = {
+    "camera_rate",
+    "push_time",
+    "pose_noise_time",
+    "wrist_friction",
+    "velocity_cutoff",
+    "outlier_size",
+    "friction",
+}
 """Those that say how, and not how much."""
 
 
@@ -183,7 +256,9 @@ def brick(spec: mujoco.MjSpec) -> None:
     add_table(spec)
     body = spec.worldbody.add_body(name="brick", pos=[0.5, 0.2, 0.02])
     body.add_freejoint()
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02] * 3, mass=0.2)
+    body.add_geom(name="brick", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02] * 3, mass=0.2)
+    goal = spec.worldbody.add_body(name="goal", mocap=True, pos=[0.4, -0.2, 0.0])
+    goal.add_geom(size=[0.01, 0.0, 0.0], contype=0, conaffinity=0)
 
 
 @cache
@@ -201,7 +276,9 @@ def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
         # An object at rest: what is seen of it does not depend on the arm.
         seen.append(np.concatenate([pose.translation(), [yaw], true.q, said.q - true.q]))
         felt = world.felt_force() - world.last_tool_force()
-        seen[-1] = np.concatenate([seen[-1], said.v - true.v, felt])
+        age = world.time - world.seen_time("brick")
+        goal = world.seen_marker("goal").wxyz_xyz
+        seen[-1] = np.concatenate([seen[-1], said.v - true.v, felt, goal, [age]])
     rows, m = np.round(seen, 6), world.model
     told = world.told_payload(LOAD)
     dofs, links = slice(0, 7), slice(1, 12)
@@ -211,13 +288,29 @@ def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
         "motion": rows[:, 4:11],
         "measured q": rows[:, 11:18],
         "measured v": rows[:, 18:25],
-        "measured force": rows[:, 25:],
+        "measured force": rows[:, 25:28],
+        "seen goal": rows[:, 28:35],
+        "seen frame": rows[:, 35:],
+        "hidden": np.array([_hides_in_the_hand(world)]),
+        "size": m.geom("brick").size.copy(),
         "links": np.c_[m.body_mass, m.body_inertia, m.body_ipos][links],
         "joints": np.c_[m.dof_frictionloss, m.dof_damping, m.dof_armature][dofs],
         "payload told": np.array([told.mass, *told.inertia]),
-        "mass": m.body("brick").mass.copy(),
+        "mass": np.array([*m.body("brick").mass, *m.body("brick").ipos]),
         "friction": m.geom_friction.copy(),
     }
+
+
+def _hides_in_the_hand(world: DisturbedSimulation) -> bool:
+    """Whether a brick that the fingers close on is not seen any more."""
+    placed = 0.0
+    for k in range(700):
+        if k == 450:
+            world.place_object("brick", world.tool_pose())
+            placed = world.time
+        world.command_grip(Grip(width=0.045 if k < 450 else 0.0, force=30.0))
+        world.step(world.motor_torque())
+    return world.seen_time("brick") < placed + 0.034
 
 
 @pytest.mark.parametrize("option", options())

@@ -91,7 +91,7 @@ def test_an_episode_is_the_same_to_the_bit_with_a_recording_and_after_others(
     assert noisy.sha256 is not None
     assert len(noisy.sha256) == 64
     assert other.sha256 != noisy.sha256
-    assert other.disturbance["friction_factor"] != noisy.disturbance["friction_factor"]
+    assert other.disturbance["friction"] != noisy.disturbance["friction"]
 
 
 def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> None:
@@ -105,7 +105,7 @@ def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> N
     assert not set(entry["timing"]) & set(entry["metrics"])
     assert not set(entry["measures"]) & set(entry["metrics"])
     assert entry["audit_ok"] is (entry["broken_promises"] == [])
-    assert entry["disturbance"]["torque_delay"] == 2e-3
+    assert entry["disturbance"]["torque_delay"] == [0.5e-3, 1e-3]
     assert EpisodeResult.of_entry(entry).entry() == entry
 
 
@@ -126,8 +126,8 @@ def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None
             "x": 0.5,
             "y": y,
             "z": 0.02 + size,
-            "mass": 0.2 * drawn.object_mass_factor,
-            "friction": drawn.friction_factor,
+            "mass": 0.2 * np.asarray(drawn.object_mass_factor)[0],
+            "friction": drawn.friction,
         }
     )
     plain = episode()(SPEC)

@@ -5,6 +5,7 @@ from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
@@ -45,7 +46,7 @@ def test_noise_needs_a_generator(robot: Robot) -> None:
         DisturbedSimulation(robot, no_objects, Disturbance(noise_q=1e-3))
     with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
         DisturbedSimulation(robot, no_objects, Disturbance(noise_force=0.1))
-    for camera in ("pose_noise", "heading_noise", "pose_bias"):
+    for camera in ("pose_noise", "heading_noise", "pose_bias", "rotation_bias", "outliers"):
         with pytest.raises(InvalidValueError, match="rng must be a numpy Generator"):
             DisturbedSimulation(robot, no_objects, Disturbance(**{camera: 0.1}))  # type: ignore[arg-type]
 
@@ -105,7 +106,9 @@ def test_a_push_is_a_force_at_the_tool_for_its_time(robot: Robot, arm: Arm) -> N
         ({"link_com_shift": [0.0, np.nan, 0.0]}, "link_com_shift must be"),
         ({"dry_friction": -0.1}, "dry_friction must be 0 or more and finite"),
         ({"object_mass_factor": 0.0}, "object_mass_factor must be above 0 and finite"),
-        ({"friction_factor": -1.0}, "friction_factor must be above 0 and finite"),
+        ({"friction": -1.0}, "friction must be 0 or more and finite"),
+        ({"dropped_frames": 1.0}, "dropped_frames must be at least 0 and below 1"),
+        ({"occlusion": 2}, "occlusion must be a whole number, at least 0 and at most 1"),
         ({"pose_noise": np.inf}, "pose_noise must be 0 or more and finite"),
         ({"heading_noise": -1.0}, "heading_noise must be 0 or more and finite"),
         ({"pose_bias": -1.0}, "pose_bias must be 0 or more and finite"),
@@ -201,6 +204,8 @@ def test_a_frame_shows_where_things_were_when_it_was_taken() -> None:
     )
     with pytest.raises(UnknownNameError, match="No object is called 'none'"):
         sim.seen_pose("none")
+    with pytest.raises(UnknownNameError, match="No marker is called 'none'"):
+        sim.seen_time("none")
 
 
 def test_what_is_seen_depends_on_seed_and_frame_and_not_on_who_asks() -> None:
@@ -254,11 +259,105 @@ def test_only_what_moves_freely_gets_heavier() -> None:
     assert heavy.body_subtreemass[0] == pytest.approx(plain.body_subtreemass[0] + 0.3 * 0.4)
 
 
-@pytest.mark.parametrize(("factor", "slides"), [(0.6, True), (1.6, False)])
-def test_friction_decides_what_slides(factor: float, slides: bool) -> None:
-    """On a slope of tan 0.95, with a friction of 1.0 in the model."""
-    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(friction_factor=factor))
+@pytest.mark.parametrize(("friction", "slides"), [(0.8, True), (1.1, False)])
+def test_friction_decides_what_slides(friction: float, slides: bool) -> None:
+    """On a slope of tan 0.95."""
+    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(friction=friction))
     sim.model.opt.gravity[:] = [0.95 * 5.0, 0.0, -5.0]
     start = sim.object_pose("right").translation()[0]
     hold(sim, 0.2)
     assert bool(sim.object_pose("right").translation()[0] - start > 0.01) is slides
+
+
+def test_each_object_has_its_own_mass() -> None:
+    wrong = Disturbance(object_mass_factor=[0.7, 1.3, 9.0])
+    sim = DisturbedSimulation(PANDA, two_bricks, wrong)
+    masses = [sim.model.body(name).mass[0] for name in sim.objects]
+    assert masses == pytest.approx([0.7 * 0.2, 1.3 * 0.2])
+    assert np.shape(sim.disturbance.object_mass_factor) == (2,)
+    assert not sim.weights_known
+
+
+@pytest.mark.parametrize(("asked", "tips"), [(0.008, False), (0.012, True)])
+def test_a_brick_tips_over_an_edge_once_its_centre_of_mass_is_beyond(
+    asked: float, tips: bool
+) -> None:
+    """It lies with 30 of its 40 mm on the table: 10 mm from its middle to the edge."""
+    wrong = Disturbance(object_com_shift=[asked, 0.0, 0.0])
+    sim = DisturbedSimulation(PANDA, two_bricks, wrong)
+    sim.place_object("right", SE3.from_translation(np.array([0.79, 0.0, 0.02])))
+    hold(sim, 0.4)
+    assert bool(sim.object_pose("right").translation()[2] < 0.015) is tips
+
+
+def test_a_centre_of_mass_stays_inside() -> None:
+    wrong = Disturbance(object_com_shift=[0.5, -0.01, 0.0])
+    model = DisturbedSimulation(PANDA, two_bricks, wrong).model
+    assert model.body("left").ipos == pytest.approx([0.014, -0.01, 0.0])
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.1])
+def test_an_object_of_another_size_stands_where_it_stood_with_its_mass(factor: float) -> None:
+    sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(object_size_factor=factor))
+    plain = Simulation(PANDA, two_bricks)
+    brick, was = sim.model.geom("left"), plain.model.geom("left")
+    assert brick.size == pytest.approx(factor * was.size)
+    assert sim.model.body("left").mass[0] == pytest.approx(0.2)
+    assert sim.model.body("left").inertia == pytest.approx(
+        factor**2 * plain.model.body("left").inertia
+    )
+    assert sim.object_pose("left").translation()[2] == pytest.approx(0.02 * factor)
+    tilted = SO3.from_x_radians(0.3)
+    low = 0.02 * (np.cos(0.3) + np.sin(0.3))
+    pose = SE3.from_rotation_and_translation(tilted, np.array([0.4, 0.0, low]))
+    sim.place_object("left", pose)
+    assert sim.object_pose("left").translation()[2] == pytest.approx(factor * low)
+    sim.reset()
+    hold(sim, 0.05)
+    assert sim.object_pose("left").translation()[2] == pytest.approx(0.02 * factor, abs=2e-4)
+
+
+def gripped(spec: mujoco.MjSpec) -> None:
+    """A brick that is placed between the fingers, one beside, and a goal."""
+    two_bricks(spec)
+    next(body for body in spec.bodies if body.name == "left").gravcomp = 1.0
+    goal = spec.worldbody.add_body(name="goal", mocap=True, pos=[0.5, 0.2, 0.0])
+    goal.add_geom(size=[0.01, 0.0, 0.0], contype=0, conaffinity=0)
+
+
+def test_what_the_fingers_hold_is_hidden_and_what_lies_there_is_seen() -> None:
+    sim = DisturbedSimulation(PANDA, gripped, Disturbance(occlusion=1))
+    sim.place_object("left", sim.tool_pose())
+    assert sim.seen_pose("left").as_matrix() == pytest.approx(sim.tool_pose().as_matrix())
+    sim.command_grip(Grip(width=0.0, force=20.0))
+    hold(sim, 0.5)
+    since, moved = sim.seen_time("left"), sim.seen_time("right")
+    assert since < 0.42
+    assert moved == pytest.approx(0.5, abs=0.034)
+    hold(sim, 0.2)
+    assert sim.seen_time("left") == since
+    sim.command_grip(Grip(width=0.08, force=20.0))
+    hold(sim, 0.5)
+    assert sim.seen_time("left") > 0.9
+
+
+def test_goals_are_seen_with_the_error_of_all_things_and_poses_asked_for_are_exact() -> None:
+    wrong = Disturbance(pose_bias=0.01, rotation_bias=0.02)
+    seeing, asked = (
+        DisturbedSimulation(
+            PANDA, gripped, wrong, np.random.default_rng(4), goals_asked_for=is_asked
+        )
+        for is_asked in (False, True)
+    )
+    goal, brick = seeing.marker_pose("goal"), seeing.object_pose("left")
+    between = goal.inverse() @ brick
+    seen = seeing.seen_marker("goal").inverse() @ seeing.seen_pose("left")
+    assert seen.as_matrix() == pytest.approx(between.as_matrix(), abs=1e-9)
+    off = seeing.seen_marker("goal").translation() - goal.translation()
+    assert np.linalg.norm(off) > 1e-3
+    assert asked.seen_marker("goal").wxyz_xyz.tolist() == goal.wxyz_xyz.tolist()
+    moved = SE3.from_translation(np.array([0.01, 0.0, 0.0])) @ goal
+    seeing.place_marker("goal", moved)
+    assert seeing.seen_marker("goal").translation() - goal.translation() == pytest.approx(
+        off + np.array([0.01, 0.0, 0.0]), abs=1e-3
+    )

@@ -128,7 +128,7 @@ def test_the_force_at_the_wrist_is_noisy_and_the_truth_is_not() -> None:
 def test_the_force_drifts_slowly_from_a_start_that_differs() -> None:
     starts, changes = [], []
     for seed in range(400):
-        sensor, rng = ForceSensor(SensorErrors(force_drift=1.0)), np.random.default_rng(seed)
+        sensor, rng = ForceSensor(SensorErrors(force_drift=1.0), 30.0), np.random.default_rng(seed)
         sensor.start(rng)
         starts.append(sensor.error.copy())
         for _ in range(300):

@@ -83,11 +83,11 @@ def _spread(axes: Axes, results: Sequence[EpisodeResult], metric: str, label: st
 
 
 def _factors(result: EpisodeResult) -> tuple[float, float] | None:
-    """Return mass of the objects and friction relative to the models; None if unknown."""
+    """Return mean mass of the objects relative to the models, and friction; None if unknown."""
     wrong = result.disturbance
-    if "object_mass_factor" not in wrong:
+    if wrong.get("friction") is None:
         return None
-    return wrong["object_mass_factor"], wrong["friction_factor"]
+    return float(np.mean(wrong["object_mass_factor"])), wrong["friction"]
 
 
 def _disturbance(axes: Axes, results: Sequence[EpisodeResult]) -> None:
@@ -95,4 +95,4 @@ def _disturbance(axes: Axes, results: Sequence[EpisodeResult]) -> None:
     for success, colour, marker in ((True, _GOOD, "."), (False, _BAD, "x")):
         drawn = [f for r in results if r.success is success and (f := _factors(r)) is not None]
         axes.plot(*np.reshape(drawn, (-1, 2)).T, marker, color=colour, alpha=0.7)
-    axes.set(xlabel="mass of the objects / modelled", ylabel="friction / modelled")
+    axes.set(xlabel="mass of the objects / modelled", ylabel="friction [-]")

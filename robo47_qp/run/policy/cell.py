@@ -38,7 +38,7 @@ class PolicyCell:
             width=None if arm.robot.gripper is None else sim.width(),
             force=sim.felt_force(),
             objects={name: vector_of(sim.seen_pose(name)) for name in sim.objects},
-            markers={name: vector_of(sim.marker_pose(name)) for name in sim.markers},
+            markers={name: vector_of(sim.seen_marker(name)) for name in sim.markers},
         )
 
     def carry_out(self, action: Action, periods: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
@@ -117,9 +117,10 @@ def test_a_grip_is_as_fast_as_the_gripper_at_most() -> None:
 def test_in_a_cell_that_errs_an_item_is_grasped_and_carried_within_all_limits() -> None:
     """An item of 0.4 kg that weighs 0.33 kg, seen to 5 mm by frame: met hard, and taken to be
     heavier than it is, it breaks three promises."""
-    episode = TaskEpisode(robot=PANDA, task=PickPlace(), perturbation=PRESETS["moderate"])
-    scenario = episode.scenario(505)
-    run = Runner(scenario, episode.simulation(scenario, 505)).run()
+    errs = Perturbation(pose_noise=5e-3, object_mass=(-0.3, 0.3), torque_delay=2e-3)
+    episode = TaskEpisode(robot=PANDA, task=PickPlace(), perturbation=errs)
+    scenario = episode.scenario(521)
+    run = Runner(scenario, episode.simulation(scenario, 521)).run()
     assert run.failure is None
     assert [str(finding) for finding in audit(run) if not finding.ok] == []
     # Nothing of this is promised of an arm that yields, and yet it is so.
