@@ -1,6 +1,6 @@
 """Goal: the pose at which an item is to stand on the table, shown by a marker without contacts."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -8,7 +8,9 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.steps import StepLike
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import TABLE_TOP
@@ -47,9 +49,9 @@ def marked_goal(simulation: Simulation) -> SE3:
     return simulation.marker_pose(_NAME)
 
 
-def seen_goal(simulation: Simulation, marker: str = _NAME) -> SE3:
-    """Return T_world_goal as the camera sees a marker, at the height of the table."""
-    seen = simulation.seen_marker(marker)
+def estimate_goal(simulation: Simulation, marker: str = _NAME) -> Generator[StepLike, None, SE3]:
+    """Estimate T_world_goal of a marker on the table, at whose height it is, by the camera."""
+    seen = yield from estimate_pose(simulation, marker)
     x, y, _ = seen.translation()
     return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
 
@@ -65,9 +67,10 @@ class Goal:
         """Return T_world_item of the item when it stands on the marker."""
         return self._on(marked_goal(self.simulation))
 
-    def seen(self) -> SE3:
-        """Return the same pose for the marker as the camera sees it."""
-        return self._on(seen_goal(self.simulation))
+    def estimate(self) -> Generator[StepLike, None, SE3]:
+        """Estimate the same pose by the camera."""
+        T_world_goal = yield from estimate_goal(self.simulation)
+        return self._on(T_world_goal)
 
     def _on(self, T_world_goal: SE3) -> SE3:
         up = np.array([0.0, 0.0, 0.5 * self.item.height])

@@ -189,13 +189,12 @@ class DisturbedSimulation(Simulation):
         factor = self.disturbance.payload_factor
         if factor == 1.0:
             return payload
-        if id(payload) not in self._told:
+        if payload not in self._told:
             moments = payload.inertia
             inertia = (factor * moments[0], factor * moments[1], factor * moments[2])
             wrong = replace(payload, mass=factor * payload.mass, inertia=inertia)
-            # With the payload itself, so that its id is not given away.
-            self._told[id(payload)] = payload, wrong
-        return self._told[id(payload)][1]
+            self._told[payload] = wrong
+        return self._told[payload]
 
     def seen_pose(self, name: str) -> SE3:
         """See `Simulation.seen_pose`; measured in the last frame that has arrived."""

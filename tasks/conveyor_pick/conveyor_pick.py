@@ -129,7 +129,8 @@ class ConveyorPick(Task):
                     yield HOME
                     return gone
                 yield from picker.catch(self._first)
-                yield from hand.place(self._goal(simulation).seen())
+                goal = yield from self._goal(simulation).estimate()
+                yield from hand.place(goal)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise

@@ -18,11 +18,11 @@ _FRAME = 1.0 / 30.0
 def estimate_pose(
     simulation: Simulation, name: str, height: float | None = None
 ) -> Generator[StepLike, None, SE3]:
-    """Estimate the pose of an object at rest while the arm stands still.
+    """Estimate the pose of an object at rest, or of a marker, while the arm stands still.
 
     Args:
         simulation: The simulated world.
-        name: Name of the object.
+        name: Name of the object or the marker.
         height: Known height of its frame in the world; replaces the one of a noisy camera [m].
 
     Returns:
@@ -39,7 +39,7 @@ def estimate_pose(
 def estimate_poses(
     simulation: Simulation, names: Sequence[str]
 ) -> Generator[StepLike, None, dict[str, SE3]]:
-    """Estimate the poses of several objects from the same images; see `look`.
+    """Estimate the poses of several objects or markers from the same images; see `look`.
 
     The mean of n images with independent errors σ has the error σ/√n.
 
@@ -47,12 +47,18 @@ def estimate_poses(
         T_world_object by name.
     """
     frames = max(1, int(np.ceil((simulation.camera_noise / _GOOD_ENOUGH) ** 2)))
-    seen = [[simulation.seen_pose(name)] for name in names]
+    seen = [[_seen(simulation, name)] for name in names]
     for _ in range(frames - 1 if names else 0):
         yield Wait(name=f"look at {', '.join(names)}", seconds=_FRAME)
         for poses, name in zip(seen, names, strict=True):
-            poses.append(simulation.seen_pose(name))
+            poses.append(_seen(simulation, name))
     return {name: _mean(poses) for name, poses in zip(names, seen, strict=True)}
+
+
+def _seen(simulation: Simulation, name: str) -> SE3:
+    if name in simulation.markers:
+        return simulation.seen_marker(name)
+    return simulation.seen_pose(name)
 
 
 def _mean(poses: Sequence[SE3]) -> SE3:

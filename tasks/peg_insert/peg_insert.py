@@ -13,6 +13,7 @@ from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, unfinished
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
@@ -98,7 +99,7 @@ class PegInsert(Task):
 
     def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        hand = self._inserter(simulation)
+        hand = self._inserter(simulation, simulation.marker_pose("hole seen"))
         T_world_peg = simulation.object_pose(self.peg.name)
         *approach, descend = hand.approach(T_world_peg)
         grasp = self.peg.grasp(T_world_peg, simulation.gripper.width_max)
@@ -107,7 +108,7 @@ class PegInsert(Task):
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
-        hand = self._inserter(simulation)
+        hand = self._inserter(simulation, (yield from estimate_pose(simulation, "hole seen")))
         radius, pitch, offset = self.search_radius, PITCH, None
         for attempt in range(1 + self.retries):
             try:
@@ -162,7 +163,7 @@ class PegInsert(Task):
             "tilt_rad": float(np.arccos(np.clip(upwards, -1.0, 1.0))),
         }
 
-    def _inserter(self, simulation: Simulation) -> "PegInserter":
+    def _inserter(self, simulation: Simulation, T_world_hole: SE3) -> "PegInserter":
         return PegInserter(
             simulation=simulation,
             item=self.peg,
@@ -170,4 +171,5 @@ class PegInsert(Task):
             force=self.grip_force,
             search_force=self.search_force,
             insert_force=self.insert_force,
+            T_world_hole=T_world_hole,
         )

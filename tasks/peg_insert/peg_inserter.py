@@ -38,6 +38,8 @@ class PegInserter(ItemHandler):
     """Force on the peg during the search for the hole [N]."""
     insert_force: float
     """Force on the peg during insertion [N]."""
+    T_world_hole: SE3
+    """Estimated pose of the hole."""
 
     def offset(self) -> Generator[StepLike, None, np.ndarray]:
         """Return the position of the peg's axis in the plane of the tool (2,) [m].
@@ -115,7 +117,7 @@ class PegInserter(ItemHandler):
     @property
     def _axis(self) -> np.ndarray:
         """Return the direction out of the hole, as far as it is known (3,) [-]."""
-        return self.simulation.seen_marker("hole seen").rotation().as_matrix()[:, 2]
+        return self.T_world_hole.rotation().as_matrix()[:, 2]
 
     def _tool_on_top(self, offset: np.ndarray) -> SE3:
         """Return the tool pose with the peg's end on the block, over the estimated hole."""
@@ -124,7 +126,7 @@ class PegInserter(ItemHandler):
         tilt = SO3.exp(sine)
         rotation = tilt @ tool_down([0.0, 0.0, 0.0]).rotation()
         end = np.array([*offset, self.item.height - BELOW_TOP])
-        hole = self.simulation.seen_marker("hole seen").translation()
+        hole = self.T_world_hole.translation()
         return SE3.from_rotation_and_translation(rotation, hole - rotation.as_matrix() @ end)
 
     def _height(self, offset: np.ndarray) -> float:

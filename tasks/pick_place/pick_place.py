@@ -101,10 +101,11 @@ class PickPlace(Task):
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
         hand = self._handling(simulation)
+        goal = yield from self._goal(simulation).estimate()
         for attempt in range(1 + self.retries):
             try:
                 held = yield from hand.pick()
-                yield from hand.place(self._goal(simulation).seen(), held)
+                yield from hand.place(goal, held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise

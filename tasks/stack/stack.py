@@ -14,7 +14,7 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import YELLOW, add_goal, marked_goal, place_goal, seen_goal
+from robo47_qp.tasks.goal import YELLOW, add_goal, estimate_goal, marked_goal, place_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import heading, upright
@@ -117,16 +117,16 @@ class Stack(Task):
     def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.preview`."""
         steps: list[StepLike] = []
-        tower = self._tower(simulation)
+        tower = self._tower(marked_goal(simulation))
         for level, cube in enumerate(self.cubes):
             T_world_cube = simulation.object_pose(cube.name)
-            hand = self._hand(simulation, cube, T_world_cube)
+            hand = self._hand(simulation, tower, cube, T_world_cube)
             steps += hand.foreseen(T_world_cube, tower.level(level))
         return [*steps, HOME]
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
-        tower = self._tower(simulation)
+        tower = self._tower((yield from estimate_goal(simulation)))
         left = len(self.cubes) + self.retries
         while left:
             seen = yield from estimate_poses(simulation, [cube.name for cube in self.cubes])
@@ -135,7 +135,7 @@ class Stack(Task):
                 break
             left -= 1
             cube = next(cube for cube in self.cubes if cube.name == loose[0])
-            hand = self._hand(simulation, cube, seen[cube.name])
+            hand = self._hand(simulation, tower, cube, seen[cube.name])
             try:
                 yield from self._add(hand, tower, seen)
             except StepFailed as error:
@@ -188,8 +188,9 @@ class Stack(Task):
             goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
         yield from hand.place(goal, held)
 
-    def _hand(self, simulation: Simulation, cube: Item, T_world_cube: SE3) -> ItemHandler:
-        tower = self._tower(simulation)
+    def _hand(
+        self, simulation: Simulation, tower: Tower, cube: Item, T_world_cube: SE3
+    ) -> ItemHandler:
         top = tower.height(len(self.cubes) - 1)
         item, turn = upright_item(cube, T_world_cube)
         return ItemHandler(
@@ -201,5 +202,5 @@ class Stack(Task):
             T_item_standing=turn,
         )
 
-    def _tower(self, simulation: Simulation) -> Tower:
-        return Tower(edge=self.edge, T_world_goal=seen_goal(simulation))
+    def _tower(self, T_world_goal: SE3) -> Tower:
+        return Tower(edge=self.edge, T_world_goal=T_world_goal)

@@ -33,6 +33,8 @@ class BoardWiper(ItemHandler):
 
     settings: WipeSettings
     monitor: WipeMonitor
+    T_world_board: SE3
+    """Estimated pose of the board, but for its height."""
 
     def wipe(self) -> Generator[StepLike, None, None]:
         """Lower the sponge to the board, wipe and lift it; fails with DROP or TIMEOUT."""
@@ -124,14 +126,13 @@ class BoardWiper(ItemHandler):
 
     def _over(self, x: float, y: float, height: float) -> SE3:
         """Return the tool pose over a position on the board, at a height in the world [m]."""
-        T_world_board = self.simulation.seen_marker("board")
-        at = T_world_board @ np.array([x, y, 0.0])
+        at = self.T_world_board @ np.array([x, y, 0.0])
         at[2] = height
-        return tool_down(at, heading(T_world_board))
+        return tool_down(at, heading(self.T_world_board))
 
     def _y(self) -> np.ndarray:
         """Return the direction of the strokes (3,) [-]."""
-        return self.simulation.seen_marker("board").rotation().as_matrix()[:, 1]
+        return self.T_world_board.rotation().as_matrix()[:, 1]
 
     def _pressed(self) -> Condition:
         """Return the condition that the force has been close to its set value for a while."""

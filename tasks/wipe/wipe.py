@@ -12,8 +12,9 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import seen_goal
+from robo47_qp.tasks.goal import estimate_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 from robo47_qp.tasks.task_state import task_state
@@ -92,7 +93,7 @@ class Wipe(Task):
 
     def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        hand = self._wiper(simulation)
+        hand = self._wiper(simulation, simulation.marker_pose("board"))
         T_world_sponge = simulation.object_pose(self.sponge.name)
         *approach, descend = hand.approach(T_world_sponge)
         grasp = self.sponge.grasp(T_world_sponge, simulation.gripper.width_max)
@@ -102,9 +103,9 @@ class Wipe(Task):
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
-        hand = self._wiper(simulation)
+        hand = self._wiper(simulation, (yield from estimate_pose(simulation, "board")))
         home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
-        back = seen_goal(simulation, "place of the sponge") @ home
+        back = (yield from estimate_goal(simulation, "place of the sponge")) @ home
         held = False
         for attempt in range(1 + self.retries):
             try:
@@ -164,7 +165,7 @@ class Wipe(Task):
             "sponge_error_m": float(np.linalg.norm(sponge - place - up)),
         }
 
-    def _wiper(self, simulation: Simulation) -> "BoardWiper":
+    def _wiper(self, simulation: Simulation, T_world_board: SE3) -> "BoardWiper":
         above = SURFACE + 0.10 + self.sponge.height
         return BoardWiper(
             simulation=simulation,
@@ -173,6 +174,7 @@ class Wipe(Task):
             force=40.0,
             settings=self.settings,
             monitor=self._monitor(simulation),
+            T_world_board=T_world_board,
         )
 
     def _monitor(self, simulation: Simulation) -> WipeMonitor:
