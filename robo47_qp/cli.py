@@ -85,6 +85,9 @@ class StackOptions:
     """QP solver for --ik mink and qp, also with -single."""
     controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
     """Controller that tracks the planned motion."""
+    observer: bool = True
+    """Estimate the joints' state and compensate what disturbs them, such as heavier links, an
+    unknown payload and dry friction; without it, the measured state is taken as it is."""
     speed: float = ClassicalStack.pace
     """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
 
@@ -98,7 +101,11 @@ class StackOptions:
         """
         try:
             return ClassicalStack(
-                ik=self.ik, qp_solver=self.qp_solver, controller=self.controller, pace=self.speed
+                ik=self.ik,
+                qp_solver=self.qp_solver,
+                controller=self.controller,
+                observer=ClassicalStack.observer if self.observer else None,
+                pace=self.speed,
             )
         except InvalidValueError as error:
             option = {"pace": "--speed", "qp_solver": "--qp-solver"}[error.name]

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import mujoco
 
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.ik.dls import DlsIk
@@ -49,6 +51,7 @@ QP_SOLVERS = ("daqp", "osqp")
 _BY_QP = ("mink", "qp")
 """Inverse kinematics whose QP solver can be chosen."""
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
+    "computed_torque": ComputedTorque,
     "joint_impedance": JointImpedance,
     "cartesian_impedance": CartesianImpedance,
     "operational_space": OperationalSpace,
@@ -75,8 +78,11 @@ class ClassicalStack:
     """Inverse kinematics, a name of `IK_SOLVERS`."""
     qp_solver: str = "daqp"
     """Solver of the quadratic programs of "mink" and "qp", a name of `QP_SOLVERS`."""
-    controller: str = "joint_impedance"
+    controller: str = "computed_torque"
     """Controller, a name of `CONTROLLERS`."""
+    observer: DisturbanceObserver | None = DisturbanceObserver()
+    """What estimates the joints' state and compensates what disturbs them; None takes the state
+    as it is measured, and leaves disturbances to the controller."""
     pace: float = 1.0
     """Pace of all motions, 0.01 to 1: at 0.5 they take twice the time."""
 
@@ -157,6 +163,7 @@ class ClassicalStack:
             task=task,
             planner=self.planner(robot, task),
             controller=CONTROLLERS[self.controller](),
+            observer=self.observer,
             seed=seed,
         )
 

@@ -6,7 +6,7 @@ turn: what the joints should do is the same, what goes wrong is the same to the 
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,10 @@ from rich.table import Table
 
 from robo47_qp.cli import LOGS, OK, main
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.benchmarks.control.plots import plot_trials
@@ -38,14 +40,18 @@ from robo47_qp.sim.disturbance import Disturbance, Push
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
 """From home to the goal [rad]."""
-CONTROLLERS: dict[str, Controller] = {
-    "PD": JointImpedance(feed_forward=FeedForward.NONE),
-    "+ gravity": JointImpedance(feed_forward=FeedForward.GRAVITY),
-    "+ Coriolis": JointImpedance(feed_forward=FeedForward.CORIOLIS),
-    "+ acceleration": JointImpedance(),
-    "Cartesian": CartesianImpedance(),
-    "operational": OperationalSpace(),
+CONTROLLERS: dict[str, tuple[Controller, DisturbanceObserver | None]] = {
+    "PD": (JointImpedance(feed_forward=FeedForward.NONE), None),
+    "+ gravity": (JointImpedance(feed_forward=FeedForward.GRAVITY), None),
+    "+ Coriolis": (JointImpedance(feed_forward=FeedForward.CORIOLIS), None),
+    "+ acceleration": (JointImpedance(), None),
+    "computed torque": (ComputedTorque(), None),
+    "+ observer": (ComputedTorque(), DisturbanceObserver(friction=None)),
+    "+ friction": (ComputedTorque(), DisturbanceObserver()),
+    "Cartesian": (CartesianImpedance(), None),
+    "operational": (OperationalSpace(), None),
 }
+"""Each with its observer, from nothing known to all: what one adds, the next ones have, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +86,7 @@ def conditions(start: float) -> list[TrialCondition]:
         force = newton * np.array([0.6, -0.64, 0.48])
         return Disturbance(pushes=(Push(force=force, start=start + PUSHED_AFTER, duration=PUSH),))
 
+    both = Disturbance(link_mass_factor=1.05, dry_friction=0.5)
     loads = {mass: _load(mass) for mass in (0.1, 0.5, 1.0)}
     return [
         TrialCondition(name="free"),
@@ -101,6 +108,13 @@ def conditions(start: float) -> list[TrialCondition]:
         *(
             TrialCondition(name=f"inertia {change:+d} %", disturbance=_heavier(change))
             for change in (-20, 20)
+        ),
+        TrialCondition(name="links +5 %", disturbance=_heavier(5)),
+        TrialCondition(name="dry friction", disturbance=Disturbance(dry_friction=0.5)),
+        TrialCondition(name="both", disturbance=both),
+        TrialCondition(
+            name="both, noise, delay",
+            disturbance=replace(both, noise_q=1e-4, torque_delay=1e-3, state_delay=1e-3),
         ),
     ]
 
@@ -128,7 +142,7 @@ def run(options: ControllersOptions, console: Console) -> int:
     for ending in (".rrd", ".png", ".json"):
         check_writable(options.log.with_suffix(ending))
     by_condition = [
-        [bench.run(name, controller, condition) for name, controller in CONTROLLERS.items()]
+        [bench.run(name, law, condition, seen) for name, (law, seen) in CONTROLLERS.items()]
         for condition in track(chosen, "trying", console=console, transient=True)
     ]
     write_trials(by_condition, markdown(by_condition), options.log)

@@ -17,6 +17,8 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
 from robo47_qp.control.controller import Controller
+from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
@@ -79,7 +81,9 @@ def run(options: StepCostOptions, console: Console) -> int:
         steps, numbers = len(done.rows), done.rows.values.shape[1]
         for name, seconds in {
             "bare mj_step, same torques": _replay(done),
-            "controller": _control(done, done.scenario.controller),
+            "controller": _control(done, done.scenario.controller, done.scenario.observer),
+            "controller without its observer": _control(done, done.scenario.controller),
+            "joint impedance instead": _control(done, JointImpedance()),
             "Cartesian impedance instead": _control(done, CartesianImpedance()),
             "operational space instead": _control(done, OperationalSpace()),
             "recording: columns": _columns(done),
@@ -113,9 +117,12 @@ def _replay(done: Run) -> float:
     return perf_counter() - started
 
 
-def _control(done: Run, controller: Controller) -> float:
+def _control(
+    done: Run, controller: Controller, observer: DisturbanceObserver | None = None
+) -> float:
     """Seconds that a controller within its limits takes for the states of a run."""
-    active, rows = ActiveController(controller, Arm(PANDA), dt=TIMESTEP), done.rows
+    arm, rows = Arm(PANDA), done.rows
+    active = ActiveController(controller, arm, dt=TIMESTEP, observer=observer)
     names = ("joints/q_ref", "joints/v_ref", "joints/a_ref", "joints/q", "joints/v")
     columns = [rows[name] for name in names]
     started = perf_counter()

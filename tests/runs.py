@@ -10,6 +10,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.payload import Payload
@@ -36,10 +37,14 @@ ZEROS = np.zeros(len(PANDA.joints))
 
 
 def make_runner(
-    task: Task, *, seed: int | None = None, speed: float = 1.0
+    task: Task,
+    *,
+    seed: int | None = None,
+    speed: float = 1.0,
+    observer: DisturbanceObserver | None = ClassicalStack.observer,
 ) -> tuple[Runner, Simulation]:
     """A runner at the start of a task on the Panda, with the default choices."""
-    scenario = ClassicalStack(pace=speed).scenario(PANDA, task, seed)
+    scenario = ClassicalStack(pace=speed, observer=observer).scenario(PANDA, task, seed)
     simulation = Simulation(PANDA, task.build_scene)
     return Runner(scenario, simulation), simulation
 
@@ -49,20 +54,25 @@ def carry_out(
     *,
     seed: int | None = None,
     speed: float = 1.0,
+    observer: DisturbanceObserver | None = ClassicalStack.observer,
     sinks: Sequence[Sink] = (),
     observers: Sequence[Observer] = (),
 ) -> Run:
     """Run a task once; the rows cannot be written to."""
-    runner, _ = make_runner(task, seed=seed, speed=speed)
+    runner, _ = make_runner(task, seed=seed, speed=speed, observer=observer)
     run = runner.run(sinks=sinks, observers=observers)
     run.rows.values.setflags(write=False)
     return run
 
 
 @cache
-def picked_and_placed(seed: int | None = None, speed: float = 1.0) -> Run:
+def picked_and_placed(
+    seed: int | None = None,
+    speed: float = 1.0,
+    observer: DisturbanceObserver | None = ClassicalStack.observer,
+) -> Run:
     """An undisturbed run of the main job, shared by all tests of a process."""
-    return carry_out(PickPlace(), seed=seed, speed=speed)
+    return carry_out(PickPlace(), seed=seed, speed=speed, observer=observer)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ import numpy as np
 from robo47_qp.arrays import Vector
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_stops import JointStops
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
@@ -22,7 +23,13 @@ class ActiveController:
     """
 
     def __init__(
-        self, controller: Controller, arm: Arm, *, dt: float, stops: JointStops | None = None
+        self,
+        controller: Controller,
+        arm: Arm,
+        *,
+        dt: float,
+        stops: JointStops | None = None,
+        observer: DisturbanceObserver | None = None,
     ) -> None:
         """Start at rest at home, with the torque that holds the arm there.
 
@@ -31,9 +38,13 @@ class ActiveController:
             arm: The model of the robot, with the payload that it is believed to hold.
             dt: Control period [s].
             stops: The springs at the joint limits; by default `JointStops()`.
+            observer: What estimates the state and the disturbance; by default the state is taken
+                as it is measured, and no disturbance is compensated.
         """
         self.controller, self.arm = controller, arm
         self._dt, self._n = dt, arm.n
+        self.observed = None if observer is None else observer.build(arm, dt)
+        """The estimate of the observer; None without one."""
         self._stops = JointStops() if stops is None else stops
         still = np.zeros(arm.n)
         robot = arm.robot
@@ -74,6 +85,15 @@ class ActiveController:
             )
         self._change(self.controller, arm, seconds)
 
+    def compensate(self, on: bool) -> None:
+        """Compensate disturbances, or hold the compensation; see `DisturbanceObserver`."""
+        if self.observed is not None:
+            self.observed.compensate(on)
+
+    def state(self, measured: JointState) -> JointState:
+        """Return the state at the start of the next period: as the observer expects it."""
+        return measured if self.observed is None else self.observed.ahead(measured)
+
     def torque(self, reference: JointReference, state: JointState) -> Vector:
         """Return the torque for the period that starts now (n,) [N·m], within its limits.
 
@@ -81,6 +101,19 @@ class ActiveController:
             reference: The joints' reference at the instant of `state`.
             state: The joints' state now.
         """
+        observed = self.observed
+        if observed is None:
+            return self._torque(reference, state)
+        arm = self.arm
+        reference, state = observed.estimate(reference, state.q)
+        arm.evaluated = False
+        tau = self._torque(reference, state)
+        if not arm.evaluated:
+            arm.inverse_dynamics(*state, reference.a)
+        observed.expect(arm, reference, tau)
+        return tau
+
+    def _torque(self, reference: JointReference, state: JointState) -> Vector:
         asked = self.controller.torque(self.arm, reference, state)
         if self._fade:
             self._smooth(asked, reference, state)

@@ -44,4 +44,10 @@ def add_dry_friction(tau: Vector, arm: Arm, v_ref: Vector) -> None:
         arm: Whose joints.
         v_ref: (n,) [rad/s].
     """
-    tau += _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)
+    tau += dry_friction_torque(arm, v_ref)
+
+
+def dry_friction_torque(arm: Arm, v_ref: Vector) -> Vector:
+    """Return the torque that `add_dry_friction` adds (n,) [N·m]."""
+    torque: Vector = _SHARE * arm.dry_friction * np.tanh(v_ref / _SPEED)
+    return torque

@@ -37,6 +37,7 @@ class ToolSpace:
     def __init__(self, arm: Arm) -> None:
         """Allocate the arrays."""
         n = arm.n
+        self._arm = arm
         self._model, self._data, self._tcp = arm.model, arm.scratch, arm.tool_site
         self._reference = mujoco.MjData(arm.model)
         # Spares the kinematics of a reference at rest.
@@ -146,6 +147,7 @@ class ToolSpace:
         np.subtract(v[0], v[1], self._v)
         np.add(a[0], a[1], self._a)
         mujoco.mj_inverseSkip(self._model, self._data, _POSITIONS_DONE, 1)
+        self._arm.evaluated = True
         return self._tau
 
     def inertia_times(self, a: Vector) -> Vector:

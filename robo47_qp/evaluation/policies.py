@@ -149,8 +149,12 @@ def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) 
     if isinstance(policy, ClassicalStack):
         settings: dict[str, Any] = {"name": name or CLASSICAL, "ik": policy.ik}
         settings |= {"speed": policy.pace, "qp_solver": policy.qp_solver}
-        return {**settings, "controller": policy.controller}
+        return {**settings, **_control(policy)}
     timing, stack = policy.timing, policy.stack
     settings = {"name": name or policy.text, "sha256": policy.digest}
     settings |= {"rate": timing.rate, "time_limit": timing.seconds}
-    return {**settings, "speed": stack.pace, "controller": stack.controller}
+    return {**settings, "speed": stack.pace, **_control(stack)}
+
+
+def _control(stack: ClassicalStack) -> dict[str, Any]:
+    return {"controller": stack.controller, "observer": stack.observer is not None}

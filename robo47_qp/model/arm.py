@@ -131,6 +131,10 @@ class Arm:
         self._q, self._v, self._a, self._tau = d.qpos, d.qvel, d.qacc, d.qfrc_inverse
         self._tools = [_ToolView(self, d, tool.tcp) for tool in robot.tools]
         self._jacobian, self._turn = np.zeros((6, self.n)), np.zeros(3)
+        # MuJoCo solves for rows of vectors.
+        self._excess, self._more = np.zeros((1, self.n)), np.zeros((1, self.n))
+        self.evaluated = False
+        """Whether the inverse dynamics was evaluated; for a caller that resets it."""
 
     def with_payload(self, payload: "Load") -> "Arm":
         """Return the same arm among the same obstacles with another payload."""
@@ -259,6 +263,7 @@ class Arm:
         self._v[:] = v
         self._a[:] = a
         mujoco.mj_inverse(self.model, self._data)
+        self.evaluated = True
         return self._tau.copy()
 
     def place(self, q: Vector) -> None:
@@ -273,7 +278,22 @@ class Arm:
         self._v[:] = v
         self._a[:] = a
         mujoco.mj_inverseSkip(self.model, self._data, _POSITIONS_DONE, 1)
+        self.evaluated = True
         return self._tau.copy()
+
+    def acceleration(self, tau: Vector) -> Vector:
+        """Return the acceleration (n,) that torques give where inverse dynamics was last evaluated.
+
+        a + M⁻¹ (tau - tau(a)), with a and tau(a) those of the last inverse dynamics. The next
+        call may overwrite it.
+        """
+        if tau.tobytes() == self._tau.tobytes():
+            return self._a
+        np.subtract(tau, self._tau, out=self._excess[0])
+        mujoco.mj_solveM(self.model, self._data, self._more, self._excess)
+        more: Vector = self._more[0]
+        more += self._a
+        return more
 
     @property
     def tool_site(self) -> int:

@@ -29,7 +29,8 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
         "task": scenario.task.name,
         "robot": scenario.robot.name,
         "settings": {
-            name: plain(getattr(scenario, name)) for name in ("task", "planner", "controller")
+            name: plain(getattr(scenario, name))
+            for name in ("task", "planner", "controller", "observer")
         },
         "versions": versions(),
         "metrics": dict(metrics),

@@ -66,13 +66,14 @@ class CompliantMode:
 
     def soften(self, compliance: Compliance) -> None:
         """Make the arm compliant until `stiffen`."""
-        control = self._loop.control
+        loop = self._loop
         if compliance is self._compliance:
             return
         if self._stiff is None:
-            self._stiff = control.controller
+            self._stiff = loop.control.controller
         self._compliance = compliance
-        control.switch(self._controller(compliance))
+        loop.compensate(on=False)
+        loop.control.switch(self._controller(compliance))
 
     def stiffen(self) -> None:
         """Make a compliant arm stiff where it is, and bring it to rest.
@@ -84,8 +85,9 @@ class CompliantMode:
             return
         loop, stiff = self._loop, self._stiff
         self._stiff = self._compliance = None
-        speed = loop.sim.state().v
+        speed = loop.state().v
         self._restart(stiff)
+        loop.compensate(on=True)
         if np.abs(speed).max() > _AT_REST:
             loop.take_over(JointReference(loop.reference.q, speed, np.zeros(loop.arm.n)))
             loop.halt()
@@ -106,7 +108,7 @@ class CompliantMode:
         not from what the old control law commands at the new reference.
         """
         loop, control = self._loop, self._loop.control
-        loop.rest(np.clip(loop.sim.state().q, loop.arm.q_min, loop.arm.q_max))
+        loop.rest(np.clip(loop.state().q, loop.arm.q_min, loop.arm.q_max))
         control.switch(_ConstantTorque(control.commanded.copy()), seconds=0.0)
         control.switch(controller)
 

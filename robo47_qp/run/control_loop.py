@@ -10,7 +10,8 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.controller import Controller
-from robo47_qp.model.arm import Arm, JointReference, Load, loads
+from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.model.arm import Arm, JointReference, JointState, Load, loads
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
@@ -29,6 +30,10 @@ TICK_ROWS = 20
 PAYLOAD_RAMP = 0.02
 """Time over which the torque changes with the payload [s]: a step of a heavy load would exceed
 the torque rate of the motors."""
+
+CONTACT_FORCE = 4.0
+"""Force on the tool above which it counts as in contact, beside half of its payload's weight [N]:
+above the errors of a sensor at the wrist."""
 
 
 class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never shown
@@ -63,6 +68,7 @@ class ControlLoop:
         controller: Controller,
         simulation: Simulation,
         *,
+        observer: DisturbanceObserver | None = None,
         profile: MotionProfile | None = None,
         check: Callable[["ControlLoop"], None] | None = None,
         extra: Sequence[Signal] = (),
@@ -73,6 +79,7 @@ class ControlLoop:
             arm: The controller's model while nothing is held.
             controller: The control law to start with.
             simulation: The world, with the same robot at home.
+            observer: What estimates state and disturbance; None takes the state as measured.
             profile: Limits of the joints' motion when the arm brakes; by default the robot's.
             check: Called every few periods, after a block of rows; may raise `Aborted`.
             extra: Signals that `track` is given besides; see `signals.all_signals`.
@@ -80,13 +87,15 @@ class ControlLoop:
         self.arm, self.sim = arm, simulation
         self.profile = arm.robot.profile if profile is None else profile
         self._load: dict[str, Payload] = {}
-        self.control = ActiveController(controller, arm, dt=TIMESTEP)
+        if observer is not None:
+            observer = observer.in_cell(*simulation.joint_data_sheet, TIMESTEP)
+        self.control = ActiveController(controller, arm, dt=TIMESTEP, observer=observer)
         self.recording = Recording(signals.all_signals(simulation, extra))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
-        self._check = check
+        self._check, self._yielding = check, False
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self._wanted = tuple(signals.references(arm.robot).values())
@@ -105,6 +114,15 @@ class ControlLoop:
         """Continue at rest from joint positions q (n,) [rad]."""
         still = np.zeros(self.arm.n)
         self.take_over(JointReference(q, still, still))
+
+    def state(self) -> JointState:
+        """Return the joints' state now: as the controller estimates it, if it does."""
+        return self.control.state(self.sim.state())
+
+    def compensate(self, *, on: bool) -> None:
+        """Let the controller compensate disturbances, or hold that while the arm has to yield."""
+        self._yielding = not on
+        self.control.compensate(on)
 
     @property
     def resting(self) -> bool:
@@ -168,6 +186,8 @@ class ControlLoop:
             self._reference = JointReference(
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
+            if not self._yielding and self.control.observed is not None:
+                self.control.compensate(not self._touching())
             for observer in self.observers:
                 observer.tick(self.sim)
             if self._check is not None:
@@ -227,6 +247,15 @@ class ControlLoop:
             sim.write_last(row[last])
         self.recording.close_rows(count)
         self.seconds += perf_counter() - started
+
+    def _touching(self) -> bool:
+        """Return whether the tool is in contact with more than its payload."""
+        force, payload, most = self.sim.felt_force(), self.control.arm.payload, CONTACT_FORCE
+        if payload is not None:
+            weight = payload.mass * self.arm.model.opt.gravity
+            force = force - weight
+            most += 0.5 * float(np.sqrt(weight.dot(weight)))
+        return float(force.dot(force)) > most**2
 
     def _references(self, trajectory: Trajectory) -> Matrix:
         """Return the columns `signals.references` of every sample."""

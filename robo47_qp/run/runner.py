@@ -90,6 +90,7 @@ class Runner:
             Arm(scenario.robot, obstacles=scenario.task.obstacles),
             scenario.controller,
             simulation,
+            observer=scenario.observer,
             profile=planner.profile.slowed(planner.pace),
             check=self._check,
             extra=extra,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robo47_qp.control.controller import Controller
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.run.control_loop import Phase
@@ -21,6 +22,8 @@ class Scenario:
     task: Task
     planner: Planner
     controller: Controller
+    observer: DisturbanceObserver | None = None
+    """What estimates the joints' state and what disturbs them; None for neither."""
     seed: int | None = None
     """Seed of the task's random start; None for its default start."""
     watchdog: Watchdog = Watchdog()

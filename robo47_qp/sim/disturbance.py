@@ -9,7 +9,7 @@ import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector
+from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JointState
@@ -217,6 +217,13 @@ class DisturbedSimulation(Simulation):
     def camera_noise(self) -> float:
         """See `Simulation.camera_noise`."""
         return self.disturbance.pose_noise
+
+    @property
+    def joint_data_sheet(self) -> tuple[float, float, float]:
+        """See `Simulation.joint_data_sheet`."""
+        wrong = self.disturbance
+        state, command = (sum(ends(span)) / 2.0 for span in (wrong.state_delay, wrong.torque_delay))
+        return wrong.noise_q, state, command
 
     @property
     def weights_known(self) -> bool:

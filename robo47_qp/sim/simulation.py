@@ -263,6 +263,14 @@ class Simulation:
         return payload
 
     @property
+    def joint_data_sheet(self) -> tuple[float, float, float]:
+        """What a data sheet says of the joints: noise, delay of state and of commands.
+
+        The standard deviation of measured positions [rad], and the mean delays [s]: here, 0.
+        """
+        return 0.0, 0.0, 0.0
+
+    @property
     def weights_known(self) -> bool:
         """True where objects have the mass of their models: here, always."""
         return True

@@ -142,7 +142,8 @@ def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None
         "ik": "lm",
         "speed": 1.0,
         "qp_solver": "daqp",
-        "controller": "joint_impedance",
+        "controller": "computed_torque",
+        "observer": True,
     }
     assert a["policy"] == "classical:lm"
     assert b["settings"]["policy"]["ik"] == "dls-single"

@@ -73,11 +73,13 @@ def test_settings_are_all_there_by_name(summary: dict[str, Any]) -> None:
     assert settings["planner"]["ik"]["solver"]["class"] == "QpIk"
     assert settings["planner"]["ik"]["solver"]["backend"] == "daqp"
     assert settings["controller"] == {
-        "class": "JointImpedance",
-        "stiffness_scale": 1.0,
+        "class": "ComputedTorque",
+        "frequency": 30.0,
         "damping_ratio": 1.0,
-        "feed_forward": "full",
+        "stiffness_share": 0.25,
     }
+    assert settings["observer"]["class"] == "DisturbanceObserver"
+    assert settings["observer"]["bandwidth"] == 120.0
 
 
 def test_every_leg_is_told(summary: dict[str, Any]) -> None:

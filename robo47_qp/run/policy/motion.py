@@ -133,6 +133,7 @@ class OwnTorques:
             self._torque.start(loop.control.commanded)
             self._usual = loop.control.controller
             loop.control.switch(self._torque, seconds=0.0)
+            loop.compensate(on=False)
         loop.begin("torques", compliant=True, streamed=True, afresh=False)
         self._torque.wanted = tau
         for _ in range(periods):
@@ -146,6 +147,7 @@ class OwnTorques:
         """Return control to the usual controller, at the current reference."""
         if self._usual is not None:
             self._loop.control.switch(self._usual, seconds=_TAKEOVER)
+            self._loop.compensate(on=True)
             self._usual = None
 
     def _refer_to_state(self) -> None:

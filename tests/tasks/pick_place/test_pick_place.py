@@ -239,7 +239,7 @@ def test_a_cube_that_gets_out_of_reach_is_a_failure_of_ik() -> None:
 
 
 def test_a_cube_too_heavy_to_hold_is_a_drop() -> None:
-    run = carry_out(PickPlace(item=cube(mass=10.0), retries=0, force_max=200.0))
+    run = carry_out(PickPlace(item=cube(mass=7.0), retries=0, force_max=200.0))
     assert run.failure is not None
     assert run.failure.cause is Cause.DROP
     assert is_home(run)

@@ -10,6 +10,7 @@ import numpy as np
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.controller import Controller
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_after_disturbance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
@@ -90,11 +91,17 @@ class Bench:
         goal = self.arm.home + np.asarray(offset, dtype=np.float64)
         self.motion: Trajectory = plan_ptp(self.arm.home, goal, robot.profile, TIMESTEP)
 
-    def run(self, name: str, controller: Controller, condition: TrialCondition) -> Trial:
+    def run(
+        self,
+        name: str,
+        controller: Controller,
+        condition: TrialCondition,
+        observer: DisturbanceObserver | None = None,
+    ) -> Trial:
         """Make the motion once."""
         rng = np.random.default_rng(condition.seed)
         sim = DisturbedSimulation(self.robot, _empty_scene, condition.disturbance, rng)
-        loop = ControlLoop(self.arm, controller, sim)
+        loop = ControlLoop(self.arm, controller, sim, observer=observer)
         loop.track(self.motion)
         loop.hold(TOLD_AFTER)
         if condition.told is not None:

@@ -1,0 +1,133 @@
+"""LearnedFriction: dry friction of the joints, learned from what a disturbance observer sees."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robo47_qp.arrays import Checked, NotNegative, Positive, Vector
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.sampling import spread
+
+_SAMPLES = 32
+PERIODS = 10
+"""Control periods between two updates of the friction."""
+_LEARNING = 5
+"""Updates of the friction between two steps of learning."""
+_SETTLING = 0.1
+"""Time after a reversal in which nothing is learned: the observer has to follow first [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionLearning(Checked):
+    """Learns the dry friction of every joint while it moves.
+
+    The torque that the belief cannot explain is y = b + f z, with z the direction of motion: it
+    goes from -1 to 1 over a displacement 2 δ of the reference and stays when that rests, as dry
+    friction does (Dahl, AIAA J. 14(12), 1976, in the piecewise linear form). b is what does not
+    turn with the motion, such as heavier links, and may wander. A Kalman filter per joint tells
+    b and f apart: by the reversals, and because joints that bear no weight have little b.
+    Torques are shares of the motors' torque, those of b of the largest gravity torque.
+
+    At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
+    have to find out about it.
+    """
+
+    displacement: Positive = 5e-4
+    """δ [rad]."""
+    most: NotNegative = 0.05
+    """Largest f [-]."""
+    expected: Positive = 0.02
+    """Standard deviation of f before anything is learned [-]."""
+    bias: Positive = 0.05
+    """Standard deviation of b at the start, and by which it wanders in a second [-]."""
+    friction_rate: Positive = 0.002
+    """Standard deviation by which f wanders in a second [-]."""
+    noise: Positive = 0.002
+    """Standard deviation of y, measured every 50 periods [-]."""
+
+
+class LearnedFriction:
+    """The friction that one run has learned; see `FrictionLearning`."""
+
+    def __init__(self, settings: FrictionLearning, arm: Arm, dt: float) -> None:
+        """Start without any."""
+        n, scale = arm.n, arm.robot.tau_max
+        self._settings, self._per_update = settings, PERIODS * dt
+        self._per_displacement = 1.0 / settings.displacement
+        self._q: Vector | None = None
+        self._z, self._since = np.zeros(n), np.zeros(n)
+        self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
+        bias = settings.bias * arm.derived(_gravity) + settings.noise * scale
+        self._P_bb, self._P_bf = bias**2, np.zeros(n)
+        self._P_ff = (settings.expected * scale) ** 2
+        step = _LEARNING * self._per_update
+        self._Q_bb = step * bias**2
+        self._Q_ff = step * (settings.friction_rate * scale) ** 2
+        self._R = (settings.noise * scale) ** 2
+        self._rows = np.zeros((2, 1, n))
+        self._count = 0
+
+    @property
+    def friction(self) -> Vector:
+        """What was learned of f (n,) [N·m]."""
+        return self._f.copy()
+
+    def change(self, arm: Arm, q_ref: Vector) -> Vector | None:
+        """Return the change of the joints' acceleration since the last call (n,); None for none.
+
+        Args:
+            arm: With the mass matrix of the last inverse dynamics in its scratch.
+            q_ref: The reference now (n,) [rad].
+        """
+        if self._q is None:
+            self._q = q_ref.copy()
+            return None
+        z = q_ref - self._q
+        z *= self._per_displacement
+        z += self._z
+        np.minimum(z, 1.0, out=z)
+        np.maximum(z, -1.0, out=z)
+        self._q[:] = q_ref
+        self._since += self._per_update
+        if z.tobytes() == self._z.tobytes():
+            return None
+        turned = z - self._z
+        self._z = z
+        self._since[turned != 0.0] = 0.0
+        change, torque = self._rows
+        np.multiply(self._f, -turned, out=torque[0])
+        mujoco.mj_solveM(arm.model, arm.scratch, change, torque)
+        changed: Vector = change[0]
+        return changed
+
+    def learn(self, arm: Arm, disturbance: Vector) -> None:
+        """Learn from the disturbance (n,) [rad/s²]; see `change`. Called after every `change`."""
+        self._count += 1
+        if self._count % _LEARNING:
+            return
+        product, d = self._rows[:, 0]
+        d[:] = disturbance
+        mujoco.mj_mulM(arm.model, arm.scratch, product, d)
+        z = self._z
+        self._P_bb += self._Q_bb
+        self._P_ff += self._Q_ff
+        # What is not to be learned from is infinitely noisy.
+        unsettled = (self._since < _SETTLING) | (np.abs(z) < 1.0)
+        R = np.where(unsettled, np.inf, self._R)
+        c_b, c_f = self._P_bb + z * self._P_bf, self._P_bf + z * self._P_ff
+        S = c_b + z * c_f + R
+        k_b, k_f = c_b / S, c_f / S
+        error = -product - self._b - self._f * z
+        self._b += k_b * error
+        np.clip(self._f + k_f * error, 0.0, self._most, out=self._f)
+        self._P_bb -= k_b * c_b
+        self._P_bf -= k_b * c_f
+        self._P_ff -= k_f * c_f
+
+
+def _gravity(arm: Arm) -> Vector:
+    """Return the largest gravity torque of every joint (n,) [N·m]."""
+    still, qs = np.zeros(arm.n), [arm.home, *spread(arm.q_min, arm.q_max, _SAMPLES)]
+    largest: Vector = np.abs([arm.inverse_dynamics(q, still, still) for q in qs]).max(axis=0)
+    return largest

@@ -1,0 +1,326 @@
+"""DisturbanceObserver: the joints' state from noisy positions, and what the model does not know."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated, Self
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.signal import place_poles
+
+from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Positive, Range, Vector
+from robo47_qp.control.controller import dry_friction_torque
+from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
+from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.sampling import spread
+
+_POLES = np.array([-1.0, -0.7 + 0.714j, -0.7 - 0.714j])
+"""Poles of the observer, relative to its bandwidth."""
+_FEEDBACK = 30.0
+"""Natural frequency of the feedback through which the noise comes to the motors [rad/s]."""
+_DEVIATIONS = 7.0
+"""Standard deviations of the change of a torque in a period that make its rate limit."""
+_SAMPLES, _HEAVY = 32, 80.0
+"""Configurations in which the noise is looked at; and the percentile of inertias
+for which the torque rate is kept."""
+_ROUNDS, _LOUD = 50, 0.1
+"""Rounds of lowering the noise, in joints that make this share of a torque's variance."""
+_IMPLICIT = 0.05
+"""Damping times the control period, relative to the inertia, above which it is not neglected."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbanceObserver(Checked):
+    """Estimates the joints' state and the acceleration that the belief cannot explain.
+
+        q̇ = v,   v̇ = a + d,   ḋ = 0,   a = M⁻¹ (tau - c - g + tau_passive)
+
+    with a the acceleration that the belief expects of the torque that was commanded, within the
+    motors' limits. The estimate follows the measured positions alone; measured velocities are
+    not used. Its three poles per joint lie at a bandwidth ω (an extended state observer: Han,
+    IEEE Trans. Industrial Electronics 56(3), 2009; disturbance observers: Ohnishi, Shibata and
+    Murakami, IEEE/ASME Trans. Mechatronics 1(1), 1996). Controllers get the estimated state, and
+    a_ref - d as the reference's acceleration: their feed-forward then meets the disturbance, be
+    it a payload, heavier links or dry friction, without an error of the springs.
+
+    As the expected acceleration is that of the torque which the motors deliver, nothing winds
+    up at their limits. `ObservedJoints.compensate` holds the compensation at what it was: in
+    contact, it would otherwise press ever harder towards a reference that it cannot reach.
+
+    ω is `bandwidth`, or less in joints where noise of `noise_q` would take the torque past a
+    rate limit: at seven standard deviations, in four of five configurations.
+    """
+
+    bandwidth: Positive = 120.0
+    """Largest ω [rad/s]. A delay T that is not told leaves the arm stable up to about 0.7 / ω."""
+    noise_q: NotNegative | None = None
+    """Standard deviation of measured positions for which the torque rate is kept [rad]; None
+    takes that of the sensors."""
+    torque_share: Annotated[float, Range(at_least=0.0, at_most=1.0)] = 0.2
+    """Largest compensation, as a share of the motors' torque: of that which accelerates a joint
+    by d at home while the others are free [-]."""
+    fade: NotNegative = 0.1
+    """Time in which the compensation comes back after it was held [s]."""
+    friction: FrictionLearning | None = FrictionLearning()
+    """How dry friction is learned and compensated at reversals; None does not."""
+    state_delay: CountOrZero | None = None
+    """Control periods by which the state is late; None takes those of the cell's data sheet."""
+    command_delay: CountOrZero | None = None
+    """Control periods from a command to the motors, likewise."""
+
+    def in_cell(self, noise_q: float, state_delay: float, command_delay: float, dt: float) -> Self:
+        """Return the settings with what a cell's data sheet says, where they say nothing.
+
+        Args:
+            noise_q: Standard deviation of the measured positions [rad].
+            state_delay: Mean time from a state to the controller [s].
+            command_delay: Mean time from a command to the motors [s].
+            dt: Control period [s].
+        """
+        late, later = round(state_delay / dt), round(command_delay / dt)
+        return replace(
+            self,
+            noise_q=noise_q if self.noise_q is None else self.noise_q,
+            state_delay=late if self.state_delay is None else self.state_delay,
+            command_delay=later if self.command_delay is None else self.command_delay,
+        )
+
+    def build(self, arm: Arm, dt: float) -> "ObservedJoints":
+        """Return an observer of one run, for control periods dt [s]."""
+        return ObservedJoints(self, arm, dt)
+
+    def bandwidths(self, arm: Arm, dt: float) -> Vector:
+        """Return ω of every joint (n,) [rad/s]."""
+        omegas: Vector = arm.derived(_bandwidths, self.bandwidth, self.noise_q or 0.0, dt)
+        return omegas
+
+
+class ObservedJoints:
+    """The estimate of one run; see `DisturbanceObserver`."""
+
+    def __init__(self, settings: DisturbanceObserver, arm: Arm, dt: float) -> None:
+        """Start anew; the first measured positions are taken as those of joints at rest."""
+        self.settings, self._n, self._dt = settings, arm.n, dt
+        n, command_delay = arm.n, settings.command_delay or 0
+        delay = (settings.state_delay or 0) + command_delay
+        gains = np.array([_gains(omega, dt) for omega in settings.bandwidths(arm, dt)])
+        self._update = _per_joint([_filter(G, dt) for G in gains])
+        self._last, self._now = _Known(n), _Known(n)
+        self._pending = np.zeros((delay, n))
+        self._delayed, self._late = bool(delay), command_delay * dt
+        self._predict = _per_joint([_prediction(delay, dt)] * n)
+        self._next = _per_joint([_prediction(1, dt)] * n)
+        lightest = 1.0 / np.diag(np.linalg.inv(arm.mass_matrix(arm.home)))
+        self._high = settings.torque_share * arm.robot.tau_max / lightest
+        self._least = float(self._high.min()) ** 2
+        self._slowed = _slowed(arm, dt)
+        self._started, self._on = False, True
+        self._compensation, self._offset = np.zeros(n), np.zeros(n)
+        self._left = self._fade = 0
+        self._friction, self._count = None, PERIODS
+        if settings.friction is not None:
+            self._friction = LearnedFriction(settings.friction, arm, dt)
+
+    @property
+    def disturbance(self) -> Vector:
+        """d: the acceleration that the belief cannot explain (n,) [rad/s²]."""
+        return self._now.d.copy()
+
+    @property
+    def compensation(self) -> Vector:
+        """The part of d that was compensated in the last period (n,) [rad/s²]."""
+        return self._compensation.copy()
+
+    @property
+    def friction(self) -> Vector:
+        """The dry friction that was learned (n,) [N·m]."""
+        return np.zeros(self._n) if self._friction is None else self._friction.friction
+
+    @property
+    def compensating(self) -> bool:
+        """True while the compensation follows the estimate."""
+        return self._on
+
+    def compensate(self, on: bool) -> None:
+        """Follow the estimate with the compensation, or hold it at what it is."""
+        if on is self._on:
+            return
+        if on:
+            self._left = self._fade = round(self.settings.fade / self._dt)
+            self._offset = self._compensation - self._bounded()
+        else:
+            self._compensation = self._compensation.copy()
+        self._on = on
+
+    def estimate(self, reference: JointReference, q: Vector) -> tuple[JointReference, JointState]:
+        """Return what the controller gets: its reference and the state, for the measured q (n,).
+
+        The disturbance is taken from the reference's acceleration. With known delays, state and
+        reference are those of the instant at which the motors get the next command. Later calls
+        overwrite the arrays.
+        """
+        if not self._started:
+            self._started, self._now.state.q[:] = True, q
+        last, now = self._now, self._last
+        self._last, self._now = last, now
+        last.measured[:] = q
+        self._update.dot(last.whole, now.estimate)
+        state, d = now.state, now.d
+        if self._on:
+            # Only where one joint may be beyond its bound, all are looked at.
+            inside = not self._left and d.dot(d) < self._least
+            self._compensation = d if inside else self._faded()
+        q_ref, v_ref, a_ref = reference
+        if self._delayed:
+            known = np.concatenate((now.estimate, self._pending.reshape(-1)))
+            state = JointState(*self._predict.dot(known).reshape(2, self._n))
+            t = self._late
+            q_ref, v_ref = q_ref + t * (v_ref + 0.5 * t * a_ref), v_ref + t * a_ref
+        return JointReference(q_ref, v_ref, a_ref - self._compensation), state
+
+    def expect(self, arm: Arm, reference: JointReference, tau: Vector) -> None:
+        """Take in the torque that is commanded now, after its inverse dynamics (n,) [N·m].
+
+        Args:
+            arm: The belief, with the inverse dynamics of this period in its scratch.
+            reference: What the joints should do now.
+            tau: The torque, within the limits of the motors.
+        """
+        if arm.has_dry_friction:
+            # What friction takes does not accelerate.
+            tau = tau - dry_friction_torque(arm, reference.v)
+        a = arm.acceleration(tau)
+        if self._slowed is not None:
+            a = self._slowed.dot(a)
+        if self._delayed:
+            self._now.expected[:] = self._pending[0]
+            self._pending[:-1] = self._pending[1:]
+            self._pending[-1] = a
+        else:
+            self._now.expected[:] = a
+        self._count -= 1
+        if not self._count:
+            self._count = PERIODS
+            if self._friction is not None:
+                self._turn(self._friction, arm, reference.q)
+
+    def ahead(self, measured: JointState) -> JointState:
+        """Return the state expected one period after the last estimate; before it, `measured`."""
+        if not self._started:
+            return measured
+        known = self._now.whole[: 4 * self._n]
+        return JointState(*self._next.dot(known).reshape(2, self._n))
+
+    def _turn(self, friction: LearnedFriction, arm: Arm, q_ref: Vector) -> None:
+        """Change the disturbance where joints reverse, and learn from it."""
+        change = friction.change(arm, q_ref)
+        if change is not None:
+            self._now.d += change
+            if not self._on:
+                self._compensation += change
+        if self._on:
+            friction.learn(arm, self._now.d)
+
+    def _faded(self) -> Vector:
+        """Return what is compensated at bounds, or soon after it was held."""
+        faded = self._bounded()
+        if self._left:
+            self._left -= 1
+            x = self._left / self._fade
+            faded += x * x * (3.0 - 2.0 * x) * self._offset
+        return faded
+
+    def _bounded(self) -> Vector:
+        bounded: Vector = np.minimum(self._now.d, self._high)
+        np.maximum(bounded, -self._high, out=bounded)
+        return bounded
+
+
+class _Known:
+    """What is known of one period: q, v, d, the expected acceleration and the next measured q."""
+
+    def __init__(self, n: int) -> None:
+        self.whole = np.zeros(5 * n)
+        self.estimate = self.whole[: 3 * n]
+        q, v, self.d, self.expected, self.measured = self.whole.reshape(5, n)
+        self.state = JointState(q, v)
+
+
+def _gains(omega: float, dt: float) -> Vector:
+    """Return the gains (3,) that correct q, v, d by the error of q, with poles at omega."""
+    F, H = _transition(dt), np.array([[1.0, 0.0, 0.0]])
+    poles = np.exp(omega * dt * _POLES)
+    gains: Vector = place_poles(F.T, (H @ F).T, poles).gain_matrix[0].real
+    return gains
+
+
+def _transition(dt: float) -> Matrix:
+    """As MuJoCo integrates: the velocity first, then the position with the new velocity."""
+    return np.array([[1.0, dt, dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+
+
+def _filter(gains: Vector, dt: float) -> Matrix:
+    """Return the matrix (3, 5) from q, v, d, a and the next measured q to the next q, v, d."""
+    kept = np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])
+    known = np.column_stack([_transition(dt), [dt * dt, dt, 0.0]])
+    return np.column_stack([kept @ known, gains])
+
+
+def _prediction(periods: int, dt: float) -> Matrix:
+    """Return the matrix (2, 3 + periods) from q, v, d and the next accelerations to q, v."""
+    out = np.eye(3, 3 + periods)
+    for k in range(periods):
+        out = _transition(dt) @ out
+        out[:, 3 + k] += [dt * dt, dt, 0.0]
+    return out[:2]
+
+
+def _per_joint(matrices: list[Matrix]) -> Matrix:
+    """Return one matrix for rows of all joints, from one for the numbers of each joint."""
+    rows, columns = matrices[0].shape
+    n = len(matrices)
+    whole = np.zeros((rows, n, columns, n))
+    for j, matrix in enumerate(matrices):
+        whole[:, j, :, j] = matrix
+    return whole.reshape(rows * n, columns * n)
+
+
+def _noise(omega: float, dt: float) -> float:
+    """Return the acceleration that feedback and compensation make of an error of q, per rad."""
+    q, v, d = _gains(omega, dt).tolist()
+    return float(_FEEDBACK**2 * q + 2.0 * _FEEDBACK * v + d)
+
+
+def _bandwidths(arm: Arm, bandwidth: float, noise_q: float, dt: float) -> Vector:
+    """Return the largest ω at which noise leaves the torque rates be, by lowering what is loud."""
+    omegas = np.full(arm.n, bandwidth)
+    if not noise_q:
+        return omegas
+    allowed = arm.robot.tau_rate_max * dt / _DEVIATIONS
+    qs = [arm.home, *spread(arm.q_min, arm.q_max, _SAMPLES)]
+    M = np.percentile(np.abs([arm.mass_matrix(q) for q in qs]), _HEAVY, axis=0)
+    a = np.full(arm.n, noise_q * _noise(bandwidth, dt))
+    for _ in range(_ROUNDS):
+        parts = (M * a) ** 2
+        total = parts.sum(axis=1)
+        over = np.maximum(1.0, np.sqrt(total) / allowed)[:, None]
+        a /= np.where(parts > _LOUD * total[:, None], over, 1.0).max(axis=0)
+    for i, most in enumerate(a / noise_q):
+        if most < _noise(bandwidth, dt):
+            excess = partial(_excess, most=most, dt=dt)
+            omegas[i] = brentq(excess, 1e-3 * bandwidth, bandwidth)
+    return omegas
+
+
+def _excess(omega: float, most: float, dt: float) -> float:
+    return _noise(omega, dt) - most
+
+
+def _slowed(arm: Arm, dt: float) -> Matrix | None:
+    """Return (M + dt B)⁻¹ M at home, where damping B matters within a period; else None."""
+    M = arm.mass_matrix(arm.home)
+    B = np.diag(dt * arm.model.dof_damping)
+    if (np.diag(B) < _IMPLICIT * np.diag(M)).all():
+        return None
+    slowed: Matrix = np.linalg.solve(M + B, M).astype(np.float64)
+    return slowed
