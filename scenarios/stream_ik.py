@@ -4,53 +4,31 @@ import gc
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isnan
 from time import process_time_ns
 from typing import Any, Literal
 
 import numpy as np
-from mink import SE3, SO3
 from rich.console import Console
 from rich.table import Table
 
 from robo47_qp.arrays import Checked, Count, CountOrZero
 from robo47_qp.cli import FAILED, OK, main
 from robo47_qp.collision.clearance import Clearance
+from robo47_qp.evaluation.benchmarks.ik.hostile_targets import (
+    DT,
+    OBSTACLES,
+    PAIR_OBSTACLES,
+    circling,
+    pair_targets,
+    targets,
+)
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
 from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.obstacle import Obstacle, Shape
-from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots import load_robot
 
-OBSTACLES = (
-    Obstacle(
-        name="table",
-        shape=Shape.BOX,
-        size=(0.4, 0.6, 0.02),
-        T_world_obstacle=SE3.from_translation(np.array([0.5, 0.0, -0.03])),
-    ),
-    Obstacle(
-        name="shelf",
-        shape=Shape.BOX,
-        size=(0.2, 0.3, 0.02),
-        T_world_obstacle=SE3.from_translation(np.array([0.6, 0.0, 0.9])),
-    ),
-    Obstacle(
-        name="post",
-        shape=Shape.CYLINDER,
-        size=(0.05, 0.4),
-        T_world_obstacle=SE3.from_translation(np.array([0.3, -0.45, 0.4])),
-    ),
-    Obstacle(
-        name="ball",
-        shape=Shape.SPHERE,
-        size=(0.1,),
-        T_world_obstacle=SE3.from_translation(np.array([0.5, 0.3, 0.5])),
-    ),
-)
-DT = 1e-3
 WARM_UP = 200
 """Ticks before the first one that is timed."""
 
@@ -59,6 +37,8 @@ WARM_UP = 200
 class StreamOptions(Checked):
     """Options of this scenario."""
 
+    robot: Literal["panda", "panda_pair"] = "panda"
+    """One arm, or two at one table, which are told targets against each other."""
     ticks: Count = 100_000
     """Ticks on hostile targets."""
     far: CountOrZero = 50
@@ -75,14 +55,19 @@ class StreamOptions(Checked):
     def _label(self, field: str) -> str:
         return f"--{field}"
 
+    def arm(self) -> Arm:
+        obstacles = OBSTACLES if self.robot == "panda" else PAIR_OBSTACLES
+        return Arm(load_robot(self.robot), obstacles=obstacles)
+
     def settings(self) -> StreamIk:
-        profile = PANDA.rated if self.limits == "rated" else PANDA.profile
+        robot = load_robot(self.robot)
+        profile = robot.rated if self.limits == "rated" else robot.profile
         return StreamIk(dt=DT, profile=profile, clearance=self.clearance)
 
 
 def run(options: StreamOptions, console: Console) -> int:
     """Run, audit and print; return the exit code, 0 if no limit was violated."""
-    arm = Arm(PANDA, obstacles=OBSTACLES)
+    arm = options.arm()
     stream = options.settings().build(arm)
     figures: dict[str, Any] = {
         "ticks": options.ticks,
@@ -120,7 +105,8 @@ def hostile_run(
     spent, rows = np.empty(ticks), np.empty(ticks)
     gc.collect()
     gc.disable()
-    for k, target in zip(range(ticks), targets(arm, rng), strict=False):
+    hostile = targets(arm, rng) if len(arm.robot.tools) == 1 else pair_targets(arm, rng)
+    for k, target in zip(range(ticks), hostile, strict=False):
         started = process_time_ns()
         tick = stream.tick(target)
         spent[k] = process_time_ns() - started
@@ -132,7 +118,7 @@ def hostile_run(
     counts = {event.name.lower(): count for event, count in stream.counts.items()}
     found = {
         **audit(arm, stream.profile, DT, q0, q, v, a),
-        **clearance_audit(PANDA, OBSTACLES, q, options.clearance),
+        **clearance_audit(arm.robot, arm.obstacles, q, options.clearance),
         "ms_median": float(np.median(late)),
         "ms_p95": float(np.percentile(late, 95)),
         "ms_p99": float(np.percentile(late, 99)),
@@ -143,56 +129,6 @@ def hostile_run(
         "sha256": hashlib.sha256(q.tobytes() + v.tobytes() + a.tobytes()).hexdigest(),
     }
     return found
-
-
-def targets(arm: Arm, rng: np.random.Generator) -> Iterator[object]:
-    """Yield targets without end: at rest, moving, circling, far, stretched, in the base, invalid.
-
-    Each piece lasts 0.1 to 1.5 s and begins with a jump.
-    """
-    while True:
-        pose, length = arm.pose(rng.uniform(arm.q_min, arm.q_max)), int(rng.integers(100, 1500))
-        kind = rng.integers(7)
-        if kind == 0:
-            pieces: Iterator[object] = (pose for _ in range(length))
-        elif kind == 1:
-            twist = np.concatenate([rng.uniform(-0.5, 0.5, 3), rng.uniform(-2.0, 2.0, 3)])
-            pieces = (pose @ SE3.exp(twist * DT * k) for k in range(length))
-        elif kind == 2:
-            pieces = circling(arm.pose(arm.home), 0.1, rng.uniform(0.1, 0.6), length)
-        elif kind == 3:
-            away = SE3.from_translation(rng.normal(size=3) * 10.0 ** rng.uniform(0.0, 9.0))
-            pieces = (away @ pose for _ in range(length))
-        elif kind == 4:
-            pieces = stretching(rng, length)
-        elif kind == 5:
-            inside = SE3.from_rotation_and_translation(
-                pose.rotation(), rng.normal(size=3) * np.array([0.05, 0.05, 0.2])
-            )
-            pieces = (inside for _ in range(length))
-        else:
-            bad = [SE3(np.full(7, np.nan)), None, SE3(np.zeros(7)), SE3(np.full(7, np.inf))]
-            which = bad[int(rng.integers(len(bad)))]
-            pieces = (which for _ in range(length // 5))
-        yield from pieces
-
-
-def circling(T: SE3, radius: float, speed: float, count: int) -> Iterator[SE3]:
-    """Yield poses on a vertical circle that begins at a pose."""
-    for k in range(count):
-        t = speed / radius * DT * k
-        aside = radius * np.array([0.0, np.sin(t), np.cos(t) - 1.0])
-        yield SE3.from_rotation_and_translation(T.rotation(), T.translation() + aside)
-
-
-def stretching(rng: np.random.Generator, count: int) -> Iterator[SE3]:
-    """Yield poses along a ray from the shoulder to beyond reach and back."""
-    direction = rng.normal(size=3)
-    direction *= np.array([1.0, 1.0, np.sign(direction[2])]) / np.linalg.norm(direction)
-    turn = SO3.exp(rng.normal(size=3))
-    for k in range(count):
-        far = 0.75 + 0.35 * np.sin(np.pi * k / count)
-        yield SE3.from_rotation_and_translation(turn, np.array([0.0, 0.0, 0.333]) + far * direction)
 
 
 def circle(stream: StreamSolver, *, speed: float, radius: float) -> dict[str, Any]:

@@ -73,8 +73,11 @@ class ClosingJacobian:
         bodies = m.geom_bodyid[np.array(pairs)]
         moves = moved_by(m)
         self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
-        self._centre: Vector = data.subtree_com[m.body_rootid[m.jnt_bodyid[0]]]
+        roots = m.body_rootid[m.jnt_bodyid]
+        self._centre: Vector = data.subtree_com[roots[0]]
         self._twists: Matrix = data.cdof
+        self._centres = data.subtree_com
+        self._roots = roots if (roots != roots[0]).any() else None
         self._skew = _skew()
         self._p = np.ones((len(pairs), 4))
         self._products = np.zeros((len(pairs), 3, 4))
@@ -97,9 +100,17 @@ class ClosingJacobian:
         n /= distance[:, None]
         np.subtract(segment[:, :3], self._centre, out=p[:, :3])
         np.multiply(n[:, :, None], p[:, None, :], out=products)
-        out: Matrix = products.reshape(k, 12) @ (self._skew @ self._twists.T)
+        twists = self._twists if self._roots is None else self._about_one_centre()
+        out: Matrix = products.reshape(k, 12) @ (self._skew @ twists.T)
         out *= self._sign.take(pair, axis=0)
         return out
+
+    def _about_one_centre(self) -> Matrix:
+        """Return the twists of several arms about one point: MuJoCo has them about one of each."""
+        twists = self._twists.copy()
+        away = self._centre - self._centres[self._roots]
+        twists[:, 3:] += np.cross(twists[:, :3], away)
+        return twists
 
 
 def _skew() -> Matrix:

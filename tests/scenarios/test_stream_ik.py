@@ -9,11 +9,12 @@ from rich.console import Console
 from robo47_qp.cli import OK
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.benchmarks.ik.hostile_targets import DT, OBSTACLES
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from scenarios import stream_ik
-from scenarios.stream_ik import DT, OBSTACLES, StreamOptions
+from scenarios.stream_ik import StreamOptions
 
 
 def test_a_short_run_keeps_everything_and_tells_it(capsys: pytest.CaptureFixture[str]) -> None:

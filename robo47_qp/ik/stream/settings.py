@@ -6,6 +6,8 @@ from typing import Annotated
 
 from robo47_qp.arrays import Checked, Count, NotNegative, Positive, Range, Ratio, Vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.ik.objectives import LimitSource, Objective, TaskSource
+from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
 from robo47_qp.model.robot import MotionProfile
 
 
@@ -40,9 +42,18 @@ class StreamSettings(Checked):
     braking_share: Ratio = 0.5
     """Part of the deceleration of all joints together that is counted on to keep pairs apart."""
     max_pairs: Count = 20
-    """Most pairs of geoms whose distance is measured, and that bound the velocity, in a tick."""
+    """Most pairs of geoms whose distance is measured, and that bound the velocity, in a tick; for a
+    robot of two tools four times as many, for three nine times."""
     backend: str = "daqp"
     """QP solver."""
+    demand: ToolDemand = FULL
+    """What of the tool's pose is asked for; of several tools, of each."""
+    objectives: tuple[Objective | TaskSource, ...] = ()
+    """What is asked for besides: tasks of mink or of the user's own, or functions of an arm that
+    make them. A bare task has priority 1: it moves the arm in the freedom that the tool leaves."""
+    limits: tuple[LimitSource, ...] = ()
+    """What is kept besides: limits of mink or of the user's own, or functions of an arm that make
+    them."""
     profile: MotionProfile | None = None
     """Velocity and acceleration limits; None for the robot's own profile."""
 
@@ -53,6 +64,9 @@ class StreamSettings(Checked):
             InvalidValueError: A setting is out of range.
         """
         super().__post_init__()
+        check_demand(self.demand)
+        for name in ("objectives", "limits"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.gain * self.dt > 0.3:
             most = f"at most {0.3 / self.dt:g} at a tick of {self.dt:g} s, or it oscillates"
             raise InvalidValueError("gain", self.gain, most)
@@ -61,10 +75,14 @@ class StreamSettings(Checked):
 class Event(Enum):
     """Conditions that a tick reports."""
 
-    TARGET_REFUSED = "the target is no finite pose: the arm brakes"
+    TARGET_REFUSED = "the target is no finite pose: the arm brakes, or that tool holds still"
     TARGET_JUMPED = "the target moved farther than the tool can: its velocity is not followed"
     TOO_CLOSE = "a pair of geoms is closer than the clearance: it is parted"
     CLEARANCE_RELAXED = "joint limits leave no velocity with room to brake before every clearance"
+    LIMIT_RELAXED = "no velocity keeps joint limits, clearances and a user's limit: that gives way"
+    OBJECTIVE_RELAXED = "an objective of the user is not met at the pace it asks for"
+    OBJECTIVE_LEFT_OUT = "an objective of the user raised or was not finite: it is left out"
+    LIMIT_LEFT_OUT = "a limit of the user raised or was not finite: it is left out"
     RECOVERING = "a joint was outside its limits, or too fast to stop inside: it is brought back"
     NO_ANSWER = "the QP solver found no answer: the arm brakes"
 

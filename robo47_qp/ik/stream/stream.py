@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds
-from robo47_qp.ik.stream.joint_bounds import JointBounds
+from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
+from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
-from robo47_qp.ik.stream.target_velocity import TargetVelocity, pose_or_none
+from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective, targets_of
+from robo47_qp.ik.stream.user_parts import UserParts, null_space
 from robo47_qp.ik.stream.velocity_qp import VelocityQp
 from robo47_qp.model.arm import Arm
 
@@ -34,10 +35,16 @@ class StreamIk(StreamSettings):
     the speeds at which pairs of geoms may approach. What gives way is, in this order:
 
     1. the null-space motion;
-    2. the tool's way to the target;
-    3. the rows of clearances, where no velocity in the box meets them all: pairs with much room
-       first, those without any last (`VelocityQp`), told by `Event.CLEARANCE_RELAXED`;
-    4. never a limit of q, v or a. The box is not empty, so there is always an answer.
+    2. the user's `objectives`, the highest numbers of priority first: each level moves the arm in
+       what the levels before leave free (`Event.OBJECTIVE_RELAXED`);
+    3. the way of the tools to their targets, with the objectives of priority 0: costs decide;
+    4. the user's `limits`, where no velocity in the box meets all rows (`Event.LIMIT_RELAXED`);
+    5. the rows of clearances, where there is none either: pairs with much room first, those
+       without any last (`VelocityQp`), told by `Event.CLEARANCE_RELAXED`;
+    6. never a limit of q, v or a. The box is not empty, so there is always an answer.
+
+    A part of the user's that raises or is not finite is left out of that tick and counted
+    (`UserParts`). Several tools are followed at once, each with its joints at its own pace.
 
     It descends along the way to the target and does not plan. An arm that meets a joint limit
     or an obstacle on that way can stop there though another configuration would reach the
@@ -48,8 +55,10 @@ class StreamIk(StreamSettings):
         """A stream for one arm, at rest at its home.
 
         Raises:
-            UnknownNameError: No QP solver is called `backend`.
-            InvalidValueError: The profile is for another number of joints.
+            UnknownNameError: No QP solver is called `backend`; an objective is for a frame that is
+                not there.
+            InvalidValueError: The profile is for another number of joints; an objective or a limit
+                of the user's is none, see `composed`.
             ModelError: A clearance is asked for and the arm has no geoms to keep apart.
         """
         return StreamSolver(self, arm)
@@ -70,6 +79,8 @@ class StreamSolver:
         self._target_velocity = TargetVelocity(settings, arm, profile)
         data, a_max = self._target_velocity.data, self.bounds.a_max
         self._clearance_bounds = _clearance_bounds(settings, arm, data, a_max)
+        composes = settings.objectives or settings.limits
+        self._user = UserParts(settings, arm, profile) if composes else None
         self._least = -inf if settings.clearance is None else settings.clearance
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -108,10 +119,12 @@ class StreamSolver:
         """Move the command on by one tick, towards where the target is now.
 
         Args:
-            T_world_target: Wanted T_world_tcp (SE3). Anything else brakes the arm.
+            T_world_target: Wanted T_world_tcp (SE3) of the main tool, or `ToolPoses` of several.
+                Anything else brakes the arm; what is no pose in a mapping holds that tool still.
         """
         events: set[Event] = set()
-        objective = self._target_velocity.objective(pose_or_none(T_world_target), self._q)
+        targets = targets_of(self.arm, T_world_target)
+        objective = self._target_velocity.objective(targets, self._q)
         events.update(objective.events)
         box = self.bounds.box(self._q, self._v)
         if box.recovering:
@@ -122,9 +135,12 @@ class StreamSolver:
             clearance = self._clearance_bounds.measured
             if clearance < self._least:
                 events.add(Event.TOO_CLOSE)
-        v_next, told = self._qp.nearest(objective.H, objective.v_ref, box, rows)
-        if told is not None:
-            events.add(told)
+        if self._user is None:
+            v_next, told = self._qp.nearest(objective.H, objective.v_ref, box, rows)
+            if told is not None:
+                events.add(told)
+        else:
+            v_next = self._composed(self._user, objective, box, rows, events)
         q_next = self.bounds.moved(self._q, self._v, v_next)
         a = (v_next - self._v) / self.settings.dt
         self._q, self._v = q_next, v_next
@@ -141,6 +157,47 @@ class StreamSolver:
             events=tuple(e for e in Event if e in events) if events else (),
         )
 
+    def _composed(
+        self,
+        user: UserParts,
+        objective: VelocityObjective,
+        box: VelocityBox,
+        rows: VelocityRows | None,
+        events: set[Event],
+    ) -> Vector:
+        """Return the next velocity with the objectives and limits of the user."""
+        user.move(self._q)
+        beside, *levels = user.levels(events)
+        kept = user.rows(self._v, events)
+        way = objective.way
+        H = objective.H + sum((cost.H for cost in beside), np.zeros_like(objective.H))
+        pull = objective.H.dot(way.whole) - sum((cost.c for cost in beside), np.zeros(len(H)))
+        paces = [user.pace(H, pull) if beside else 0.0]
+        moved = paces[0] * pull if beside else objective.H.dot(way.paced)
+        f = -objective.H.dot(objective.v_ref - way.paced) - moved
+        if kept is None:
+            v, told = self._qp.nearest(H, np.linalg.solve(H, -f), box, rows)
+            events.update(() if told is None else (told,))
+        else:
+            v, relaxed = self._qp.nearest_within(H, f, box, rows, kept)
+            events.update(relaxed)
+        held = [way.rows, *(cost.W for cost in beside)]
+        every = [part for part in (rows, kept) if part is not None]
+        A = np.vstack([np.zeros((0, self.arm.n)), *(part.A for part in every)])
+        upper = np.concatenate([np.zeros(0), *(part.upper for part in every)])
+        for level in levels:
+            H = sum((cost.H for cost in level), np.zeros_like(H))
+            c = sum((cost.c for cost in level), np.zeros(len(H)))
+            N = null_space(held, self.arm.n)
+            paces.append(user.pace(N @ N.T @ H @ N @ N.T, -N @ N.T @ c))
+            if level and N.shape[1]:
+                v = self._qp.improved(v, (H, paces[-1] * c), N, box, (A, upper))
+            held += [cost.W for cost in level]
+        asked = zip((beside, *levels), paces, strict=True)
+        if any(cost.unmet(v, pace) for level, pace in asked for cost in level):
+            events.add(Event.OBJECTIVE_RELAXED)
+        return v
+
 
 def _clearance_bounds(
     settings: StreamIk, arm: Arm, data: mujoco.MjData, a_max: Vector
@@ -154,5 +211,5 @@ def _clearance_bounds(
         settings.dt,
         d_min=settings.clearance + settings.buffer,
         braking_share=settings.braking_share,
-        max_pairs=settings.max_pairs,
+        max_pairs=settings.max_pairs * len(arm.robot.tools) ** 2,
     )

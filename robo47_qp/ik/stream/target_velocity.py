@@ -1,16 +1,19 @@
 """The joint velocity towards a target that moves, jumps or cannot be reached."""
 
+from collections.abc import Mapping
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from mink import SE3
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.stream.settings import Event, StreamSettings
-from robo47_qp.ik.tool_error import ToolError
+from robo47_qp.ik.tool_demand import FULL
+from robo47_qp.ik.tool_error import error_to
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 
@@ -177,6 +180,8 @@ def _by_eigenvalues(squares: Matrix, J: Matrix, threshold: float) -> tuple[Matri
     return (U / damping) @ along, (U * exact) @ along
 
 
+_ANY, _ROUNDING = np.full(6, np.inf), 1e-12
+"""No bound on a twist, and what counts as none [m/s, rad/s]."""
 _HOMING_SPEED = 0.1
 """Part of v_max that the return home may take."""
 
@@ -189,24 +194,85 @@ class VelocityObjective(NamedTuple):
     v_ref: Vector
     """Joint velocity to come close to (n,) [rad/s]."""
     position_error: float
-    """Distance of the tool from the target now; NaN without a target [m]."""
+    """Distance of the tool from the target now, of several the largest; NaN without one [m]."""
     orientation_error: float
-    """Angle between them now [rad]."""
+    """Angle between them now, likewise [rad]."""
     events: tuple[Event, ...]
-    """Conditions of the target."""
+    """Conditions of the targets."""
+    way: "Way"
+    """What `v_ref` is made of."""
+
+
+class Way(NamedTuple):
+    """The way of the tools to their targets."""
+
+    whole: Vector
+    """Joint displacement (n,) [rad]."""
+    paced: Vector
+    """The part of v_ref that goes along it (n,) [rad/s]."""
+    rows: Matrix
+    """What must not move for the tools to go as they are asked to (k, n)."""
+
+
+class _Followed:
+    """A tool with the memory of its target, and its rows of the stack."""
+
+    def __init__(self, arm: Arm, tool: int, data: mujoco.MjData, settings: StreamSettings) -> None:
+        self.error = error_to(arm, (tool,), data, settings.demand)
+        self.motion = TargetMotion(settings.dt)
+        self._demand, self._rotation = (
+            settings.demand,
+            data.site_xmat[arm.tool_sites[tool]].reshape(3, 3),
+        )
+
+    def twist(self, target: Vector, v_max: Vector) -> tuple[Vector, bool]:
+        """Return `TargetMotion.twist` of what is asked for."""
+        fastest = np.abs(self.error.J).dot(v_max)
+        if self._demand == FULL:
+            return self.motion.twist(target, fastest)
+        twist, _ = self.motion.twist(target, _ANY)
+        twist[:3] *= self._demand.position
+        twist[3:] = self._demand.turning(twist[3:, None], self._rotation)[:, 0]
+        jumped = bool((np.abs(twist) > fastest + _ROUNDING).any())
+        return (np.zeros(6) if jumped else twist), jumped
+
+
+class _Stack:
+    """Memory for a set of tools that are followed together."""
+
+    def __init__(self, arm: Arm, tools: tuple[int, ...], units: Vector) -> None:
+        n, rows = arm.n, 6 * len(tools)
+        self.units = np.tile(units, len(tools))
+        self.columns = np.repeat(self.units[:, None], n, axis=1)
+        self.J, self.scaled = np.zeros((rows, n)), np.zeros((rows, n))
+        self.way, self.twist = np.zeros(rows), np.zeros(rows)
+        self.groups = _groups([arm.tool_joints(tool) for tool in tools])
+        """Joints that move together, where tools share none of them; empty for a single group."""
+
+
+def _groups(joints: list[NDArray[np.bool_]]) -> list[NDArray[np.intp]]:
+    """Join tools that share joints; return the joints of each group, none for a single one."""
+    groups: list[NDArray[np.bool_]] = []
+    for mine in joints:
+        joined = mine.copy()
+        for other in [group for group in groups if (group & mine).any()]:
+            joined |= other
+        groups = [group for group in groups if not (group & mine).any()] + [joined]
+    return [np.flatnonzero(group) for group in groups] if len(groups) > 1 else []
 
 
 class TargetVelocity:
-    """v_ref and H of `StreamIk`, with the memory of where the target was."""
+    """v_ref and H of `StreamIk`, with the memory of where the targets were."""
 
     def __init__(self, settings: StreamSettings, arm: Arm, profile: MotionProfile) -> None:
         """Make the memory for an arm and the limits that count for it."""
-        n, self._settings = arm.n, settings
-        self._tool = ToolError(arm)
-        self._target = TargetMotion(settings.dt)
+        n, self._settings, self._arm = arm.n, settings, arm
+        self._data = mujoco.MjData(arm.model)
+        self._tools = [
+            _Followed(arm, tool, self._data, settings) for tool in range(len(arm.robot.tools))
+        ]
+        self._stacks: dict[tuple[int, ...], _Stack] = {}
         self._units = np.array([1.0, 1.0, 1.0, *[settings.radian_length] * 3])
-        self._columns = np.repeat(self._units[:, None], n, axis=1)
-        self._J = np.zeros((6, n))
         self._regular = settings.joint_weight * np.eye(n)
         self._v_max = profile.v_max
         self._v_use, self._a_use = (
@@ -215,49 +281,117 @@ class TargetVelocity:
         )
         self._home, self._v_home = arm.home.copy(), _HOMING_SPEED * profile.v_max
         self._v_home_back = -self._v_home
-        self._rest = VelocityObjective(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,))
+        self._rest = VelocityObjective(
+            *(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,)),
+            Way(np.zeros(n), np.zeros(n), np.eye(n)),
+        )
 
     def reset(self) -> None:
         """Start anew: the next target counts as being at rest."""
-        self._target.reset()
+        for tool in self._tools:
+            tool.motion.reset()
 
     def update(self, q: Vector) -> None:
-        """Bring `data` up to date with the arm at q; `wish` does so, too."""
-        self._tool.move(q)
-        self._tool.update_jacobian()
+        """Bring `data` up to date with the arm at q; `objective` does so, too."""
+        self._place(q)
+        mujoco.mj_comPos(self._arm.model, self._data)
 
     @property
     def data(self) -> mujoco.MjData:
         """MuJoCo's state with kinematics and centres of mass; not to be written to."""
-        return self._tool.data
+        return self._data
 
-    def objective(self, T_world_target: SE3 | None, q: Vector) -> VelocityObjective:
-        """Return the objective for a target with the arm at q; without a target, rest."""
-        tool, units, settings = self._tool, self._units, self._settings
-        if T_world_target is None:
-            self._target.reset()
+    def objective(self, targets: Mapping[int, SE3 | None], q: Vector) -> VelocityObjective:
+        """Return the objective for targets with the arm at q; without any, rest.
+
+        Args:
+            targets: Wanted pose by the number of the tool; None holds that tool still.
+            q: Position of the joints (n,) [rad].
+        """
+        if all(pose is None for pose in targets.values()):
+            self.reset()
             self.update(q)
             return self._rest
-        tool.set_target(T_world_target)
-        away, turn = tool.move(q)
-        tool.update_jacobian()
-        np.multiply(tool.J, self._columns, out=self._J)
-        way = units * tool.e
-        way[:3] = shortened(way[:3], settings.max_distance)
-        inverse = DampedInverse(self._J, settings.singular_threshold)
-        fastest = np.abs(tool.J).dot(self._v_max)
-        twist, jumped = self._target.twist(T_world_target.wxyz_xyz, fastest)
-        joint_way = inverse.velocities(way)
-        v_ref = approach_rate(joint_way, self._v_use, self._a_use, settings.gain) * joint_way
-        twist *= units
-        v_ref += inverse.velocities(twist)
+        settings, tools = self._settings, tuple(targets)
+        if tools not in self._stacks:
+            self._stacks[tools] = _Stack(self._arm, tools, self._units)
+        stack = self._stacks[tools]
+        self._place(q)
+        away, turn, events = self._measure(stack, targets)
+        np.multiply(stack.J, stack.columns, out=stack.scaled)
+        inverse = DampedInverse(stack.scaled, settings.singular_threshold)
+        joint_way = inverse.velocities(stack.way)
+        paced = self._paced(joint_way, stack.groups)
+        stack.twist *= stack.units
+        v_ref = paced + inverse.velocities(stack.twist)
         if settings.home_gain > 0.0:
             home = self._home - q
             home *= settings.home_gain
             np.minimum(home, self._v_home, out=home)
             np.maximum(home, self._v_home_back, out=home)
             v_ref += inverse.null(home)
-        H = self._J.T @ self._J
+        H = stack.scaled.T @ stack.scaled
         H += self._regular
-        events = (Event.TARGET_JUMPED,) if jumped else ()
-        return VelocityObjective(H, v_ref, sqrt(away), sqrt(turn), events)
+        way = Way(joint_way, paced, stack.scaled)
+        return VelocityObjective(H, v_ref, sqrt(away), sqrt(turn), events, way)
+
+    def _place(self, q: Vector) -> None:
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self._arm.model, self._data)
+
+    def _measure(
+        self, stack: _Stack, targets: Mapping[int, SE3 | None]
+    ) -> tuple[float, float, tuple[Event, ...]]:
+        """Fill the stack; return the largest squared errors, and conditions of the targets."""
+        away = turn = 0.0
+        events: dict[Event, None] = {}
+        for i, (tool, pose) in enumerate(targets.items()):
+            rows, followed = slice(6 * i, 6 * i + 6), self._tools[tool]
+            error = followed.error
+            if pose is not None:
+                error.set_target(pose)
+            p2, w2 = error.measure()
+            error.update_jacobian()
+            stack.J[rows] = error.J
+            if pose is None:
+                followed.motion.reset()
+                stack.way[rows] = stack.twist[rows] = 0.0
+                events[Event.TARGET_REFUSED] = None
+                continue
+            away, turn = max(away, p2), max(turn, w2)
+            np.multiply(self._units, error.e, out=stack.way[rows])
+            stack.way[rows][:3] = shortened(stack.way[rows][:3], self._settings.max_distance)
+            stack.twist[rows], jumped = followed.twist(pose.wxyz_xyz, self._v_max)
+            if jumped:
+                events[Event.TARGET_JUMPED] = None
+        for other, followed in enumerate(self._tools):
+            if other not in targets:
+                followed.motion.reset()
+        return away, turn, tuple(events)
+
+    def _paced(self, way: Vector, groups: list[NDArray[np.intp]]) -> Vector:
+        """Return the way per second, each group of joints at its own pace."""
+        v_use, a_use, gain = self._v_use, self._a_use, self._settings.gain
+        if not groups:
+            return approach_rate(way, v_use, a_use, gain) * way
+        paced = np.zeros_like(way)
+        for group in groups:
+            rate = approach_rate(way[group], v_use[group], a_use[group], gain)
+            paced[group] = rate * way[group]
+        return paced
+
+
+def targets_of(arm: Arm, T_world_target: object) -> Mapping[int, SE3 | None]:
+    """Return what is wanted of which tools, whatever is given: None where it is no pose.
+
+    A pose is for the main tool; a mapping, such as `ToolPoses`, has poses by names of tools.
+    """
+    if not isinstance(T_world_target, Mapping):
+        return {0: pose_or_none(T_world_target)}
+    names = [tool.name for tool in arm.robot.tools]
+    found: dict[int, SE3 | None] = {}
+    for name, pose in T_world_target.items():
+        if name not in names:
+            return {0: None}
+        found[names.index(name)] = pose_or_none(pose)
+    return found or {0: None}

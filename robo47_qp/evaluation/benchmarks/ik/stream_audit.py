@@ -41,7 +41,7 @@ def clearance_audit(
     MuJoCo reports no contacts between neighbouring links. For two separate boxes its contact
     distance is measured along one axis and can be less than their distance.
     """
-    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    spec = _robots(robot)
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
     for geom in spec.geoms:
@@ -64,6 +64,21 @@ def clearance_audit(
         "clearance_violations": int((smallest < least).sum()),
         "clearance_lacking_mm": 1e3 * float(least - smallest.min()),
     }
+
+
+def _robots(robot: Robot) -> mujoco.MjSpec:
+    """Return the robot's file, or a copy of it at every mount."""
+    if not robot.mounts:
+        return mujoco.MjSpec.from_file(str(robot.mjcf))
+    spec = mujoco.MjSpec()
+    for mount in robot.mounts:
+        T = mount.T_world_base
+        frame = spec.worldbody.add_frame(pos=T.translation(), quat=T.rotation().wxyz)
+        part = mujoco.MjSpec.from_file(str(robot.mjcf))
+        for key in list(part.keys):
+            part.delete(key)
+        spec.attach(part, prefix=mount.prefix, frame=frame)
+    return spec
 
 
 def between_boxes(m: mujoco.MjModel, d: mujoco.MjData, a: int, b: int) -> float:
