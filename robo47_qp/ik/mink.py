@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from robo47_qp.arrays import NotNegative, Vector
+from robo47_qp.arrays import Matrix, NotNegative, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.box_qp import check_backend
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
@@ -83,6 +83,10 @@ class MinkIk(GaussNewtonIk):
         q[joints] = q_seed[joints]
         return q
 
+    def exact(self, arm: Arm, q: Vector) -> tuple[Vector, Matrix]:
+        """Return errors of the constraints and frozen joints at q (k,), and their fall (k, n)."""
+        return self._search(arm).stepper.exact(q)
+
     def explained(self, arm: Arm, T_world_target: Target, result: IkResult) -> IkResult:
         """Return a result with what of the composition gave way, or is not reached."""
         stepper = self._search(arm, tools_of(arm, T_world_target)).stepper
@@ -110,11 +114,16 @@ class MinkIk(GaussNewtonIk):
     def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[MinkStepper]:
         return arm.derived(_mink, tools, self._settings)
 
+    @property
+    def asked(self) -> tuple[Objective, ...]:
+        """The objectives, each with its priority."""
+        return tuple(_objective(one) for one in self.objectives)
+
     @cached_property
     def _settings(self) -> MinkSettings:
         cost = self.joint_cost
         composition = Composition(
-            tuple(_objective(one) for one in self.objectives),
+            self.asked,
             tuple(self.limits),
             tuple(self.constraints),
             tuple(self.frozen),

@@ -8,7 +8,7 @@ import numpy as np
 from mink import SE3
 from mink.tasks import BaseTask
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import dense_call, settings_of
 from robo47_qp.ik.gauss_newton import FLOOR
@@ -201,6 +201,14 @@ class MinkStepper:
         return in_freedom(
             at, dq, null_space(np.vstack(held)), self._further, self._limits, self._backend
         )
+
+    def exact(self, q: Vector) -> tuple[Vector, Matrix]:
+        """Return errors of constraints and frozen joints at q (k,), and their fall (k, n)."""
+        at = self._configuration
+        at.update(q)
+        exact = [*self._constraints, *self._frozen]
+        errors = [one.compute_error(at) for one in exact]
+        return np.concatenate(errors), -np.vstack([one.compute_jacobian(at) for one in exact])
 
     def values(self) -> list[float]:
         """Return ½ ‖cost · error‖² of each further level, where the last `move` led."""

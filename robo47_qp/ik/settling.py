@@ -11,7 +11,7 @@ from robo47_qp.ik.mink_step import LONGEST, MinkStepper, shortened
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.model.tool_poses import Target
 
-_STILL = 1e-9
+_STILL = 1e-7
 """A motion that is shorter is none [rad or m]."""
 _SETTLING = 60
 """Largest number of motions until the further levels are settled."""

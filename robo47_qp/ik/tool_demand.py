@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.tool_poses import Target
+from robo47_qp.model.tool_poses import Target, ToolPoses
 
 _SMALL = 1e-12
 """Sine of an angle below which two directions define no axis between them."""
@@ -45,6 +45,15 @@ class ToolDemand:
 
     def nearest(self, start: SE3, goal: SE3) -> SE3:
         """Return the pose nearest to a start that is as good as a goal; both T_world_tcp."""
+        return goal
+
+    def aimed(self, start: Target, goal: Target) -> Target:
+        """Return `nearest` of a target, tool by tool."""
+        if isinstance(goal, ToolPoses) and isinstance(start, ToolPoses):
+            poses = start
+            return goal.each(lambda name, pose: self.nearest(poses[name], pose))
+        if isinstance(goal, SE3) and isinstance(start, SE3):
+            return self.nearest(start, goal)
         return goal
 
     def distance(self, arm: Arm, T_world_target: Target, q: Vector) -> tuple[float, float]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
+from robo47_qp.ik.composing import start_of
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import IkResult, IkSolver, judged
 from robo47_qp.model.arm import Arm
@@ -218,8 +219,8 @@ class BranchChoice:
         Raises:
             PlanError: There is none.
         """
-        target = goal_pose(arm, waypoint)
-        seed = np.where(arm.joints_of(target), arm.home, q_start)
+        target, ik = goal_pose(arm, waypoint), waypoint.solver(ik)
+        seed = start_of(ik, arm, np.where(arm.joints_of(target), arm.home, q_start), q_start)
         if isinstance(waypoint.target, Place):
             found: Sequence[IkResult] = [judged(arm, target, arm.home, ik.tolerance, 0)]
         elif isinstance(ik, MultiStart):
@@ -248,8 +249,9 @@ class BranchChoice:
         return Branch(results=tuple(results), room=room)
 
     def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
-        goal = goal_pose(arm, waypoint)
-        asked = waypoint.path(arm.pose_as(goal, q), goal)
+        goal, ik = goal_pose(arm, waypoint), waypoint.solver(ik)
+        start = arm.pose_as(goal, q)
+        asked = waypoint.path(start, ik.tolerance.demand.aimed(start, goal))
         time = lin.profile.least_time(asked.length, asked.angle)
         try:
             end, path = lin.follow(arm, ik, q, asked)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import NO_PATH, PlanError
-from robo47_qp.ik.solver import IkSolver
+from robo47_qp.ik.tool_demand import FULL
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.model.tool_poses import Target
@@ -60,7 +60,6 @@ class Continuous:
     def plan(
         self,
         arm: Arm,
-        ik: IkSolver,
         q_start: Vector,
         requests: Sequence[Request],
         profile: MotionProfile,
@@ -70,7 +69,6 @@ class Continuous:
 
         Args:
             arm: The arm.
-            ik: Solves the knots of tool paths.
             q_start: Start configuration (n,) [rad].
             requests: The motions; all but the last are blended or passed.
             profile: Bounds of the joints at full pace.
@@ -89,7 +87,7 @@ class Continuous:
                 goals = [one.goal.q for one in members if one.goal is not None]
                 q = _add_joints(arm, plan, first, members, [q, *goals])
             else:
-                q = self._add_tool(arm, ik, plan, first, members, q)
+                q = self._add_tool(arm, plan, first, members, q)
             first += len(members)
         path = _joined(arm, plan, requests)
         owners = [_waypoints_of(path, low, high) for low, high in pairwise(path.cuts)]
@@ -114,8 +112,13 @@ class Continuous:
         return ContinuousMotion(trajectory, passes, spent)
 
     def _add_tool(
-        self, arm: Arm, ik: IkSolver, plan: _Plan, first: int, members: Sequence[Request], q: Vector
+        self, arm: Arm, plan: _Plan, first: int, members: Sequence[Request], q: Vector
     ) -> Vector:
+        ik = members[0].ik
+        others = [request.name for request in members if request.ik != ik]
+        if others:
+            told = "without a stop before it, it must have the same objectives and demand"
+            raise PlanError(others[0], told, NO_PATH)
         curve = _tool_curve(members, arm.pose_as(members[0].T_world_goal, q), self.profile)
         time = self.profile.least_time(curve.length, curve.angle)
         try:
@@ -142,7 +145,8 @@ def _tool_curve(
     for request in requests:
         if request.path is not None:
             segments.append(request.path(poses[-1]))
-        poses.append(request.T_world_goal)
+        whole = request.ik.tolerance.demand == FULL or not segments
+        poses.append(request.T_world_goal if whole else segments[-1].at(1.0))
     for request, one in zip(requests, segments, strict=True):
         if profile.least_time(one.length, one.angle) < STILL:
             raise PlanError(request.name, "it is where the motion already is", NO_PATH)

@@ -74,12 +74,12 @@ class PlannerSettings:
             cut = cut_ptp(arm, q_start, requests, self.profile, self.law, dt)
             passage = ContinuousMotion(*cut, IkEffort(0, 0.0))
         else:
-            passage = self.continuous.plan(arm, self.ik, q_start, requests, self.profile, dt)
+            passage = self.continuous.plan(arm, q_start, requests, self.profile, dt)
         whole, ends = passage.trajectory, [*passage.passes, passage.trajectory.steps]
         planned: list[Planned] = []
         for request, first, last in zip(requests, [0, *ends], ends, strict=False):
             part = whole.part(first, last)
-            end = judged(arm, request.T_world_goal, part.end.q, self.ik.tolerance, 0)
+            end = judged(arm, request.T_world_goal, part.end.q, request.ik.tolerance, 0)
             self.check_collisions(request.name, part)
             planned.append(Planned(part, replace(end, **passage.effort._asdict())))
         pace = max(request.pace for request in requests)

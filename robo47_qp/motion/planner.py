@@ -139,7 +139,7 @@ class Planner(PlannerSettings):
     def _leg(
         self, arm: Arm, waypoint: Waypoint, reached: IkResult | None, q_start: Vector, dt: float
     ) -> Leg:
-        request = waypoint.request(arm, self.pace, reached)
+        request = waypoint.request(arm, self.ik, self.pace, reached)
         planned = waypoint.motion.type.plan(self, arm, request, q_start, dt)
         return _leg(arm, waypoint, request, planned)
 
@@ -153,7 +153,7 @@ class Planner(PlannerSettings):
     ) -> list[Leg]:
         """Plan a run to rest at its last waypoint, with stops before where they save time."""
         requests = [
-            waypoint.request(arm, self.pace, result)
+            waypoint.request(arm, self.ik, self.pace, result)
             for waypoint, result in zip(run, results, strict=True)
         ]
         corners = [i for i, waypoint in enumerate(run[:-1]) if waypoint.blend]

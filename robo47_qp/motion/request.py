@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robo47_qp.ik.solver import IkResult
+from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.paths.segments import ToolPath
 from robo47_qp.motion.trajectory import Trajectory
@@ -31,6 +31,8 @@ class Request:
     """Ratio of the speeds of joints and tool to those of their profiles, in (0, 1]."""
     goal: IkResult | None
     """Configuration to reach; None where following the path leads to one."""
+    ik: IkSolver
+    """Solver with what the waypoint adds to it."""
 
 
 class Planned(NamedTuple):

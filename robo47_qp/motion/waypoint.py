@@ -1,6 +1,6 @@
 """Waypoint: a tool pose to visit, how to get there, and what the gripper does there."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated
@@ -19,7 +19,10 @@ from robo47_qp.arrays import (
     checked_vector,
 )
 from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
-from robo47_qp.ik.solver import IkResult
+from robo47_qp.ik.composing import composed_ik
+from robo47_qp.ik.objectives import Objective, TaskSource
+from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
 from robo47_qp.model.arm import Arm, Load
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.tool_poses import Target, ToolPoses
@@ -95,6 +98,10 @@ class Waypoint(Checked):
     """What the gripper does on arrival; None leaves it as it is."""
     carried: Load = None
     """What the main tool holds on the way here, or each of several tools, by their names."""
+    objectives: Sequence[Objective | TaskSource] = ()
+    """Further tasks on the way here and at its end, beside those of the solver; see `MinkIk`."""
+    demand: ToolDemand | None = None
+    """What of the tool's pose is asked for on the way here; None: what the solver asks for."""
     onward: "tuple[Waypoint, ...]" = ()
     """LIN and CIRC motions that will follow. They are not carried out; the configuration at a PTP
     waypoint is chosen such that they can be."""
@@ -125,6 +132,7 @@ class Waypoint(Checked):
                 self.motion.name,
                 f"{PRESCRIBED}, on which the tools keep their places on it",
             )
+        self._check_demand()
         if not self._single and not self.rests:
             raise InvalidValueError(
                 f"waypoint {self.name!r} of several tools",
@@ -167,19 +175,35 @@ class Waypoint(Checked):
         except InvalidValueError as error:
             raise PlanError(self.name, str(error), NO_PATH) from error
 
-    def request(self, arm: Arm, pace: float, reached: IkResult | None) -> Request:
+    def solver(self, ik: IkSolver) -> IkSolver:
+        """Return a solver with the objectives and the demand of this waypoint.
+
+        Raises:
+            InvalidValueError: It takes none.
+        """
+        return composed_ik(ik, self.objectives, self.demand)
+
+    def request(self, arm: Arm, ik: IkSolver, pace: float, reached: IkResult | None) -> Request:
         """Return the request for the motion to here.
 
         Args:
             arm: The arm.
+            ik: The solver of the planner.
             pace: That of the planner, in (0, 1].
             reached: Configuration to reach; None where following the path leads to one.
+
+        Raises:
+            InvalidValueError: The solver does not take objectives or a demand.
         """
-        goal = goal_pose(arm, self)
+        goal, own = goal_pose(arm, self), self.solver(ik)
+        aimed = own.tolerance.demand.aimed
         return Request(
             name=self.name,
             T_world_goal=goal,
-            path=(lambda start: self.path(start, goal)) if self.prescribes_path else None,
+            ik=own,
+            path=(lambda start: self.path(start, aimed(start, goal)))
+            if self.prescribes_path
+            else None,
             straight=self.motion.type.straight,
             blend=self.blend,
             pace=pace * self.pace,
@@ -194,6 +218,15 @@ class Waypoint(Checked):
     @property
     def _given(self) -> list[str]:
         return [name for name in _POINTS if getattr(self, name) is not None]
+
+    def _check_demand(self) -> None:
+        if self.demand is None:
+            return
+        check_demand(self.demand)
+        if self.holding is not None and self.demand != FULL:
+            raise InvalidValueError(
+                f"demand of waypoint {self.name!r}", self.demand, "FULL where tools hold a body"
+            )
 
     def _check_shape(self) -> None:
         motion, name = self.motion.type, self.motion.name

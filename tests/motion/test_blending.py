@@ -117,7 +117,8 @@ def test_the_time_with_stops_is_never_overstated(motion: Motion) -> None:
         planner = Planner(ik=PLANNER.ik, profile=PANDA.profile, pace=pace)
         legs = planner.plan_chain(ARM, run, ARM.home, DT)
         requests = [
-            waypoint.request(ARM, pace, leg.ik) for waypoint, leg in zip(run, legs, strict=True)
+            waypoint.request(ARM, planner.ik, pace, leg.ik)
+            for waypoint, leg in zip(run, legs, strict=True)
         ]
         least = least_with_stops(ARM, ARM.home, requests, PANDA.profile, PathProfile())
         took = sum(leg.trajectory.duration for leg in legs)

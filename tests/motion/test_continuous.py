@@ -132,10 +132,10 @@ def test_joints_and_tool_motions_are_blended_into_each_other() -> None:
     # The planner would rather stop, which is quicker here: the blend alone is looked at.
     goals = [leg.trajectory.q[-1] for leg in legs]
     requests = [
-        waypoint.request(ARM, 1.0, judged(ARM, goal_pose(ARM, waypoint), q, IK.tolerance, 0))
+        waypoint.request(ARM, IK, 1.0, judged(ARM, goal_pose(ARM, waypoint), q, IK.tolerance, 0))
         for waypoint, q in zip(waypoints, goals, strict=True)
     ]
-    blended = Continuous().plan(ARM, IK, ARM.home, requests, PANDA.profile, DT).trajectory
+    blended = Continuous().plan(ARM, ARM.home, requests, PANDA.profile, DT).trajectory
     legs = [replace(legs[0], trajectory=blended)]
     assert violations(LOOK, legs, PANDA.profile) == []
     assert stops(legs) == 0

@@ -370,7 +370,7 @@ def test_the_way_from_the_limits_does_not_move_the_tool(rng: np.random.Generator
     arm, plain = Arm(PANDA), PlainArm(PANDA)
     half = 0.5 * (arm.q_max - arm.q_min)
     for q in arm.q_min + 2.0 * half * rng.uniform(0.0, 1.0, (20, arm.n)):
-        way = _away(arm, q, arm.pose(q))
+        way = _away(arm, IK, q, arm.pose(q))
         assert np.abs(plain.jacobian(q) @ way).max() < 1e-9
         # Against the fourth power of the distances from the middle.
         assert way @ ((q - arm.q_min - half) / half) ** 3 < 0.0

@@ -8,10 +8,12 @@ from scipy.optimize import least_squares
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
+from robo47_qp.ik.composing import composes
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import EarlyStopping, IkResult, IkSolver, Tolerance, joints_outside
+from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.refusals import AT_LIMIT
@@ -29,6 +31,9 @@ _EXACT = 1e-12
 _STAGNANT = 1e-4
 """Relative gain of a step at which it ends: near a pose that is reached, every step gains more."""
 _EVALUATIONS = 60
+
+
+_ASKED = Tolerance()
 
 
 class SmallSteps(NamedTuple):
@@ -69,9 +74,11 @@ def follow_in_small_steps(
         results.append(result)
         found: Vector | None = result.q
         if not (result.converged and np.abs(result.q - q).max() <= STRIDE):
-            # No path is refused because one solver failed.
+            # No path is refused because one solver failed, where the pose is all that is asked.
             starts = _STARTS if step <= _SMALLEST else 0
-            found = solve_nearby(arm, target, q, ik.tolerance, starts=starts)
+            found = None
+            if not composes(ik):
+                found = solve_nearby(arm, target, q, ik.tolerance, starts=starts)
         if found is not None:
             q, x, step = found, x + step, 2.0 * step
         elif step <= _SMALLEST:
@@ -109,9 +116,9 @@ def solve_nearby(
     around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
     for start in (np.clip(q, low, high), *around):
         found = least_squares(
-            lambda x: arm.pose_error(T_world_target, x),
+            lambda x: tolerance.demand.error(arm, T_world_target, x),
             start,
-            jac=lambda x: -arm.error_jacobian(T_world_target, x),
+            jac=lambda x: -tolerance.demand.jacobian(arm, T_world_target, x),
             bounds=(low, high),
             method="dogbox",
             xtol=_EXACT,
@@ -119,7 +126,7 @@ def solve_nearby(
             gtol=_EXACT,
             max_nfev=_EVALUATIONS,
         )
-        position, angle = arm.pose_distance(T_world_target, found.x)
+        position, angle = tolerance.demand.distance(arm, T_world_target, found.x)
         if position <= tolerance.position and angle <= tolerance.orientation:
             reached: Vector = found.x
             return reached
@@ -130,7 +137,9 @@ SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the arm counts as singular [m and rad]."""
 
 
-def block_reason(arm: Arm, q: Vector, T_world_next: Target) -> tuple[RefusalReason, str]:
+def block_reason(
+    arm: Arm, q: Vector, T_world_next: Target, asked: Tolerance = _ASKED
+) -> tuple[RefusalReason, str]:
     """Return why the tool cannot move from q to a pose next to it, and the joint concerned.
 
     Without the joint limits the pose is reached by a small motion that leads a joint out of
@@ -142,24 +151,34 @@ def block_reason(arm: Arm, q: Vector, T_world_next: Target) -> tuple[RefusalReas
         arm: The arm.
         q: The last configuration on the way (n,) [rad].
         T_world_next: Where the tool should go next, one smallest step away.
+        asked: How close counts, and what of the pose.
     """
-    free = solve_nearby(arm, T_world_next, q, LmIk().tolerance, limits=False)
+    free = solve_nearby(arm, T_world_next, q, asked, limits=False)
     joints = arm.robot.joints
     if free is not None and joints_outside(arm, free):
         beyond = np.maximum(arm.q_min - free, free - arm.q_max)
         return RefusalReason.JOINT_LIMIT, joints[int(beyond.argmax())]
-    other = MultiStart(solver=LmIk(max_iterations=20, stall=Stall())).solve(arm, T_world_next, q)
+    patient = LmIk(max_iterations=20, stall=Stall(), tolerance=asked)
+    other = MultiStart(solver=patient).solve(arm, T_world_next, q)
     moved = joints[int(np.abs(other.q - q).argmax())]
     if not other.converged:
         return RefusalReason.REACH, moved
-    _, gains, directions = np.linalg.svd(arm.error_jacobian(T_world_next, q))
-    if gains[-1] < SINGULAR:
-        return RefusalReason.SINGULARITY, joints[int(np.abs(directions[len(gains) - 1]).argmax())]
+    gain, direction = _least_gain(arm, T_world_next, q, asked.demand)
+    if gain < SINGULAR:
+        return RefusalReason.SINGULARITY, joints[int(np.abs(direction).argmax())]
     return RefusalReason.BRANCH, moved
 
 
+def _least_gain(arm: Arm, target: Target, q: Vector, demand: ToolDemand) -> tuple[float, Vector]:
+    """Return the smallest gain of the Jacobian of what is asked for, and the joints' direction."""
+    J = demand.jacobian(arm, target, q)
+    _, gains, directions = np.linalg.svd(J)
+    last = min(len(gains), len(J) - demand.free * (len(J) // 6)) - 1
+    return float(gains[last]), directions[last]
+
+
 def deviation_reason(
-    arm: Arm, knots: Matrix, q: Vector, target: Target
+    arm: Arm, knots: Matrix, q: Vector, target: Target, demand: ToolDemand = FULL
 ) -> tuple[RefusalReason, str, Vector]:
     """Return why no spline keeps to a joint path: reason, joint and configuration.
 
@@ -171,12 +190,13 @@ def deviation_reason(
         knots: The joint path (N, n) [rad].
         q: Where the spline is worst (n,) [rad].
         target: The pose asked for there.
+        demand: What of it.
     """
     margins = np.minimum(knots - arm.q_min, arm.q_max - knots)
     row, joint = np.unravel_index(int(margins.argmin()), margins.shape)
     if margins[row, joint] < AT_LIMIT:
         return RefusalReason.JOINT_LIMIT, arm.robot.joints[joint], knots[row]
-    _, gains, directions = np.linalg.svd(arm.error_jacobian(target, q))
-    busiest = arm.robot.joints[int(np.abs(directions[len(gains) - 1]).argmax())]
-    close = gains[-1] < SINGULAR
+    gain, direction = _least_gain(arm, target, q, demand)
+    busiest = arm.robot.joints[int(np.abs(direction).argmax())]
+    close = gain < SINGULAR
     return RefusalReason.SINGULARITY if close else RefusalReason.PRECISION, busiest, q

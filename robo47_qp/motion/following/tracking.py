@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
+from robo47_qp.ik.composing import deviation, exact_rows, without_lasting
 from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
@@ -23,6 +24,8 @@ from robo47_qp.motion.refusals import AT_LIMIT, PathError, check_spline_limits
 
 _TASK = 6
 """Degrees of freedom of a pose; an arm with more joints is redundant."""
+_STEEPEST = 1.875
+"""Slope of a quintic transition in its middle, over its mean."""
 _POLISHES = 2
 """Number of Newton steps after IK."""
 
@@ -74,7 +77,7 @@ class Tracking:
             at_limit = error.reason is RefusalReason.JOINT_LIMIT or (
                 error.q is not None and arm.limit_margin(error.q) < AT_LIMIT
             )
-            if arm.n <= _TASK or not at_limit or self.retreat == 0.0:
+            if arm.n <= _TASK - ik.tolerance.demand.free or not at_limit or self.retreat == 0.0:
                 raise
         return self._path(arm, ik, q_start, path, True)
 
@@ -88,15 +91,15 @@ class Tracking:
             iterations += sum(result.iterations for result in results)
             seconds += sum(result.seconds for result in results)
             spline = make_interp_spline(np.linspace(0.0, 1.0, knots + 1), q, k=5)
-            off, fraction = _worst_deviation(arm, path, spline, knots)
+            off, fraction = _worst_deviation(arm, ik, path, spline, knots)
             if off <= self.deviation:
                 check_spline_limits(arm, spline)
                 return spline, IkEffort(iterations, seconds)
             if doublings == self.doublings:
                 reason = f"{knots} knots leave the tool {1e6 * off:.0f} µm off"
-                raise PathError(
-                    fraction, reason, *deviation_reason(arm, q, spline(fraction), path.at(fraction))
-                )
+                where = spline(fraction), path.at(fraction)
+                why = deviation_reason(arm, q, *where, ik.tolerance.demand)
+                raise PathError(fraction, reason, *why)
             knots, doublings = 2 * knots, doublings + 1
 
     def _solved(
@@ -104,21 +107,29 @@ class Tracking:
     ) -> tuple[Matrix, list[IkResult]]:
         """Return the configurations at the knots (knots + 1, n), and all IK results."""
         s = np.linspace(0.0, 1.0, knots + 1)
-        q, results = [q_start], []
+        q, results = [q_start], list[IkResult]()
         spacing = max(path.length, path.angle) / knots
         near = single_start(ik)
+        plain = without_lasting(near)
+        lasting = None
+        if plain is not None:
+            lasting, near = _Lasting(arm, near, path, q_start, self), plain
         for before, fraction in pairwise(s.tolist()):
             seed, target = q[-1], path.at(fraction)
             if away:
                 seed = np.clip(
-                    seed + spacing * self.retreat * _away(arm, seed, target), arm.q_min, arm.q_max
+                    seed + spacing * self.retreat * _away(arm, near, seed, target),
+                    arm.q_min,
+                    arm.q_max,
                 )
+            if lasting is not None:
+                seed = lasting.seed(target, fraction, q[-1], results)
             result = near.solve(arm, target, seed)
             results.append(result)
             found, moved = result.q, float(np.abs(result.q - q[-1]).max())
             if not result.converged or moved > self.jump:
                 found = self._by_small_steps(arm, near, q[-1], path, (before, fraction), results)
-            q.append(_polished(arm, target, found) if self.polish else found)
+            q.append(_polished(arm, near, target, found) if self.polish else found)
         return np.array(q), results
 
     def _by_small_steps(
@@ -141,7 +152,7 @@ class Tracking:
         if steps.stuck is None:
             return steps.q
         last = steps.results[-1]
-        refusal, joint = block_reason(arm, steps.q, steps.stuck)
+        refusal, joint = block_reason(arm, steps.q, steps.stuck, ik.tolerance)
         moved = np.abs(last.q - steps.q)
         how = f"{arm.robot.joints[int(moved.argmax())]} would jump by {moved.max():.2f} rad"
         reason = how if last.converged else last.explanation
@@ -150,23 +161,62 @@ class Tracking:
         raise PathError(at, told, refusal, joint, steps.q, steps.stuck)
 
 
-def _worst_deviation(arm: Arm, path: ToolPath, spline: BSpline, knots: int) -> tuple[float, float]:
+class _Lasting:
+    """Where objectives that last are at their best along a path, and the way there.
+
+    A path seldom starts at the best configuration: from the start the joints go over to it, by
+    an offset that fades out towards the end of the path, with two continuous derivatives. On a
+    path that is too short for that, a part of it stays.
+    """
+
+    def __init__(
+        self, arm: Arm, ik: IkSolver, path: ToolPath, q_start: Vector, settings: Tracking
+    ) -> None:
+        self._arm, self._ik, self._settings = arm, ik, settings
+        self._size = max(path.length, path.angle)
+        self._best = ik.solve(arm, path.at(0.0), q_start).q
+        self._go_over(q_start - self._best, 0.0)
+
+    def _go_over(self, offset: Vector, since: float) -> None:
+        """Let an offset fade out from a fraction of the path on, as far as there is path for it."""
+        self._offset, self._since = offset, since
+        longest = self._settings.retreat * (1.0 - since) * self._size / _STEEPEST
+        size = float(np.abs(offset).max())
+        self._share = 1.0 if size <= longest else longest / size
+
+    def seed(self, target: Target, at: float, q_before: Vector, results: list[IkResult]) -> Vector:
+        """Return where to search for a pose at a fraction of the path (n,) [rad]."""
+        found = self._ik.solve(self._arm, target, self._best)
+        results.append(found)
+        if np.abs(found.q - self._best).max() > self._settings.jump:
+            # The best is suddenly elsewhere: go over to it on the rest of the path.
+            self._go_over(q_before - found.q, min(at, 1.0 - 1e-6))
+        self._best = found.q
+        x = (at - self._since) / (1.0 - self._since)
+        fading = 1.0 - self._share * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        arm = self._arm
+        return np.clip(self._best + fading * self._offset, arm.q_min, arm.q_max)
+
+
+def _worst_deviation(
+    arm: Arm, ik: IkSolver, path: ToolPath, spline: BSpline, knots: int
+) -> tuple[float, float]:
     """Return the largest pose error between the knots [m or rad], and where it is."""
     s = (np.arange(2 * knots) + 0.5) / (2 * knots)
-    off = [max(arm.pose_distance(path.at(x), q)) for x, q in zip(s, spline(s), strict=True)]
+    off = [deviation(ik, arm, path.at(x), q) for x, q in zip(s, spline(s), strict=True)]
     worst = int(np.argmax(off))
     return off[worst], float(s[worst])
 
 
-def _polished(arm: Arm, target: Target, q: Vector) -> Vector:
+def _polished(arm: Arm, ik: IkSolver, target: Target, q: Vector) -> Vector:
     """Return q after Newton steps of least motion: q + J⁺ e."""
     for _ in range(_POLISHES):
-        J = arm.error_jacobian(target, q)
-        q = q + np.linalg.lstsq(J, arm.pose_error(target, q), rcond=1e-4)[0]
+        e, J = exact_rows(ik, arm, target, q)
+        q = q + np.linalg.lstsq(J, e, rcond=1e-4)[0]
     return q
 
 
-def _away(arm: Arm, q: Vector, target: Target) -> Vector:
+def _away(arm: Arm, ik: IkSolver, q: Vector, target: Target) -> Vector:
     """Return null-space motion away from joint limits: N(q) times -x³ per joint, x in [-1, 1].
 
     The gradient projection of Liégeois (1977) with the fourth power of the distance from the
@@ -174,7 +224,7 @@ def _away(arm: Arm, q: Vector, target: Target) -> Vector:
     """
     half = 0.5 * (arm.q_max - arm.q_min)
     x = (q - 0.5 * (arm.q_min + arm.q_max)) / half
-    J = arm.error_jacobian(target, q)
+    _, J = exact_rows(ik, arm, target, q)
     # Joints that move no tool of the path stand still.
     wish = -(x**3) * arm.joints_of(target)
     way: Vector = wish - np.linalg.lstsq(J, J @ wish, rcond=1e-4)[0]

@@ -39,7 +39,7 @@ class LinMotion(MotionType):
             raise InvalidValueError("path of a LIN motion", None, "a path")
         line = request.path(arm.pose_as(goal, q_start))
         try:
-            trajectory, end = lin.plan(arm, settings.ik, q_start, line, profile, dt, pace)
+            trajectory, end = lin.plan(arm, request.ik, q_start, line, profile, dt, pace)
         except PathError as error:
             time = error.fraction * lin.profile.least_time(line.length, line.angle)
             raise PlanError(request.name, *error.refusal(time)) from error
