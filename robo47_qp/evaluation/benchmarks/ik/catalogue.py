@@ -18,6 +18,7 @@ from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver, Tolerance
@@ -40,16 +41,19 @@ TABLE = Obstacle(
 QUESTIONS = (
     ("dls", "dls-clip"),
     ("dls-clip", "qp-daqp"),
+    ("qp-daqp", "mink"),
     ("qp-daqp", "qp-osqp"),
     ("qp-daqp", "lm"),
     ("dls-clip", "dls-clip-multi"),
     ("qp-daqp", "qp-daqp-multi"),
     ("dls-clip-multi", "qp-daqp-multi"),
+    ("mink", "mink-multi"),
+    ("qp-daqp-multi", "mink-multi"),
     ("qp-daqp-multi", "default"),
     ("qp-daqp-multi", "fast"),
 )
-"""Planned comparisons: the effect of limits, of the QP, of its backend, of restarts, of the QP when
-there are restarts, and of stopping stalled starts early."""
+"""Planned comparisons: the effect of limits, of the QP, of mink in place of the fused QP, of its
+backend, of restarts, of the QP when there are restarts, and of stopping stalled starts early."""
 
 
 def solvers() -> dict[str, IkSolver]:
@@ -66,6 +70,7 @@ def solvers() -> dict[str, IkSolver]:
             "dls-position": replace(dls, position_only=True, clip=False),
             "dls": replace(dls, clip=False),
             "dls-clip": dls,
+            "mink": MinkIk(max_iterations=steps, tolerance=TOLERANCE),
             "qp-daqp": replace(qp, backend="daqp"),
             "qp-osqp": replace(qp, backend="osqp"),
             "lm": LmIk(max_iterations=steps, tolerance=TOLERANCE),
@@ -78,7 +83,10 @@ def solvers() -> dict[str, IkSolver]:
     qp = QpIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE)
     lm = LmIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE)
     own: dict[str, IkSolver] = {
-        "default": MultiStart(solver=qp, max_restarts=STARTS - 1),
+        "default": MultiStart(
+            solver=MinkIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE),
+            max_restarts=STARTS - 1,
+        ),
         "fast": MultiStart(solver=lm, max_restarts=STARTS - 1, seed_first=False),
         "clear": MultiStart(solver=replace(qp, clearance=CLEARANCE), max_restarts=STARTS - 1),
     }
