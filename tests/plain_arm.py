@@ -161,7 +161,7 @@ def welded_file(robot: Robot, folder: Path) -> Path:
 
 
 def _welded(robot: Robot, payload: Payload | None) -> str:
-    root = ET.parse(robot.mjcf).getroot()
+    root = _whole(robot.mjcf)
     for compiler in root.findall("compiler"):
         if "meshdir" in compiler.attrib:
             compiler.set("meshdir", str(robot.mjcf.parent / compiler.attrib["meshdir"]))
@@ -181,6 +181,26 @@ def _welded(robot: Robot, payload: Payload | None) -> str:
     option = ET.SubElement(root, "option", integrator="implicitfast", timestep="0.001")
     ET.SubElement(option, "flag", constraint="disable", contact="disable")
     return ET.tostring(root, encoding="unicode")
+
+
+def _whole(mjcf: Path) -> ET.Element:
+    """A file with what it attaches from others in its place, by text."""
+    root = ET.parse(mjcf).getroot()
+    for assets in root.findall("asset"):
+        for model in assets.findall("model"):
+            assets.remove(model)
+            other = ET.parse(mjcf.parent / model.attrib["file"]).getroot()
+            root.extend([*other.findall("default"), *other.findall("asset")])
+            for parent in list(root.iter()):
+                for attach in parent.findall(f"attach[@model='{model.attrib['name']}']"):
+                    part = other.find(f".//body[@name='{attach.attrib['body']}']")
+                    assert part is not None
+                    for element in part.iter():
+                        if "name" in element.attrib:
+                            element.set("name", attach.attrib["prefix"] + element.attrib["name"])
+                    parent.remove(attach)
+                    parent.append(part)
+    return root
 
 
 def _held(hand: ET.Element, tcp: str, payload: Payload) -> ET.Element:

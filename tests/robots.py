@@ -118,17 +118,26 @@ PREMISES = {
     "test_a_robot_whose_home_is_outside_its_limits_cannot_go_home": TURNING,
 }
 """Tests whose premise holds for these robots alone."""
+CARRIED = {
+    "panda_rail": ("test_arm", "test_ik_contract", "test_tool_error"),
+    "panda_base": ("test_controller_contract",),
+}
+"""Modules whose tests run on arms that something carries, to save time; what is their own is in
+tests/model/test_carrier.py."""
 
 
 def is_meant_for(module: str, test: str, robot: str) -> bool:
     """True where a test is to be run on a robot."""
     everywhere = tuple(MAKERS)
+    if robot in CARRIED:
+        return module in CARRIED[robot] and robot in PREMISES.get(test, everywhere)
     return robot in MODULES.get(module, everywhere) and robot in PREMISES.get(test, everywhere)
 
 
 def is_at_hand(robot: str) -> bool:
     """True where a robot's model is on this machine, as far as the environment says."""
-    return robot in ("panda", "hinge6", "slider6") or ROOT_VARIABLE in os.environ
+    shipped = ("panda", "panda_rail", "panda_base", "hinge6", "slider6")
+    return robot in shipped or ROOT_VARIABLE in os.environ
 
 
 @cache

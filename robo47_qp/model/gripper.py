@@ -1,6 +1,6 @@
 """Gripper: what the fingers of a robot can do, and a command to them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated
 
@@ -25,6 +25,16 @@ class Gripper:
     """Largest force of one finger on the object [N]."""
     force_gain: float
     """Force limit of the actuator per newton of finger force [-]."""
+
+    def prefixed(self, prefix: str) -> "Gripper":
+        """Return the same gripper with something put before each of its names."""
+        (one, other), (left, right) = self.joints, self.fingers
+        return replace(
+            self,
+            joints=(prefix + one, prefix + other),
+            fingers=(prefix + left, prefix + right),
+            actuator=prefix + self.actuator,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

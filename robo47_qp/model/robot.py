@@ -42,6 +42,12 @@ class MotionProfile:
         """Return a profile with the same bounds for all n joints [rad/s, rad/s², rad/s³]."""
         return cls(v_max=np.full(n, v), a_max=np.full(n, a), j_max=np.full(n, j))
 
+    def followed_by(self, other: "MotionProfile") -> "MotionProfile":
+        """Return the profile of these joints and then those of another one."""
+        names = ("v_max", "a_max", "j_max")
+        ends = {name: (getattr(self, name), getattr(other, name)) for name in names}
+        return MotionProfile(**{name: np.concatenate(pair) for name, pair in ends.items()})
+
     def slowed(self, pace: float) -> "MotionProfile":
         """Return the profile with time stretched by 1 / `pace`.
 

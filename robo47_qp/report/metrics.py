@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import Robot
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.signals import is_followed
@@ -52,7 +53,7 @@ def metrics(run: Run) -> dict[str, float]:
     error = np.max([rows[f"errors/{one}tool_position"] for one in labels], axis=0)[stiff]
     return {
         **run.measures,
-        "max_joint_error_rad": float(np.abs(rows["errors/q"][stiff]).max(initial=0.0)),
+        **_joint_errors(run.scenario.robot, rows["errors/q"][stiff]),
         "max_tool_error_m": float(error.max(initial=0.0)),
         "rms_tool_error_m": float(np.sqrt((error**2).mean())) if stiff.any() else 0.0,
         "settle_time_s": _settle_time(run),
@@ -82,6 +83,16 @@ def _following(run: Run) -> dict[str, float]:
         "final_target_error_m": float(error[-1]),
         "kinds_of_target_events": float(events),
     }
+
+
+def _joint_errors(robot: Robot, errors: Matrix) -> dict[str, float]:
+    """Return the largest error of joints that turn and, where there are some, that slide."""
+    slides = np.array(robot.units) == "m"
+    turning, sliding = np.abs(errors[:, ~slides]), np.abs(errors[:, slides])
+    found = {"max_joint_error_rad": float(turning.max(initial=0.0))}
+    if slides.any():
+        found["max_slide_error_m"] = float(sliding.max(initial=0.0))
+    return found
 
 
 def _stiff(run: Run) -> NDArray[np.bool_]:

@@ -46,7 +46,10 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
                 "seconds": leg.ik.seconds,
                 "position_error_m": leg.ik.position_error,
                 "orientation_error_rad": leg.ik.orientation_error,
-                "limit_margin_rad": leg.ik.limit_margin,
+                # Of the joint closest to its limit, whichever it is.
+                f"limit_margin_{scenario.robot.unit('rad', 'm').replace(' ', '_')}": (
+                    leg.ik.limit_margin
+                ),
             }
             for leg in run.legs
         ],

@@ -76,6 +76,7 @@ def print_summary(
     console.print(
         f"  cycle time       {metrics['cycle_time_s']:.2f} s\n"
         f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "
+        f"{_slides(metrics)}"
         f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm, settled within "
         f"{metrics['settle_time_s']:.3f} s\n"
         f"  contact          up to {metrics['peak_contact_force_N']:.2f} N on the tool, "
@@ -92,6 +93,12 @@ def print_summary(
     if "recording" in files:
         command = f"[bold]rerun {files['recording']}[/]"
         console.print(f"Open the recording with: {command}", highlight=False, soft_wrap=True)
+
+
+def _slides(metrics: Mapping[str, float]) -> str:
+    if "max_slide_error_m" not in metrics:
+        return ""
+    return f"slides within {1e3 * metrics['max_slide_error_m']:.3f} mm, "
 
 
 def _smooth(metrics: Mapping[str, float]) -> str:

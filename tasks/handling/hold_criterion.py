@@ -79,7 +79,7 @@ class HoldCriterion:
     def verdict(self, simulation: Simulation, markers: Sequence[str]) -> Failure | None:
         """Return why not all poses were held or the arm is not home; None on success."""
         measures = self.measures(simulation, markers)
-        left, away = round(measures["poses_left"]), measures["home_error_rad"]
+        left, away = round(measures["poses_left"]), float(_from_home(simulation).max())
         against = []
         if left:
             against.append(
@@ -87,17 +87,18 @@ class HoldCriterion:
                 f"be held for {self.seconds:.2f} s within {self._allowed}"
             )
         if away > _HOME:
-            against.append(f"a joint is {away:.3f} rad from home; allowed are {_HOME} rad")
+            unit = simulation.robot.unit("rad", "m")
+            against.append(f"a joint is {away:.3f} {unit} from home; allowed are {_HOME} {unit}")
         return Failure(cause=Cause.PLACE, evidence=", and ".join(against)) if against else None
 
     def measures(self, simulation: Simulation, markers: Sequence[str]) -> dict[str, float]:
-        """Return the number of remaining poses [-] and the largest joint distance from home
-        [rad]."""
-        q = simulation.true_state().q
-        return {
-            "poses_left": float(sum(is_visible(simulation, name) for name in markers)),
-            "home_error_rad": float(np.abs(q - simulation.robot.home).max()),
-        }
+        """Return the number of remaining poses [-] and the largest distances from home: of a
+        joint that turns [rad] and, where there is one, of a joint that slides [m]."""
+        units, away = np.array(simulation.robot.units), _from_home(simulation)
+        found = {"poses_left": float(sum(is_visible(simulation, name) for name in markers))}
+        for unit in dict.fromkeys(["rad", *units.tolist()]):
+            found[f"home_error_{unit}"] = float(away[units == unit].max(initial=0.0))
+        return found
 
     def _rests(self, simulation: Simulation, goal: SE3) -> bool:
         """Do the same as `_against`, but fast if the tool is far away."""
@@ -111,11 +112,12 @@ class HoldCriterion:
         off = float(np.linalg.norm(T_goal_tcp.translation()))
         turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
         speed = float(np.abs(simulation.true_state().v).max())
+        unit = simulation.robot.unit("mrad/s", "mm/s")
         if off <= self.position_tolerance and turn <= self.turn_tolerance and speed <= self.speed:
             return None
         return (
             f"the tool is {1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {marker}, the "
-            f"fastest joint moves at {1e3 * speed:.1f} mrad/s; allowed are {self._allowed}"
+            f"fastest joint moves at {1e3 * speed:.1f} {unit}; allowed are {self._allowed}"
         )
 
     @property
@@ -126,3 +128,9 @@ class HoldCriterion:
         return (
             tolerances if self.speed == inf else f"{tolerances} and {1e3 * self.speed:.1f} mrad/s"
         )
+
+
+def _from_home(simulation: Simulation) -> np.ndarray:
+    """Return the distance of each joint from home (n,) [rad or m]."""
+    distance: np.ndarray = np.abs(simulation.true_state().q - simulation.robot.home)
+    return distance

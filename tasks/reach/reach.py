@@ -21,7 +21,7 @@ from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
 
 _DISTANCE = (0.35, 0.75)
-"""Range of the horizontal distance from the base [m]."""
+"""Range of the horizontal distance from the base of the arm, wherever a rail takes it [m]."""
 _DIRECTION = np.deg2rad(90.0)
 """Largest angle from straight ahead, seen from the base [rad]."""
 _HEIGHT = (0.15, 0.60)
@@ -51,9 +51,9 @@ class Reach(Task):
 
     A random pose is that of a random configuration within the joint limits and without collision:
     it can be reached, but its configuration is not known to the program. It lies in the workspace
-    in front of the base, with the tool tilted from straight down by at most 60°. The marker of a
-    pose that was held is hidden. The program goes home between poses, so that all motions stay
-    above the table.
+    in front of the base, with the tool tilted from straight down by at most 60°; the workspace of
+    an arm on a rail or a mobile base is wherever its base may be. The marker of a pose that was
+    held is hidden. The program goes home between poses, so that all motions stay above the table.
     """
 
     count: Annotated[int, Range(at_least=1, at_most=5, whole=True)] = option(
@@ -167,10 +167,13 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
     addresses = [int(joint.qposadr[0]) for joint in joints]
     low, high = np.array([joint.range for joint in joints]).T
     tcp = model.site(robot.tcp).id
+    # Slides carry the first joint that turns.
+    base = next(joint.id for joint in joints if joint.name not in robot.slides)
     for _ in range(_DRAWS):
         data.qpos[addresses] = rng.uniform(low, high)
         mujoco.mj_kinematics(model, data)
-        if not _in_workspace(data.site_xpos[tcp], -float(data.site_xmat[tcp][8])):
+        from_base = data.site_xpos[tcp] - [*data.xanchor[base][:2], 0.0]
+        if not _in_workspace(from_base, -float(data.site_xmat[tcp][8])):
             continue
         if all(
             _close(model, data, gap) <= close for gap, close in zip(_ROOM, as_built, strict=True)

@@ -9,8 +9,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.model.gripper import Gripper
-from robo47_qp.model.robot import MotionProfile, Mount, Robot, Tool
+from robo47_qp.model.robot import Mount, Robot, Tool
 from robo47_qp.model.robots.panda import PANDA
 
 SIDES = ("left", "right")
@@ -21,7 +20,8 @@ APART = 0.7
 
 def panda_pair() -> Robot:
     """The pair; its main tool is that of the left arm, on the side of positive y."""
-    left, right = (_gripper(f"{side}_") for side in SIDES)
+    (gripper,) = PANDA.grippers
+    left, right = (gripper.prefixed(f"{side}_") for side in SIDES)
     return replace(
         PANDA,
         name="panda_pair",
@@ -36,8 +36,8 @@ def panda_pair() -> Robot:
         gripper=left,
         more_tools=(Tool(name="right", tcp="right_tcp", gripper=right),),
         home=_twice(PANDA.home),
-        rated=_both(PANDA.rated),
-        profile=_both(PANDA.profile),
+        rated=PANDA.rated.followed_by(PANDA.rated),
+        profile=PANDA.profile.followed_by(PANDA.profile),
         tau_max=_twice(PANDA.tau_max),
         tau_rate_max=_twice(PANDA.tau_rate_max),
         stiffness=_twice(PANDA.stiffness),
@@ -45,19 +45,5 @@ def panda_pair() -> Robot:
     )
 
 
-def _gripper(prefix: str) -> Gripper:
-    (one,) = PANDA.grippers
-    return replace(
-        one,
-        joints=(prefix + one.joints[0], prefix + one.joints[1]),
-        fingers=(prefix + one.fingers[0], prefix + one.fingers[1]),
-        actuator=prefix + one.actuator,
-    )
-
-
 def _twice(values: Vector) -> Vector:
     return np.concatenate([values, values])
-
-
-def _both(one: MotionProfile) -> MotionProfile:
-    return MotionProfile(v_max=_twice(one.v_max), a_max=_twice(one.a_max), j_max=_twice(one.j_max))
