@@ -6,6 +6,8 @@ import pytest
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.ik.mink import MinkIk
+from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
@@ -101,6 +103,21 @@ def test_every_pose_of_a_configuration_is_reached(solver: str, carried: Arm) -> 
         assert found.converged, found.explanation
         assert max(carried.pose_distance(target, found.q)) <= 1e-6
         assert carried.limit_margin(found.q) >= 0.0
+
+
+def test_a_dear_carrier_moves_less(carried: Arm, rng: np.random.Generator) -> None:
+    """For poses that the arm alone would nearly reach; all are reached with either cost."""
+    k = carried.n - 7
+    costs = ([1.0] * carried.n, [10.0] * k + [1.0] * 7)
+    solvers = [MultiStart(solver=MinkIk(max_iterations=50, joint_cost=cost)) for cost in costs]
+    ways: list[list[float]] = []
+    for _ in range(15):
+        target = carried.pose(carried.home + rng.uniform(-0.3, 0.3, carried.n))
+        found = [ik.solve(carried, target, carried.home) for ik in solvers]
+        assert all(one.converged for one in found)
+        ways.append([float(np.abs(one.q[:k]).max()) for one in found])
+    plain, dear = np.median(ways, axis=0)
+    assert dear < 0.3 * plain
 
 
 @pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])

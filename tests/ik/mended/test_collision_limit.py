@@ -117,6 +117,9 @@ def test_rows_that_no_step_meets_are_relaxed_and_that_is_told(start: float, in_t
     assert np.abs(np.diff(speeds, axis=0)).max() <= 5.0 * dt + 1e-9
     assert (max(relaxed) < 1e-3) == in_time
     assert (least > 0.004) == in_time
+    c.update(np.array([0.0, -3.0]))
+    limit.compute_qp_inequalities(c, dt)
+    assert limit.relaxed == 0.0
 
 
 def panda_limit(clearance: float, far: float) -> tuple[Arm, CollisionLimit]:
