@@ -18,7 +18,7 @@ from robo47_qp.run.steps import Move, Release, StepLike, Wait
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.carry_tray.tray import NAME, Tray, tilt
-from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised
+from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
 from robo47_qp.tasks.handling.item_handler import HOME
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import heading, upright
@@ -39,7 +39,11 @@ _OVER = 0.05
 """Height of the tray above the wall [m]."""
 _TAKE_UP = 0.015
 """Height of the first lift [m]."""
-_LET_GO = 0.5e-3
+_PACE = 0.7
+"""Pace of the tray: the faster it goes, the more the handles creep between the fingers [-]."""
+_UNLOADS = 3
+"""How often: as the forces fade, hands and pads move a little."""
+_LET_GO = 1e-3
 """Height from which the tray is let go: a table that takes its weight would push it aside [m]."""
 _LIFTED = 5e-3
 """Height above which the tray counts as carried [m]."""
@@ -68,7 +72,7 @@ class CarryTray(Task):
     """The tray."""
     wall: tuple[float, float, float] = (0.50, 0.015, 0.08)
     """The wall between start and goal: its x, thickness and height [m]."""
-    grip_force: Positive = 50.0
+    grip_force: Positive = 70.0
     """Force of one finger on a handle [N]."""
     tilt_max: Positive = 2.0
     """Largest tilt of the tray [°]."""
@@ -146,8 +150,8 @@ class CarryTray(Task):
         for hand in hands:
             yield from hand.grasp(self.tray.handle_width, self.grip_force)
         # What the hands were off the handles is not to be carried along as an internal force.
-        yield Unload()
-        yield Unload()
+        for _ in range(_UNLOADS):
+            yield Unload()
         tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
         tray = _level(tray)
         poses = ToolPoses({hand.name: hand.pose() for hand in hands})
@@ -228,7 +232,9 @@ class CarryTray(Task):
         for hand in hands:
             shares[hand.name] = yield from hand.weigh()
         least = 0.05 * self.tray.whole_mass
-        return {name: _load(max(share, least)) for name, share in shares.items()}
+        loads = {name: _load(max(share, least)) for name, share in shares.items()}
+        yield from settled(replace(up, carried=loads))
+        return loads
 
     def _approach(self, grasps: ToolPoses) -> tuple[Waypoint, ...]:
         """Return the waypoints of both hands above the handles and down to them."""
@@ -272,7 +278,7 @@ def squeeze(simulation: Simulation) -> float:
 
 def _line(name: str, tray: SE3, holding: ToolPoses) -> Waypoint:
     """Return a straight way of the tray."""
-    return Waypoint(name=name, target=tray, holding=holding, motion=Motion.LIN)
+    return Waypoint(name=name, target=tray, holding=holding, motion=Motion.LIN, pace=_PACE)
 
 
 def _level(pose: SE3) -> SE3:

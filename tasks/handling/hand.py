@@ -99,6 +99,16 @@ class Hand:
         return float(np.mean(readings))
 
 
+def settled(there: Waypoint) -> Generator[StepLike, None, None]:
+    """Tell the arms what they carry where they are, and wait until they have come up to it.
+
+    Args:
+        there: The waypoint that was reached last, with what is carried.
+    """
+    yield there
+    yield Wait(name="settle", seconds=_STILL)
+
+
 def raised(pose: SE3, height: float) -> SE3:
     """Return a pose that is higher by so much [m]."""
     return SE3.from_translation(np.array([0.0, 0.0, height])) @ pose

@@ -17,7 +17,7 @@ from robo47_qp.run.steps import Move, Release, StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised
+from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import heading, upright
@@ -180,13 +180,19 @@ class Handover(Task):
         yield from left.grasp(self.bar.size[0], self.grip_force)
         bar, T_tcp_bar = self.bar, grasp.inverse() @ T_world_bar
         held = (left.holds(bar.size[0], self.grip_force, Cause.DROP),)
-        up = left.line("take up", raised(left.pose(), _TAKE_UP))
-        up = replace(up, carried={left.name: bar.payload(T_tcp_bar)})
+        taken_up = raised(left.pose(), _TAKE_UP)
+        # On no line: a bar of unknown weight pulls the hand off it.
+        up = Waypoint(
+            name="take up",
+            target=left.target(taken_up),
+            carried={left.name: bar.payload(T_tcp_bar)},
+        )
         yield Move(waypoints=(up,), after=held)
         if not simulation.weights_known:
             mass = yield from left.weigh()
             bar = replace(bar, mass=max(mass, 0.1 * bar.mass))
-        lift = left.line("lift", raised(left.pose(), _ABOVE - _TAKE_UP))
+            yield from settled(replace(up, carried={left.name: bar.payload(T_tcp_bar)}))
+        lift = left.line("lift", raised(taken_up, _ABOVE - _TAKE_UP))
         lift = replace(lift, carried={left.name: bar.payload(T_tcp_bar)})
         yield Move(waypoints=(lift,), during=held, after=held)
         return bar
