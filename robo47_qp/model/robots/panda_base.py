@@ -1,9 +1,9 @@
 """Franka Panda with its hand on a mobile base that drives in all directions: ten joints.
 
-Limits of the arm are those of the Panda alone (see module `panda`). Mass, speed and acceleration
-of the base are those of Clearpath's Ridgeback (linear speed 1 m/s and acceleration 1 m/s², turning
-speed 4 rad/s: `ridgeback_control/config/control.yaml` of https://github.com/ridgeback/ridgeback);
-that file lets it turn faster than its wheels can take it with an arm. Its turning acceleration,
+Limits of the arm are those of the Panda alone (see module `panda`). Speed and acceleration of the
+base are those of Clearpath's Ridgeback (linear speed 1 m/s and acceleration 1 m/s², turning speed
+4 rad/s: `ridgeback_control/config/control.yaml` of https://github.com/ridgeback/ridgeback); that
+file lets it turn faster than its wheels can take it with an arm. Its mass, turning acceleration,
 jerks, forces and stiffness are choices.
 """
 
