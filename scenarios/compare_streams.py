@@ -51,7 +51,7 @@ def run(options: CompareOptions, console: Console) -> int:
         table.add_column(name, justify="right")
     figures: list[dict[str, Any]] = []
     for robot in ("panda", "panda_pair"):
-        chosen = StreamOptions(robot=robot)  # type: ignore[arg-type]
+        chosen = StreamOptions(robot=robot)
         arm = chosen.arm()
         for kind in ("gentle", "hostile"):
             for stream in ("qp", "dls"):
