@@ -83,13 +83,15 @@ class LearnedFriction:
         if self._q is None:
             self._q = q_ref.copy()
             return None
+        self._since += self._per_update
+        if q_ref.tobytes() == self._q.tobytes():
+            return None
         z = q_ref - self._q
         z *= self._per_displacement
         z += self._z
         np.minimum(z, 1.0, out=z)
         np.maximum(z, -1.0, out=z)
         self._q[:] = q_ref
-        self._since += self._per_update
         if z.tobytes() == self._z.tobytes():
             return None
         turned = z - self._z

@@ -114,6 +114,7 @@ class ObservedJoints:
         self._high = settings.torque_share * arm.robot.tau_max / lightest
         self._least = float(self._high.min()) ** 2
         self._slowed = _slowed(arm, dt)
+        self._special = arm.has_dry_friction or self._delayed or self._slowed is not None
         self._started, self._on = False, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
@@ -186,6 +187,18 @@ class ObservedJoints:
             reference: What the joints should do now.
             tau: The torque, within the limits of the motors.
         """
+        if self._special:
+            self._now.expected[:] = self._expected(arm, reference, tau)
+        else:
+            self._now.expected[:] = arm.acceleration(tau)
+        self._count -= 1
+        if not self._count:
+            self._count = PERIODS
+            if self._friction is not None:
+                self._turn(self._friction, arm, reference.q)
+
+    def _expected(self, arm: Arm, reference: JointReference, tau: Vector) -> Vector:
+        """Return the acceleration of the period that the next measurement shows (n,)."""
         if arm.has_dry_friction:
             # What friction takes does not accelerate.
             tau = tau - dry_friction_torque(arm, reference.v)
@@ -193,16 +206,9 @@ class ObservedJoints:
         if self._slowed is not None:
             a = self._slowed.dot(a)
         if self._delayed:
-            self._now.expected[:] = self._pending[0]
-            self._pending[:-1] = self._pending[1:]
-            self._pending[-1] = a
-        else:
-            self._now.expected[:] = a
-        self._count -= 1
-        if not self._count:
-            self._count = PERIODS
-            if self._friction is not None:
-                self._turn(self._friction, arm, reference.q)
+            waiting = np.vstack([self._pending, a])
+            a, self._pending = waiting[0], waiting[1:]
+        return a
 
     def ahead(self, measured: JointState) -> JointState:
         """Return the state expected one period after the last estimate; before it, `measured`."""
