@@ -51,7 +51,7 @@ class DisturbanceObserver(Checked):
     rate limit: at seven standard deviations, in four of five configurations.
     """
 
-    bandwidth: Positive = 120.0
+    bandwidth: Positive = 140.0
     """Largest ω [rad/s]. A delay T that is not told leaves the arm stable up to about 0.7 / ω."""
     noise_q: NotNegative | None = None
     """Standard deviation of measured positions for which the torque rate is kept [rad]; None

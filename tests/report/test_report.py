@@ -79,7 +79,7 @@ def test_settings_are_all_there_by_name(summary: dict[str, Any]) -> None:
         "stiffness_share": 0.25,
     }
     assert settings["observer"]["class"] == "DisturbanceObserver"
-    assert settings["observer"]["bandwidth"] == 120.0
+    assert settings["observer"]["bandwidth"] == 140.0
 
 
 def test_every_leg_is_told(summary: dict[str, Any]) -> None:
