@@ -68,10 +68,17 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
     lines += ["|---|--:|--:|---|--:|---|"]
     lines += [
         f"| {f['signal']} | {f['limit']:.4g} | {f['extreme']:.4g} | {f['unit']} | "
-        f"{f['time']:.3f} | {'yes' if f['ok'] else 'NO'} |"
+        f"{f['time']:.3f} | {_kept(f)} |"
         for f in summary["audit"]
     ]
     return "\n".join(lines)
+
+
+def _kept(finding: Mapping[str, Any]) -> str:
+    if finding["exempt"]:
+        share = 100 * finding["share"]
+        return f"not judged, {share:.1f} % of the time: {finding['exempt']}"
+    return "yes" if finding["ok"] else "NO"
 
 
 def versions() -> dict[str, str]:

@@ -133,6 +133,12 @@ def _waypoints(run: Run) -> Table:
     return table
 
 
+def _kept(finding: Finding) -> str:
+    if finding.exempt:
+        return f"not judged ({100 * finding.share:.0f} %)"
+    return "[green]yes[/]" if finding.ok else "[bold red]NO[/]"
+
+
 def _audit(findings: Sequence[Finding]) -> Table:
     texts = ("signal", "unit", "kept")
     table = _table("Audit", ("signal", "limit", "extreme", "at s", "unit", "kept"), texts)
@@ -143,6 +149,6 @@ def _audit(findings: Sequence[Finding]) -> Table:
             f"{finding.extreme:.4g}",
             f"{finding.time:.3f}",
             finding.unit,
-            "[green]yes[/]" if finding.ok else "[bold red]NO[/]",
+            _kept(finding),
         )
     return table

@@ -3,18 +3,26 @@
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.collision.closest_approach import ClosestApproach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
-from robo47_qp.report.audit.finding import Finding, at_most, bounded, within
+from robo47_qp.report.audit.finding import Exempt, Finding, at_most, bounded, judged, within
 from robo47_qp.report.audit.tool import held_together, tool_paths, tool_rates
 from robo47_qp.run.scenario import Run
 
+_OWN = "the reference is the state of the arm itself, which torques move"
+_STREAMED = "the reference follows a moving target"
+
 
 def audit(run: Run) -> list[Finding]:
-    """Check a run against the limits of its scenario, using its recorded signals alone."""
+    """Check a run against the limits of its scenario, using its recorded signals alone.
+
+    Every row of every signal is in a finding with its true values. Rows in which something is not
+    promised are in a finding of their own, which says why and for how long.
+    """
     arm = Arm(run.scenario.robot)
     return [
         *_joints(run, arm),
@@ -31,8 +39,9 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     robot, joints = scenario.robot, scenario.robot.joints
     profile = scenario.planner.profile.slowed(scenario.planner.pace)
     a_ref = rows["joints/a_ref"]
-    v_ref, j_ref = _bounded_reference(run, rows["joints/v_ref"], _rate(a_ref))
-    a, tau = _bounded_response(run)
+    v_ref, j_ref = rows["joints/v_ref"], _rate(a_ref)
+    v_free, j_free = _exempt(run)
+    a, tau = rows["joints/a"], rows["joints/tau_command"]
     unit = robot.units
     efforts = ["N" if u == "m" else "N·m" for u in unit]
     per_s, per_s2, per_s3, rate = (
@@ -41,9 +50,9 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     )
     return [
         *within("reference q", unit, joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
-        bounded("reference v", per_s, joints, v_ref, profile.v_max),
+        *judged("reference v", per_s, joints, v_ref, profile.v_max, Exempt(v_free, _OWN)),
         bounded("reference a", per_s2, joints, a_ref, profile.a_max),
-        bounded("reference jerk", per_s3, joints, j_ref, profile.j_max),
+        *judged("reference jerk", per_s3, joints, j_ref, profile.j_max, Exempt(j_free, _STREAMED)),
         *within("measured q", unit, joints, rows["joints/q"], arm.q_min, arm.q_max),
         bounded("measured v", per_s, joints, rows["joints/v"], robot.rated.v_max),
         bounded("measured a", per_s2, joints, a, robot.rated.a_max),
@@ -52,34 +61,15 @@ def _joints(run: Run, arm: Arm) -> list[Finding]:
     ]
 
 
-def _bounded_reference(run: Run, v_ref: Matrix, j_ref: Matrix) -> tuple[Matrix, Matrix]:
-    """Return velocity and jerk of the reference, with 0 where they are not bounded.
-
-    The jerk of a streamed reference is not bounded; a streamed and compliant one is the state of
-    the arm itself.
-    """
-    v_ref, j_ref = v_ref.copy(), j_ref.copy()
+def _exempt(run: Run) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return in which rows velocity (N,) and jerk (N - 1,) of the reference are not bounded."""
+    velocity, jerk = np.zeros(len(run.rows), bool), np.zeros(len(run.rows) - 1, bool)
     for phase, rows in run.spans():
         if phase.streamed:
             # The period before it ends with its first acceleration.
-            j_ref[max(0, rows.start - 1) : rows.stop] = 0.0
-            if phase.compliant:
-                v_ref[rows] = 0.0
-    return v_ref, j_ref
-
-
-def _bounded_response(run: Run) -> tuple[Matrix, Matrix]:
-    """Return measured acceleration and commanded torque, as far as they are bounded.
-
-    While the tool is compliant, impacts decide the acceleration, which is 0 here, and only the
-    torque that the motors deliver is bounded, not the commanded one.
-    """
-    a, tau = run.rows["joints/a"].copy(), run.rows["joints/tau_command"].copy()
-    for phase, rows in run.spans():
-        if phase.compliant:
-            a[rows] = 0.0
-            tau[rows] = run.rows["joints/tau"][rows]
-    return a, tau
+            jerk[max(0, rows.start - 1) : rows.stop] = True
+            velocity[rows] = phase.compliant
+    return velocity, jerk
 
 
 def _rate(values: Matrix) -> Matrix:

@@ -1,9 +1,11 @@
 """Finding: one limit and whether it was kept."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
@@ -25,12 +27,66 @@ class Finding:
     time: float
     """When [s]."""
     ok: bool
+    exempt: str = ""
+    """Why it is not judged; empty where it is. Then `ok` is True, whatever the extreme."""
+    share: float = 1.0
+    """Share of the time of the run that it covers [-]."""
 
     def __str__(self) -> str:
-        return (
+        told = (
             f"{self.signal}: {self.extreme:.4g} {self.unit} at {self.time:.3f} s, the limit is "
             f"{self.limit:.4g} {self.unit}"
         )
+        if not self.exempt:
+            return told
+        return f"{told}; not judged in {100 * self.share:.1f} % of the time: {self.exempt}"
+
+
+class Exempt(NamedTuple):
+    """Rows in which a bound is not promised, and why."""
+
+    rows: NDArray[np.bool_]
+    """True in these rows (N,)."""
+    why: str
+    covered: NDArray[np.bool_] | None = None
+    """True in the rows in which the quantity exists (N,); None is in all."""
+
+
+def judged(
+    signal: str,
+    units: Sequence[str],
+    names: Sequence[str],
+    values: Matrix,
+    bound: Vector,
+    exempt: Exempt,
+) -> list[Finding]:
+    """Return the findings of the rows that are judged, and of those that are not, if any.
+
+    Args:
+        signal: Name of the quantity.
+        units: Unit of each column (n,).
+        names: Name of each column (n,).
+        values: As recorded (N, n).
+        bound: Symmetric bound of each column (n,).
+        exempt: Which rows are not judged.
+    """
+    findings = []
+    rows_of = np.ones(len(values), bool) if exempt.covered is None else exempt.covered
+    for rows, reason in ((rows_of & ~exempt.rows, ""), (rows_of & exempt.rows, exempt.why)):
+        if rows.any():
+            found = bounded(signal, units, names, values[rows], bound)
+            row = int(np.flatnonzero(rows)[round(found.time / TIMESTEP)])
+            findings.append(
+                replace(
+                    found,
+                    signal=f"{found.signal}, exempt" if reason else found.signal,
+                    time=row * TIMESTEP,
+                    ok=found.ok or bool(reason),
+                    exempt=reason,
+                    share=float(np.mean(rows)),
+                )
+            )
+    return findings
 
 
 def bounded(

@@ -13,7 +13,7 @@ from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
-from robo47_qp.report.audit.finding import Finding, bounded
+from robo47_qp.report.audit.finding import Exempt, Finding, bounded, judged
 from robo47_qp.run.scenario import Run
 
 LIN_COMMANDED = 10e-6
@@ -37,6 +37,7 @@ _RATES = (
 )
 """Quantities in the order of `ToolMotion`."""
 _SPEEDS = (0, 3)
+_YIELDS = "the tool is compliant and gives way to what it touches"
 
 
 def tool_paths(run: Run) -> list[Finding]:
@@ -45,11 +46,11 @@ def tool_paths(run: Run) -> list[Finding]:
     for motion in Motion:
         for signal, limit in (("commanded", LIN_COMMANDED), ("measured", LIN_MEASURED)):
             for label, tool in run.scenario.robot.tool_labels():
-                off = _off_way(run, motion, (label, tool.name), signal == "measured")
-                if off is not None:
-                    name = f"{motion.name} {signal}"
-                    which = tool.name if label else "tool"
-                    findings.append(bounded(name, ["m"], (which,), off, np.array([limit])))
+                off, covered, yields = _off_way(run, motion, (label, tool.name), signal)
+                name, which = f"{motion.name} {signal}", tool.name if label else "tool"
+                free = yields & (signal == "measured")
+                exempt = Exempt(free, _YIELDS, covered)
+                findings += judged(name, ["m"], (which,), off, np.array([limit]), exempt)
     return findings
 
 
@@ -57,7 +58,8 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     """Check speed, acceleration and jerk of the tool in LIN and CIRC motions.
 
     The bounds are those of the tool's profile at the pace of each motion. The reference must keep
-    all of them, the tool itself, which also vibrates, its speeds; a compliant tool is not checked.
+    all of them, the tool itself, which also vibrates, its speeds; those of a compliant tool are
+    told, but not judged.
     """
     tools = enumerate(run.scenario.robot.tool_labels())
     return [found for i, (label, _) in tools for found in _rates_of(run, arm, i, label)]
@@ -67,11 +69,11 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
     findings: list[Finding] = []
     name_of_tool = arm.robot.tools[tool].name
     which = f"{name_of_tool} " if label else ""
-    for kind, measured in (("reference", False), ("measured", True)):
-        title = which + kind
+    for kind, yields in (("reference", None), ("measured", False), ("measured", True)):
+        title, measured = which + kind, kind == "measured"
         spans = [
             span
-            for span in _spans(run, measured)
+            for span in _spans(run, yields)
             if span[1].waypoint.prescribes_path and _is_asked_for(span[1], label, name_of_tool)
         ]
         if not spans:
@@ -91,12 +93,14 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
             limit, extreme = float(limits[k, i]), float(sizes[k])
             findings.append(
                 Finding(
-                    signal=f"{title} {name} ({names[k]})",
+                    signal=f"{title} {name} ({names[k]})" + (", exempt" if yields else ""),
                     unit=unit,
                     limit=limit,
                     extreme=extreme,
                     time=float(rows[k]) * TIMESTEP,
-                    ok=extreme <= limit * (1.0 + COMMANDED_EXCESS),
+                    ok=bool(yields) or extreme <= limit * (1.0 + COMMANDED_EXCESS),
+                    exempt=_YIELDS if yields else "",
+                    share=len(rows) / len(run.rows),
                 )
             )
     return findings
@@ -108,7 +112,7 @@ def held_together(run: Run) -> list[Finding]:
     for title, kind in (("commanded", "_ref"), ("measured", "")):
         off = np.zeros((len(run.rows), 2))
         found = False
-        for rows, leg in _spans(run, not kind):
+        for rows, leg in _spans(run, None if kind else False):
             holding = leg.waypoint.holding
             if holding is not None and len(holding) > 1:
                 found = True
@@ -166,29 +170,34 @@ def _bounds(planner: Planner, leg: Leg) -> Vector:
     return bounds
 
 
-def _spans(run: Run, measured: bool) -> Iterator[tuple[NDArray[np.intp], Leg]]:
-    """Yield the rows of each leg; for the measured tool, only of those that are not compliant."""
+def _spans(run: Run, yields: bool | None = None) -> Iterator[tuple[NDArray[np.intp], Leg]]:
+    """Yield the rows of each leg; if asked, only of those that are compliant, or are not."""
     for phase, rows in run.spans():
-        if phase.leg is not None and not (measured and phase.compliant):
+        if phase.leg is not None and yields in (None, phase.compliant):
             yield np.arange(rows.start, rows.stop), phase.leg
 
 
-def _off_way(run: Run, motion: Motion, tool: tuple[str, str], measured: bool) -> Matrix | None:
-    """Return a tool's distance from line or arc in the rows of such motions (N, 1), 0 elsewhere.
+def _off_way(
+    run: Run, motion: Motion, tool: tuple[str, str], signal: str
+) -> tuple[Matrix, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return a tool's distance from line or arc (N, 1), and in which rows there is one (N,).
 
-    The tool is given by what its signals begin with, and its name.
+    The tool is given by what its signals begin with, and its name. The last array tells in which
+    rows it is compliant (N,).
     """
     label, name = tool
-    poses = run.rows[f"tool/{label}pose{'' if measured else '_ref'}"]
+    poses = run.rows[f"tool/{label}pose{'' if signal == 'measured' else '_ref'}"]
     off = np.zeros((len(poses), 1))
-    found = False
-    for rows, leg in _spans(run, measured):
-        if leg.waypoint.motion is not motion:
-            continue
-        if leg.path is not None and not label:
-            found = True
-            off[rows, 0] = leg.path.distances(poses[rows, :3])
-        elif leg.together is not None and leg.tools is not None and name in leg.tools:
-            found = True
-            off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
-    return off if found else None
+    covered, compliant = np.zeros((2, len(poses)), bool)
+    for yields in (False, True):
+        for rows, leg in _spans(run, yields):
+            if leg.waypoint.motion is not motion:
+                continue
+            if leg.path is not None and not label:
+                off[rows, 0] = leg.path.distances(poses[rows, :3])
+            elif leg.together is not None and leg.tools is not None and name in leg.tools:
+                off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
+            else:
+                continue
+            covered[rows], compliant[rows] = True, yields
+    return off, covered, compliant

@@ -305,20 +305,63 @@ def pushed(run: Run, row: int, *signals: str) -> list[str]:
 A, TORQUE = "measured a (joint1)", "torque (joint1)"
 
 
-def test_less_is_promised_of_an_arm_that_yields_from_its_first_row_to_its_last(run: Run) -> None:
+def test_an_arm_that_yields_is_held_to_its_acceleration_and_commanded_torque(run: Run) -> None:
     stiff, first, last = streaming(run, compliant=False)
     phases = [
         replace(phase, streamed=False, compliant=True) if phase.streamed else phase
         for phase in stiff.phases
     ]
     yielding = replace(run, phases=phases)
-    for row in (first, last):
-        assert pushed(yielding, row, "a", "tau_command") == []
-        assert pushed(stiff, row, "a", "tau_command") == [A, TORQUE]
-        # What the motors deliver is promised all the same.
-        assert pushed(yielding, row, "tau") == [TORQUE]
-    for row in (first - 1, last + 1):
-        assert pushed(yielding, row, "a", "tau_command") == [A, TORQUE]
-        assert pushed(yielding, row, "tau") == []
-    ending = replace(run, phases=[*run.phases[:-1], replace(run.phases[-1], compliant=True)])
-    assert pushed(ending, len(run.rows) - 1, "a", "tau_command") == []
+    for row in (first - 1, first, last, last + 1):
+        for one in (yielding, stiff):
+            assert pushed(one, row, "a", "tau_command") == [A, TORQUE]
+            # What is judged is the command, whatever the motors make of it.
+            assert pushed(one, row, "tau") == []
+
+
+# Nothing is hidden
+
+
+def test_what_is_not_judged_is_told_with_its_true_extreme_its_share_and_why(run: Run) -> None:
+    streamed, first, last = streaming(run, compliant=True)
+    share = (last - first + 1) / len(run.rows)
+    wild = with_value(streamed, "joints/v_ref", first + 5, 2, -17.0)
+    found = next(f for f in audit(wild) if f.signal == "reference v (joint3), exempt")
+    assert (found.extreme, found.ok) == (17.0, True)
+    assert found.time == pytest.approx((first + 5) * TIMESTEP)
+    assert found.share == pytest.approx(share)
+    assert found.exempt == "the reference is the state of the arm itself, which torques move"
+    assert f"not judged in {100 * share:.1f} % of the time: the reference is" in str(found)
+    own = next(f for f in audit(wild) if f.signal.startswith("reference v") and not f.exempt)
+    plain = next(f for f in audit(run) if f.signal.startswith("reference v"))
+    assert own.extreme == plain.extreme
+    assert own.share == pytest.approx(1.0 - share)
+    jump = with_value(streamed, "joints/a_ref", first + 5, 0, 0.5)
+    jerk = next(f for f in audit(jump) if f.signal == "reference jerk (joint1), exempt")
+    assert jerk.extreme == pytest.approx(500.0, rel=0.01)
+
+
+def test_a_run_that_streams_from_end_to_end_is_told_to_be_unjudged(run: Run) -> None:
+    phases = [replace(phase, streamed=True, compliant=True) for phase in run.phases]
+    phases[0] = replace(phases[0], start=0)
+    found = [f for f in audit(replace(run, phases=phases)) if f.exempt]
+    names = {f.signal.split(" (")[0] for f in found}
+    assert {"reference v", "reference jerk", "LIN measured"} <= names
+    assert next(f for f in found if f.signal.startswith("reference v")).share == 1.0
+    off = with_value(replace(run, phases=phases), "tool/pose", ROW, 1, 5.0)
+    line = [f for f in audit(off) if f.signal.startswith("LIN measured")]
+    assert [f.exempt != "" for f in line] == [True]
+
+
+@pytest.mark.parametrize(
+    "signal", ["joints/q", "joints/v", "joints/a", "joints/tau_command", "contact/tool"]
+)
+def test_a_number_that_is_none_breaks_a_promise(run: Run, signal: str) -> None:
+    assert broken(audit(with_value(run, signal, ROW, 0, np.nan)))
+
+
+def test_the_audit_changes_nothing_that_was_recorded(run: Run) -> None:
+    streamed, _, _ = streaming(run, compliant=True)
+    before = streamed.rows.values.copy()
+    audit(streamed)
+    assert np.array_equal(streamed.rows.values, before)
