@@ -19,3 +19,9 @@ def heading(T_world_body: SE3) -> float:
 def quarter(angle: float) -> float:
     """Return the angle modulo quarter turns, within an eighth of a turn from zero [rad]."""
     return (angle + np.pi / 4) % (np.pi / 2) - np.pi / 4
+
+
+def level(T_world_body: SE3) -> SE3:
+    """Return a pose with the same position and heading and no tilt."""
+    x, y, z = T_world_body.translation()
+    return upright([x, y, z], heading(T_world_body))

@@ -248,9 +248,18 @@ class ControlLoop:
         self.recording.close_rows(count)
         self.seconds += perf_counter() - started
 
+    @property
+    def yielding(self) -> bool:
+        """True while the compensation of disturbances is held; see `compensate`."""
+        return self._yielding
+
     def _touching(self) -> bool:
-        """Return whether the tool is in contact with more than its payload."""
-        force, payload, most = self.sim.felt_force(), self.control.arm.payload, CONTACT_FORCE
+        """Return whether a tool is in contact with more than its payload."""
+        tools = enumerate(self.arm.robot.tools)
+        return any(self._touches(i, self.control.arm.payloads.get(tool.name)) for i, tool in tools)
+
+    def _touches(self, tool: int, payload: Payload | None) -> bool:
+        force, most = self.sim.felt_force(tool), CONTACT_FORCE
         if payload is not None:
             weight = payload.mass * self.arm.model.opt.gravity
             force = force - weight

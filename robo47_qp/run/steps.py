@@ -270,6 +270,8 @@ def _grip(
     loop, sim = executor.loop, executor.loop.sim
     if grip.width > sim.width(place):
         loop.let_go(place)
+        if loop.yielding and not executor.compliance.active:
+            loop.compensate(on=True)
     sim.command_grip(grip, place)
     if compliance is not None:
         executor.compliance.soften(compliance)

@@ -18,10 +18,11 @@ from robo47_qp.run.steps import Move, Release, StepLike, Wait
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.carry_tray.tray import NAME, Tray, tilt
+from robo47_qp.tasks.goal import estimate_goal
 from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
 from robo47_qp.tasks.handling.item_handler import HOME
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
-from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.heading import level, upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 from robo47_qp.tasks.task_state import add_task_state, task_state
 
@@ -136,15 +137,16 @@ class CarryTray(Task):
     def preview(self, simulation: Simulation) -> Sequence[StepLike]:
         """See `Task.preview`."""
         tray = simulation.object_pose(NAME)
-        grasps = self._grasps(tray)
+        grasps, goal = self._grasps(tray), self._goal(simulation)
         holding = grasps.each(lambda _, pose: tray.inverse() @ pose)
-        return [(*self._approach(grasps), *self._way(tray, holding, simulation)), HOME]
+        return [(*self._approach(grasps), *self._way(tray, holding, goal)), HOME]
 
     def program(self, simulation: Simulation) -> Program:
         """See `Task.program`."""
         hands = self._hands(simulation)
+        goal = yield from estimate_goal(simulation)
         tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
-        above, down = self._approach(self._grasps(_level(tray)))
+        above, down = self._approach(self._grasps(level(tray)))
         yield replace(above, onward=(down,))
         yield down
         for hand in hands:
@@ -153,11 +155,11 @@ class CarryTray(Task):
         for _ in range(_UNLOADS):
             yield Unload()
         tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
-        tray = _level(tray)
+        tray = level(tray)
         poses = ToolPoses({hand.name: hand.pose() for hand in hands})
         holding = poses.each(lambda _, pose: tray.inverse() @ pose)
         loads = yield from self._take_up(simulation, tray, holding)
-        for waypoint in self._way(tray, holding, simulation):
+        for waypoint in self._way(tray, holding, level(goal)):
             yield self._carrying(hands, replace(waypoint, carried=loads))
         for hand in hands:
             yield Release(name="let go", tool=hand.name)
@@ -242,9 +244,8 @@ class CarryTray(Task):
         down = Waypoint(name="descend", target=grasps, motion=Motion.LIN)
         return Waypoint(name="approach", target=above), down
 
-    def _way(self, tray: SE3, holding: ToolPoses, simulation: Simulation) -> tuple[Waypoint, ...]:
+    def _way(self, tray: SE3, holding: ToolPoses, goal: SE3) -> tuple[Waypoint, ...]:
         """Return the straight ways of the tray up, over the wall and down to its goal."""
-        goal = self._goal(simulation)
         high = TABLE_TOP + self.wall[2] + _OVER - tray.translation()[2]
         over = raised(goal, high)
         ways = (("lift", raised(tray, high)), ("cross", over), ("lower", raised(goal, _LET_GO)))
@@ -279,12 +280,6 @@ def squeeze(simulation: Simulation) -> float:
 def _line(name: str, tray: SE3, holding: ToolPoses) -> Waypoint:
     """Return a straight way of the tray."""
     return Waypoint(name=name, target=tray, holding=holding, motion=Motion.LIN, pace=_PACE)
-
-
-def _level(pose: SE3) -> SE3:
-    """Return a pose on the table without the tilt that a noisy camera sees."""
-    x, y, z = pose.translation()
-    return upright([x, y, z], heading(pose))
 
 
 def _load(mass: float) -> Payload:

@@ -20,7 +20,7 @@ from robo47_qp.tasks.goal import Goal, add_goal, place_goal
 from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
-from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.heading import heading, level, upright
 from robo47_qp.tasks.item import BLUE, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 from robo47_qp.tasks.task_state import add_task_state, task_state
@@ -166,9 +166,10 @@ class Handover(Task):
 
     def _attempt(self, simulation: Simulation) -> Generator[StepLike, None, None]:
         left, _ = self._hands(simulation)
+        goal = yield from Goal(simulation=simulation, item=self.bar).estimate()
         bar = yield from self._pick(simulation, left)
         yield from self._give(simulation, bar)
-        yield from self._put_down(simulation, bar)
+        yield from self._put_down(simulation, bar, level(goal))
 
     def _pick(self, simulation: Simulation, left: Hand) -> Generator[StepLike, None, Item]:
         """Pick the bar with the left hand, and return it with the mass that was measured."""
@@ -203,7 +204,7 @@ class Handover(Task):
         width, force = bar.size[0], self.grip_force
         held = (left.holds(width, force, Cause.DROP),)
         T_world_bar = yield from estimate_pose(simulation, bar.name)
-        T_bar_left = T_world_bar.inverse() @ left.pose()
+        T_bar_left = level(T_world_bar).inverse() @ left.pose()
         carried = {left.name: bar.payload(T_bar_left.inverse())}
         meeting = simulation.marker_pose(_MEETING)
         meet = replace(
@@ -221,13 +222,15 @@ class Handover(Task):
         taken = (right.holds(width, force, Cause.DROP),)
         yield Move(waypoints=(away,), before=taken, during=taken, after=taken)
 
-    def _put_down(self, simulation: Simulation, bar: Item) -> Generator[StepLike, None, None]:
+    def _put_down(
+        self, simulation: Simulation, bar: Item, T_world_goal: SE3
+    ) -> Generator[StepLike, None, None]:
         """Put the bar at its goal with the right hand; the left one goes home meanwhile."""
         _, right = self._hands(simulation)
         T_world_bar = yield from estimate_pose(simulation, bar.name)
-        T_bar_right = T_world_bar.inverse() @ right.pose()
+        T_bar_right = level(T_world_bar).inverse() @ right.pose()
         carried = {right.name: bar.payload(T_bar_right.inverse())}
-        goal = Goal(simulation=simulation, item=bar).pose() @ T_bar_right
+        goal = T_world_goal @ T_bar_right
         lower = replace(right.line("lower", goal), carried=carried)
         over = Waypoint(
             name="carry",
