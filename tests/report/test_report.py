@@ -72,7 +72,7 @@ def test_settings_are_all_there_by_name(summary: dict[str, Any]) -> None:
     assert settings["planner"]["pace"] == 1.0
     assert settings["planner"]["profile"]["v_max"] == [2.0] * 7
     assert settings["planner"]["ik"]["class"] == "MultiStart"
-    assert settings["planner"]["ik"]["solver"]["class"] == "QpIk"
+    assert settings["planner"]["ik"]["solver"]["class"] == "MinkIk"
     assert settings["planner"]["ik"]["solver"]["backend"] == "daqp"
     assert settings["controller"] == {
         "class": "ComputedTorque",
@@ -147,7 +147,12 @@ def test_the_markdown_tells_figures_and_promises(summary: dict[str, Any]) -> Non
 
 def test_settings_become_plain_json() -> None:
     found = plain(Tolerance(position=1e-3, orientation=float("inf")))
-    assert found == {"class": "Tolerance", "position": 1e-3, "orientation": "inf"}
+    assert found == {
+        "class": "Tolerance",
+        "position": 1e-3,
+        "orientation": "inf",
+        "demand": {"class": "ToolDemand"},
+    }
     assert plain([np.array([1.0, np.nan]), None, True, Cause.DROP]) == [
         *([1.0, "nan"], None, True, Cause.DROP.value)
     ]
