@@ -152,7 +152,7 @@ def test_the_recording_has_every_row_of_the_run(
     np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
     assert len(times) * 1e-3 == pytest.approx(report["metrics"]["cycle_time_s"])
     assert report["success"] is True
-    assert report["settings"]["planner"]["ik"]["solver"]["class"] == "QpIk"
+    assert report["settings"]["planner"]["ik"]["solver"]["class"] == "MinkIk"
 
 
 def test_the_recording_is_closed_in_order_and_ends_with_a_summary(

@@ -46,7 +46,7 @@ def followed(planner: Planner, arm: Arm, leg: Leg) -> Any:
             return len(flat)
 
     phase = SimpleNamespace(start=0, leg=leg, compliant=False)
-    scenario = SimpleNamespace(planner=planner)
+    scenario = SimpleNamespace(planner=planner, robot=arm.robot)
     spans = [(phase, slice(0, len(flat)))]
     return SimpleNamespace(rows=Rows(rows), spans=lambda: spans, scenario=scenario)
 

@@ -27,7 +27,7 @@ def test_a_short_comparison_is_printed_and_written(tmp_path: Path) -> None:
     assert len(figures) == len(kinds) == 8
     assert sum(one["limit_violations"] for one in figures) == 0
     assert sum(one["clearance_violations"] for one in figures if one["stream"] == "qp") == 0
-    assert all(len(line.rstrip()) <= 80 for line in console.export_text().splitlines()[:10])
+    assert all(len(line.rstrip()) <= 80 for line in console.export_text().splitlines()[:9])
 
 
 def test_dls_reaches_a_target_and_repels_in_its_null_space() -> None:

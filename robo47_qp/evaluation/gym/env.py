@@ -59,9 +59,13 @@ class TaskEnv(_Base):
             render_mode: "rgb_array" for pictures, which need OpenGL.
 
         Raises:
-            InvalidValueError: There is no such mode, or the task is done before it begins.
+            InvalidValueError: There is no such mode, the task is done before it begins, or it
+                needs several tools.
         """
         self._task: Task = load_task(task)() if isinstance(task, str) else task
+        if self._task.tools_needed > 1:
+            expected = "one that a single tool does: actions move the main tool"
+            raise InvalidValueError("task", self._task.name, expected)
         self._timing, self._vary, self._robot = timing or PolicyTiming(), vary, robot
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")

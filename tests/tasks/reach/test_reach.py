@@ -185,7 +185,7 @@ def test_a_pose_out_of_reach_is_a_failure_of_ik() -> None:
 
 def test_a_tool_that_is_pushed_off_its_pose_is_a_failure_of_tracking() -> None:
     def push(simulation: Simulation) -> None:
-        simulation.data.xfrc_applied[simulation.model.body("hand").id, :3] = [0.0, 8.0, 0.0]
+        simulation.data.xfrc_applied[simulation.model.body("hand").id, :3] = [0.0, 30.0, 0.0]
 
     meddler = Meddler("hold pose 1", push, after=0.02)
     run = carry_out(Reach(count=1), observers=[meddler])
