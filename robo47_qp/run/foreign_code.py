@@ -74,7 +74,7 @@ def load_class(
         raise ClassLoadError(kind, reference, "it names no place and class", known)
     with Guard() as guard:
         of_file = place.endswith(".py")
-        module = _file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
+        module = file_module(Path(place)) if of_file else pkgutil.resolve_name(place)
         found = getattr(module, name, None)
     if guard.error is not None:
         why = f"{type(guard.error).__name__}: {guard.error}"
@@ -99,8 +99,16 @@ def absolute(reference: str) -> str:
     return f"{Path(place).resolve()}:{name}" if place.endswith(".py") else reference
 
 
-def _file_module(path: Path) -> ModuleType:
-    """Return the module of a file, the same one every time in a process."""
+def loaded_files() -> tuple[Path, ...]:
+    """Return the files of which `file_module` has loaded a module in this process."""
+    return tuple(_FILES)
+
+
+def file_module(path: Path) -> ModuleType:
+    """Return the module of a file, the same one every time in a process.
+
+    Its name is the same in every process: what it defines can be unpickled once it is loaded.
+    """
     path = path.resolve(strict=True)
     name = f"file_{sha256(str(path).encode()).hexdigest()[:16]}"
     if name not in sys.modules:
@@ -110,4 +118,8 @@ def _file_module(path: Path) -> ModuleType:
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         spec.loader.exec_module(module)
+        _FILES.append(path)
     return sys.modules[name]
+
+
+_FILES: list[Path] = []

@@ -4,17 +4,18 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
+from pathlib import Path
 from threading import Thread
 from time import monotonic
 from typing import Any
 
 from robo47_qp.errors import Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
-from robo47_qp.run.foreign_code import Guard
+from robo47_qp.run.foreign_code import Guard, file_module, loaded_files
 
 READY = "ready"
 """Message of a worker that is ready; any other one says why it cannot start."""
@@ -50,7 +51,8 @@ class Worker:
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         self.connection: Connection = ours
-        self._process = context.Process(target=_work, args=(theirs, payload), daemon=True)
+        started = theirs, payload, loaded_files()
+        self._process = context.Process(target=_work, args=started, daemon=True)
         with _environment():
             self._process.start()
         theirs.close()
@@ -135,13 +137,21 @@ def _environment() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _work(link: Connection, payload: bytes) -> None:
-    """Run an episode for every spec that arrives, until the parent process ends."""
+def _work(link: Connection, payload: bytes, files: Sequence[Path]) -> None:
+    """Run an episode for every spec that arrives, until the parent process ends.
+
+    Args:
+        link: To the parent.
+        payload: The pickled episode.
+        files: Files that define classes of the episode.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
     # Policies may print, but the standard output belongs to the parent, which writes JSON to it.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with Guard() as guard:
+        for file in files:
+            file_module(file)
         episode: Episode = pickle.loads(payload)
     if guard.error is not None:
         link.send(guard.words)

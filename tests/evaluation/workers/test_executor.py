@@ -15,6 +15,7 @@ from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, died
 from robo47_qp.evaluation.workers import executor as executor_module
 from robo47_qp.evaluation.workers.executor import LocalProcesses, cores
 from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for
+from robo47_qp.run.foreign_code import file_module
 from tests.toy_episodes import Toy, Unloadable
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -53,6 +54,16 @@ def test_a_death_under_our_own_code_is_our_error() -> None:
 def test_what_a_worker_cannot_load_is_told() -> None:
     with pytest.raises(WorkerError, match=r"cannot start: (.|\n)*nothing like it here"):
         list(LocalProcesses(workers=1, timeout=1.0).run(Unloadable(), specs(1)))
+
+
+def test_an_episode_of_a_class_in_a_file_runs_in_a_worker(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from tests.toy_episodes import Toy\n\n\nclass Mine(Toy):\n    pass\n"
+    )
+    mine = file_module(tmp_path / "mine.py").Mine(does={100: "raise"}, foreign=True)
+    failed, done = LocalProcesses(workers=1, timeout=5.0).run(mine, specs(2))
+    assert "a bug of ours" in str(failed.error)
+    assert done.error is None
 
 
 def test_a_worker_that_does_not_get_ready_is_not_waited_for(
