@@ -9,17 +9,21 @@ FRESH ?=
 AGAIN = $(MAKE) --no-print-directory
 
 BIN := .venv/bin
+C_FILES = $(wildcard robo47_qp/_core/*.[ch])
 LOCKED := .venv/.locked
 INSTALLED := .venv/.installed
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install wheel reproduce keep fresh-clone test lint types format lock clean distclean
+.PHONY: help install core wheel reproduce keep fresh-clone test lint types docs tables format lock clean distclean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 14
 
 install: $(INSTALLED) ## Make .venv with everything in requirements.lock
+
+core: $(LOCKED) ## Build the compiled core of changed C sources
+	@$(BIN)/python robo47_qp/_core/build.py
 
 reproduce: install ## Run the main job (logs/run.rrd and its report), then the settling times
 	@$(BIN)/python scenarios/pickplace.py
@@ -54,13 +58,23 @@ wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3
 lint: install ## Check style and formatting
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/clang-format --dry-run --Werror $(C_FILES)
 
 types: install ## Check types
 	$(BIN)/mypy
 
+# SPHINX_FLAGS=-a builds all pages anew.
+docs: install ## Build the documentation (build/site/index.html); warnings are errors
+	@$(BIN)/python -m sphinx -b html -q -W --keep-going -j auto $(SPHINX_FLAGS) docs build/site
+	@echo "open build/site/index.html"
+
+tables: install ## Write tables and figures of README and docs anew, from docs/results/*.json
+	@$(BIN)/python -m scenarios.tables
+
 format: install ## Format and apply safe fixes
 	$(BIN)/ruff check --fix --exit-zero --quiet
 	$(BIN)/ruff format
+	$(BIN)/clang-format -i $(C_FILES)
 
 # A changed lock starts from an empty environment: upgrading MuJoCo in place can lose its files.
 $(LOCKED): requirements.lock
@@ -75,7 +89,7 @@ $(LOCKED): requirements.lock
 	@$(BIN)/python -m compileall -q -j 0 -x '/tests?/|_test\.py' .venv/lib
 	@touch $@
 
-$(INSTALLED): $(LOCKED) pyproject.toml
+$(INSTALLED): $(LOCKED) pyproject.toml setup.py
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -84,13 +98,13 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	@rm -rf build/lock && $(PYTHON) -m venv build/lock
 	@build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
 	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	  --extra video --extra visuals --extra planning --extra gym \
-	  --extra dev --fork-strategy fewest --generate-hashes --no-header \
+	  --extra video --extra visuals --extra gym \
+	  --extra dev --extra docs --fork-strategy fewest --generate-hashes --no-header \
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 
 clean: ## Remove caches, builds and logs
 	@rm -f RETRO.md
-	@rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf build dist robo47_qp/_core/built *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -path ./.venv -prune -o -path ./.git -prune -o -name __pycache__ -type d \
 	  -prune -exec rm -rf {} +
 	@find logs -mindepth 1 ! -name README.md -delete

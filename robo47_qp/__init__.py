@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from robo47_qp.evaluation.evaluation import evaluate_policy
     from robo47_qp.evaluation.perturbation import Perturbation
     from robo47_qp.ik.dls import DlsIk
+    from robo47_qp.ik.many import fk_many, solve_many
     from robo47_qp.ik.mink import MinkIk
     from robo47_qp.ik.multistart import MultiStart
     from robo47_qp.ik.qp import QpIk
@@ -59,11 +60,13 @@ __all__ = [
     "Waypoint",
     "audit",
     "evaluate_policy",
+    "fk_many",
     "load_robot",
     "load_task",
     "metrics",
     "read_recording",
     "robot_from_mjcf",
+    "solve_many",
     "tool_down",
 ]
 _HOMES = {
@@ -89,11 +92,13 @@ _HOMES = {
     "Waypoint": "robo47_qp.motion.waypoint",
     "audit": "robo47_qp.report.audit.audit",
     "evaluate_policy": "robo47_qp.evaluation.evaluation",
+    "fk_many": "robo47_qp.ik.many",
     "load_robot": "robo47_qp.model.robots",
     "load_task": "robo47_qp.run.registry",
     "metrics": "robo47_qp.report.metrics",
     "read_recording": "robo47_qp.report.rerun.reading",
     "robot_from_mjcf": "robo47_qp.model.loading",
+    "solve_many": "robo47_qp.ik.many",
     "tool_down": "robo47_qp.motion.waypoint",
 }
 

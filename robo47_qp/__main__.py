@@ -1,4 +1,4 @@
-"""The command `robo47`, also `python -m robo47_qp`: run, evaluate, compare, view."""
+"""The command `robo47`, also `python -m robo47_qp`: run, evaluate, compare, view, recover."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -14,6 +14,7 @@ commands:
   evaluate         run many episodes of a task under one policy or several
   compare-ik       compare inverse kinematics on paired targets: DLS, QP, restarts
   view RECORDING   open a recording in the Rerun viewer
+  recover ROWS     make the recording of a run that was killed, from the file it left (.rows)
 
 `robo47 COMMAND --help` lists the options of a command; files go to ./logs.
 """
@@ -29,7 +30,11 @@ def main(args: Sequence[str] | None = None) -> int:
         what = f"no command is called {given[0]!r}" if given else "a command is missing"
         sys.stderr.write(f"error: {what}; known: {', '.join(_COMMANDS)}.\n")
         return 2
-    return _COMMANDS[given[0]](given[1:])
+    try:
+        return _COMMANDS[given[0]](given[1:])
+    except KeyboardInterrupt:  # in the imports: a command that runs says what it keeps
+        sys.stderr.write("interrupted; nothing has run\n")
+        return 130
 
 
 def _run(args: Sequence[str]) -> int:
@@ -51,19 +56,38 @@ def _compare_ik(args: Sequence[str]) -> int:
 
 
 def _view(args: Sequence[str]) -> int:
+    def view(path: Path) -> None:
+        from robo47_qp.report.rerun.viewer import open_recording
+
+        open_recording(path)
+
+    return _with_file(args, "view RECORDING.rrd", view)
+
+
+def _recover(args: Sequence[str]) -> int:
+    def recover(path: Path) -> None:
+        from robo47_qp.report.rerun.recovery import recover
+
+        recording, seconds = recover(path)
+        sys.stdout.write(f"{recording} holds {seconds:.3f} s\n")
+
+    return _with_file(args, "recover RUN.rows", recover)
+
+
+def _with_file(args: Sequence[str], usage: str, command: Callable[[Path], None]) -> int:
+    """Run a command that takes one file and no options; return the exit code."""
     from robo47_qp.cli import guarded
-    from robo47_qp.report.rerun.viewer import open_recording
 
     if len(args) != 1 or args[0].startswith("-"):
         asked = args and args[0] in ("-h", "--help")
-        (sys.stdout if asked else sys.stderr).write("usage: robo47 view RECORDING.rrd\n")
+        (sys.stdout if asked else sys.stderr).write(f"usage: robo47 {usage}\n")
         return 0 if asked else 2
 
-    def view() -> int:
-        open_recording(Path(args[0]))
+    def run() -> int:
+        command(Path(args[0]))
         return 0
 
-    return guarded(view)
+    return guarded(run)
 
 
 _COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
@@ -71,6 +95,7 @@ _COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "evaluate": _evaluate,
     "compare-ik": _compare_ik,
     "view": _view,
+    "recover": _recover,
 }
 
 

@@ -142,9 +142,9 @@ class Checked:
         Raises:
             InvalidValueError: A value breaks a rule of its field.
         """
-        for field, rule, optional in self._rules():
+        for field, rule, others in self._rules():
             value, label = getattr(self, field), self._label(field)
-            if value is None and optional:
+            if isinstance(value, others):
                 continue
             if isinstance(rule, Size):
                 object.__setattr__(self, field, frozen_vector(label, value, rule.size))
@@ -157,18 +157,23 @@ class Checked:
 
     @classmethod
     @cache
-    def _rules(cls) -> list[tuple[str, Rule | Size, bool]]:
-        """Return fields with their rules, and whether None passes."""
+    def _rules(cls) -> list[tuple[str, Rule | Size, tuple[type, ...]]]:
+        """Return fields with their rules, and the types that pass: None, what checks itself."""
         rules = []
         for field, hint in get_type_hints(cls, include_extras=True).items():
             choices = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+            others = tuple(
+                one
+                for one in choices
+                if one is NoneType or (isinstance(one, type) and issubclass(one, Checked))
+            )
             for choice in choices:
                 stated = getattr(choice, "__metadata__", ())
                 if get_origin(choice) is Literal:
                     stated = (OneOf(get_args(choice)),)
                 for rule in stated:
                     if isinstance(rule, Rule | Size):
-                        rules.append((field, rule, NoneType in choices))
+                        rules.append((field, rule, others))
         return rules
 
 

@@ -4,7 +4,7 @@ import json
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, fields, make_dataclass
 from inspect import getdoc
 from pathlib import Path
@@ -16,21 +16,28 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
+from threadpoolctl import threadpool_limits
 
 from robo47_qp.errors import InvalidValueError, Robo47Error
-from robo47_qp.files import check_writable, write_text
+from robo47_qp.files import check_writable, claimed, write_text
+from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.report.run_plot import plot_run
 from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.report.terminal import ProgressBar, print_summary
 from robo47_qp.report.video import Video
 from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
+from robo47_qp.run.recording import CHUNK_ROWS
 from robo47_qp.run.registry import load_task, task_names
+from robo47_qp.run.row_file import ENDING, RowFile
 from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Task
 from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.scene import BuildScene
@@ -43,8 +50,9 @@ OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOGS = Path("logs")
 """Folder for recordings and reports, in the working directory."""
 DEFAULT_TASK = "pick_place"
+_LIVE_ROWS = 400
+"""Rows that a live viewer gets at once."""
 Options = TypeVar("Options")
-ObserverT = TypeVar("ObserverT", bound=Observer)
 
 
 def option_group(members: Mapping[str, tuple[type, str]]) -> Any:
@@ -69,8 +77,9 @@ def one_of(names: Sequence[str]) -> Any:
 class StackOptions:
     """Options of the robot and of the classical stack."""
 
-    robot: Annotated[str, one_of(robot_names())] = "panda"
-    """Robot that does the task; all but the panda take their model from MuJoCo Menagerie."""
+    robot: Annotated[str | None, one_of(robot_names())] = None
+    """Robot that does the task; without it, the one that the task is made for: panda, or
+    panda_pair for tasks of two arms. iiwa14 and xarm7 take their model from MuJoCo Menagerie."""
     ik: Annotated[str, one_of([*IK_SOLVERS])] = ClassicalStack.ik
     """Inverse kinematics: mink, the same QP without mink's overhead (qp), the faster
     Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them.
@@ -90,6 +99,14 @@ class StackOptions:
     unknown payload and dry friction; without it, the measured state is taken as it is."""
     speed: float = ClassicalStack.pace
     """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
+
+    def robot_for(self, task: Task | type[Task]) -> Robot:
+        """Return the robot that was chosen, or the one that a task is made for, in its cell.
+
+        Raises:
+            Robo47Error: See `load_robot`.
+        """
+        return in_cell(load_robot(task.default_robot if self.robot is None else self.robot))
 
     @property
     def stack(self) -> ClassicalStack:
@@ -173,6 +190,9 @@ def check_endings(files: dict[str, tuple[Path | None, str]]) -> None:
 def guarded(command: Callable[[], int]) -> int:
     """Run a command and turn errors into one message and an exit code.
 
+    Linear algebra takes one thread, as workers do: matrices are small, and more threads would only
+    wait for each other.
+
     Returns:
         What the command returns; 2 for bad input, 130 for Ctrl-C and for SIGTERM.
     """
@@ -180,7 +200,8 @@ def guarded(command: Callable[[], int]) -> int:
         # So that files are closed and temporary files are removed.
         signal(SIGTERM, default_int_handler)
     try:
-        return command()
+        with threadpool_limits(1, user_api="blas"):
+            return command()
     except Robo47Error as error:
         Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
         return BAD_INPUT
@@ -272,7 +293,7 @@ def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
         stream = getattr(kind, "scene_stream", None)
         if options.seed is not None and stream is not None:
             task = task.variant(np.random.default_rng([options.seed, stream]))
-        return run_task(task, load_robot(options.robot), options, console)
+        return run_task(task, options.robot_for(task), options, console)
 
     return run
 
@@ -312,36 +333,66 @@ def run_task(
     }
     if options.video is not None:
         files["video"] = options.video
-    for path in files.values():
-        check_writable(path)
-    with ExitStack() as stack:
+    with claimed(options.log):
+        for path in files.values():
+            check_writable(path)
+        with ExitStack() as stack:
 
-        def joined(observer: ObserverT) -> ObserverT:
-            stack.callback(observer.close)
-            return observer
+            def joined(observer: Observer) -> Observer:
+                stack.callback(observer.close)
+                return observer
 
-        observers: list[Observer] = []
-        if options.video is not None:
-            observers.append(joined(Video(simulation, options.video)))
-        if options.viewer:
-            observers.append(joined(ViewerWindow(simulation, driver)))
-        if options.paced:
-            observers.append(RealTime())
-        log = joined(
-            RerunLog(options.log, simulation.model, robot, runner.signals, live=options.live)
-        )
-        observers += [log, joined(ProgressBar(console, foreseen))]
-        run = runner.run(sinks=[log], observers=observers)
+            shown: list[Observer] = []
+            if options.video is not None:
+                shown.append(joined(Video(simulation, options.video)))
+            if options.viewer:
+                shown.append(joined(ViewerWindow(simulation, driver)))
+            if options.paced:
+                shown.append(RealTime())
+            shown.append(joined(ProgressBar(console, foreseen)))
+            run, figures, findings, summary = _recorded(runner, simulation, shown, files, options)
+        plot_run(run, files["plot"])
+        write_text(files["report"], json.dumps(summary, indent=2))
+    if options.json:
+        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
+    else:
+        print_summary(console, run, figures, findings, files)
+    return OK if run.failure is None else FAILED
+
+
+def _recorded(
+    runner: Runner,
+    simulation: Simulation,
+    shown: Sequence[Observer],
+    files: Mapping[str, Path],
+    options: RunOptions,
+) -> tuple[Run, dict[str, float], list[Finding], dict[str, Any]]:
+    """Run and record; returns the run, its figures, its audit and its report.
+
+    Raises:
+        RecordingError, RenderingError: The recording cannot be written, or not be shown.
+    """
+    viewer = viewer_url() if options.live else None
+    # What is left of an earlier run must not stand beside the beginning of this one.
+    for kind in ("report", "plot"):
+        files[kind].unlink(missing_ok=True)
+    described = simulation.model, simulation.robot, runner.signals
+    with (
+        closing(RowFile(files["recording"].with_suffix(ENDING), *described)) as rows,
+        closing(RerunLog(files["recording"], *described, viewer=viewer, keep=rows.add)) as log,
+    ):
+        chunk = CHUNK_ROWS if viewer is None else _LIVE_ROWS
+        try:
+            run = runner.run([log], [*shown, log], store=rows, chunk_rows=chunk)
+        except KeyboardInterrupt:
+            log.break_off()
+            rows.remove()
+            raise
         figures, findings = metrics(run), audit(run)
         summary = report(run, figures, findings)
         for finding in findings:
             if not finding.ok:
                 log.note(finding.time, f"violation: {finding}", "ERROR")
         log.finish(summary_markdown(summary))
-    plot_run(run, files["plot"])
-    write_text(files["report"], json.dumps(summary, indent=2))
-    if options.json:
-        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
-    else:
-        print_summary(console, run, figures, findings, files)
-    return OK if run.failure is None else FAILED
+        rows.remove()
+    return run, figures, findings, summary

@@ -39,6 +39,19 @@ class ModelError(Robo47Error):
     """A robot description that cannot be compiled into the model it promises."""
 
 
+class CoreError(Robo47Error):
+    """The compiled core is asked for and cannot be used."""
+
+    def __init__(self, why: str) -> None:
+        """Say why, and what would work."""
+        super().__init__(
+            f"The compiled core cannot be used: {why.rstrip('.')}. Install a wheel of the package, "
+            "or build the core with `make core` (needs the packages ziglang and cffi); "
+            "ROBO47_BACKEND=numpy chooses the slower numpy reference instead."
+        )
+        self.why = why
+
+
 class MenagerieError(ModelError):
     """A model of MuJoCo Menagerie that cannot be loaded.
 

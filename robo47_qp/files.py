@@ -1,14 +1,26 @@
-"""Files that are written and read: text, JSON, and the checks before."""
+"""Files that are written and read: text, JSON, and the checks before; objects as JSON types."""
 
+import dataclasses
 import json
+import os
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+
+import numpy as np
+from mink import SE3
 
 from robo47_qp.errors import RecordingError
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
     import resource
 
 
@@ -26,12 +38,71 @@ def check_writable(path: Path) -> None:
         if new:
             path.unlink()
     except OSError as error:
-        taken = isinstance(error, (FileExistsError, NotADirectoryError))
-        reason = "its folder is a file" if taken else error.strerror
-        raise RecordingError(
-            f"{path} cannot be written: {reason}. Name a file in a folder that you may write to, "
-            "on a disk that is there."
-        ) from error
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> RecordingError:
+    taken = isinstance(error, (FileExistsError, NotADirectoryError))
+    reason = "its folder is a file" if taken else error.strerror
+    return RecordingError(
+        f"{path} cannot be written: {reason}. Name a file in a folder that you may write to, "
+        "on a disk that is there."
+    )
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Keep the files of one name to this process: a recording and what lies beside it.
+
+    The file with the ending .lock is locked until the end, or until the process is killed.
+
+    Args:
+        path: One of the files.
+
+    Raises:
+        RecordingError: Another process has claimed them; nothing can be written there.
+    """
+    lock = path.with_suffix(".lock")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = lock.open("ab")
+        # What was locked may have been removed by the process that had it before.
+        while not (_locked(file) and _is_at(file, lock)):
+            held = _is_at(file, lock)
+            file.close()
+            if held:
+                raise RecordingError(
+                    f"{path} is being written by another process. Wait until that has ended, or "
+                    "name another file."
+                )
+            file = lock.open("ab")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        file.close()
+
+
+def _locked(file: IO[bytes]) -> bool:
+    """Lock a file until it is closed; return False if another process has locked it."""
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    """Return whether an open file is the one at a path."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except OSError:
+        return False
 
 
 def write_text(path: Path, text: str) -> None:
@@ -96,3 +167,27 @@ def read_json(path: Path, remedy: str) -> dict[str, Any]:
         found = type(content).__name__
         raise RecordingError(f"{path} must hold an object; found a {found}. {remedy}")
     return content
+
+
+def plain(value: object) -> Any:
+    """Return a setting as JSON types: dataclasses by field, with the name of their class.
+
+    Infinity and NaN, which JSON lacks, become text; other objects become the name of their class.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [f.name for f in dataclasses.fields(value)]
+        if isinstance(value, SE3):
+            names = ["wxyz_xyz"]  # the others are sizes that every SE3 has
+        return {"class": type(value).__name__, **{n: plain(getattr(value, n)) for n in names}}
+    match value:
+        case float() if not isfinite(value):
+            return str(value)
+        case Enum():
+            return value.value
+        case np.ndarray() | tuple() | list():
+            items = value.tolist() if isinstance(value, np.ndarray) else value
+            return [plain(item) for item in items]
+        case None | bool() | int() | float() | str():
+            return value
+        case _:
+            return {"class": type(value).__name__}

@@ -119,9 +119,6 @@ class ClassicalStack:
 
         Without any, it refuses motions in which the arm would touch itself, and PTP motions
         that would touch what stands in the scene, and chooses configurations accordingly.
-
-        Raises:
-            MissingExtraError: There are obstacles, and OMPL is not installed.
         """
         planner = Planner(ik=self.solver(), profile=robot.profile, pace=self.pace)
         around = _adding(task.obstacles)
@@ -151,13 +148,9 @@ class ClassicalStack:
             seed: Seed of the random start; None takes the default start.
 
         Raises:
-            InvalidValueError: The robot has fewer tools than the task needs.
-            MissingExtraError: See `planner`.
+            InvalidValueError: The robot cannot do the task; see `Task.check_robot`.
         """
-        have, needed = len(robot.tools), task.tools_needed
-        if have < needed:
-            expected = f"one with {needed} tools for {task.name}, such as panda_pair"
-            raise InvalidValueError("robot", f"{robot.name} with {have}", expected)
+        task.check_robot(robot)
         return Scenario(
             robot=robot,
             task=task,

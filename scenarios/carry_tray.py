@@ -5,4 +5,4 @@ import sys
 from robo47_qp.cli import run_command
 
 if __name__ == "__main__":
-    sys.exit(run_command("carry_tray", ["--robot", "panda_pair", *sys.argv[1:]]))
+    sys.exit(run_command("carry_tray"))

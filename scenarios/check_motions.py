@@ -10,7 +10,6 @@ from typing import Annotated, Literal, TypeAlias, get_args
 import numpy as np
 from mink import SE3, SO3
 from rich.console import Console
-from rich.table import Table
 
 from robo47_qp.arrays import Checked, CountOrZero, Suffix, Vector
 from robo47_qp.cli import main
@@ -28,6 +27,8 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.provenance import provenance
 
 Kind: TypeAlias = Literal["PTP", "LIN", "CIRC", "blended", "via"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -152,14 +153,11 @@ def figures(tally: Tally) -> dict[str, object]:
 
 def show(console: Console, rows: Sequence[tuple[str, str, Tally]]) -> None:
     """Print the table."""
-    table = Table(title="Random motions", title_justify="left", header_style="", box=None)
-    for heading in ("robot", "motion"):
-        table.add_column(heading)
-    for heading in ("planned", "violations", "refused", "unconfirmed", "off µm"):
-        table.add_column(heading, justify="right")
-    for heading in ("per bound", "plan ms"):
-        table.add_column(heading, justify="right")
-    table.add_column("reasons")
+    headings = ("robot", "motion", "planned", "violations", "refused", "unconfirmed", "off µm")
+    texts = ("robot", "motion", "reasons")
+    table = FiguresTable(
+        (*headings, "per bound", "plan ms", "reasons"), texts=texts, title="Random motions"
+    )
     for robot, kind, tally in rows:
         table.add_row(
             *(robot, kind, str(tally.planned), str(len(tally.violations))),
@@ -189,7 +187,8 @@ def run(options: CheckOptions, console: Console) -> int:
             rows.append((name, kind, check(robot, kind, count, rng)))
     show(console, rows)
     if options.out is not None:
-        write_json(options.out, {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows})
+        told = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}
+        write_json(options.out, {**provenance(), "figures": told})
     bad = any(tally.violations or tally.unconfirmed for _, _, tally in rows)
     return 1 if bad else 0
 

@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 from mink import SE3, SO3
 from rich.console import Console
-from rich.table import Table
 from scipy.stats import binomtest
 
 from robo47_qp.arrays import Checked, Count, CountOrZero, Range, Suffix
@@ -25,6 +24,8 @@ from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.provenance import provenance
 
 _LARGEST = 0.05
 """Clearance above which hardly any configuration among the obstacles is left [m]."""
@@ -101,7 +102,7 @@ def targets(
     rng = np.random.default_rng([options.seed, clear])
     missing = options.n if clear else options.cluttered
     while missing:
-        q = rng.uniform(arm.q_min, arm.q_max)
+        q = arm.drawn(rng)
         if clearance.clear(q, options.clearance) == clear:
             missing -= 1
             yield arm.pose(q)
@@ -147,7 +148,7 @@ def run(options: CollisionIkOptions, console: Console) -> int:
         ]
     _show(rows, console)
     if options.report is not None:
-        write_json(options.report, {"rows": [asdict(row) for row in rows]})
+        write_json(options.report, {**provenance(), "rows": [asdict(row) for row in rows]})
     kept = min(row.least_clearance_mm for row in rows) >= 1e3 * options.clearance - 0.1
     return 0 if kept and all(row.solved >= 0.995 * row.solvable for row in rows) else 1
 
@@ -187,20 +188,9 @@ def _figures(
 
 
 def _show(rows: list[Figures], console: Console) -> None:
-    table = Table(box=None, header_style="")
-    titles = (
-        "solver",
-        "targets",
-        "solved",
-        "of",
-        "95 % from",
-        "least mm",
-        "median ms",
-        "p95",
-        "p99",
-    )
-    for title in (*titles, "none"):
-        table.add_column(title, justify="left" if title in titles[:2] else "right")
+    texts = ("solver", "targets")
+    numbers = ("solved", "of", "95 % from", "least mm", "median ms", "p95", "p99", "none")
+    table = FiguresTable((*texts, *numbers), texts=texts)
     for row in rows:
         table.add_row(
             row.solver,

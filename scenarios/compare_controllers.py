@@ -13,7 +13,6 @@ import numpy as np
 from mink import SE3
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from robo47_qp.cli import LOGS, OK, main
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
@@ -32,10 +31,12 @@ from robo47_qp.evaluation.benchmarks.control.trial import (
     TrialCondition,
 )
 from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
-from robo47_qp.files import check_writable, write_json
+from robo47_qp.files import check_writable, claimed, write_json
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.run_report import versions
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.provenance import provenance
+from robo47_qp.report.terminal import print_files
 from robo47_qp.sim.disturbance import Disturbance, Push
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
@@ -139,6 +140,17 @@ def run(options: ControllersOptions, console: Console) -> int:
         if name not in known:
             raise UnknownNameError("condition", name, [repr(one) for one in known])
     chosen = [known[name] for name in options.only or known]
+    with claimed(options.log):
+        return compared(bench, chosen, options, console)
+
+
+def compared(
+    bench: Bench,
+    chosen: Sequence[TrialCondition],
+    options: ControllersOptions,
+    console: Console,
+) -> int:
+    """Run the chosen conditions and write the files; returns the exit code."""
     for ending in (".rrd", ".png", ".json"):
         check_writable(options.log.with_suffix(ending))
     by_condition = [
@@ -149,7 +161,7 @@ def run(options: ControllersOptions, console: Console) -> int:
     plot_trials(by_condition, options.log.with_suffix(".png"))
     report = {
         "robot": PANDA.name,
-        "versions": versions(),
+        **provenance(),
         "motion": {"offset_rad": list(OFFSET), "duration_s": bench.motion.duration},
         "trials": {
             trials[0].condition: {trial.controller: trial.figures() for trial in trials}
@@ -161,8 +173,8 @@ def run(options: ControllersOptions, console: Console) -> int:
         sys.stdout.write(options.log.with_suffix(".json").read_text(encoding="utf-8"))
         return OK
     show(by_condition, console)
-    for ending, kind in ((".rrd", "recording"), (".png", "plot"), (".json", "report")):
-        console.print(f"  {kind}  {options.log.with_suffix(ending)}", highlight=False)
+    endings = {"recording": ".rrd", "plot": ".png", "report": ".json"}
+    print_files(console, {kind: options.log.with_suffix(end) for kind, end in endings.items()})
     return OK
 
 
@@ -196,9 +208,8 @@ HEADINGS = (
 
 def show(by_condition: Sequence[Sequence[Trial]], console: Console) -> None:
     """Print the table."""
-    table = Table(box=None, header_style="", title="Largest errors", title_justify="left")
-    for i, heading in enumerate(("condition", *HEADINGS)):
-        table.add_column(heading, justify="left" if i < 2 else "right", no_wrap=i < 2)
+    headings = ("condition", *HEADINGS)
+    table = FiguresTable(headings, texts=headings[:2], title="Largest errors")
     for trials in by_condition:
         for k, trial in enumerate(trials):
             style = None if trial.stable else "red"

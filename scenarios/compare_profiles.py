@@ -1,19 +1,19 @@
 """Time profiles compared on the simulated arm: why jerk limits matter."""
 
-import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import CheckedOptions, Matrix, Ratio, Suffix
 from robo47_qp.cli import LOGS, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.files import check_writable, write_json
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
@@ -26,7 +26,9 @@ from robo47_qp.motion.timing.time_law import (
     Trapezoid,
 )
 from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.report.figures_table import FiguresTable
 from robo47_qp.report.run_plot import plot_curves
+from robo47_qp.report.terminal import print_files
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.simulation import Simulation
 
@@ -43,14 +45,14 @@ _SWING = np.array([0.9, 0.5, -0.4, 0.7, 0.5, 0.6, -0.8])
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProfileOptions:
+class ProfileOptions(CheckedOptions):
     """Options of this scenario."""
 
-    speed: float = 1.0
+    speed: Ratio = 1.0
     """Pace in (0, 1]."""
     equal_time: bool = False
     """Slow all down to the time of the slowest, instead of each as fast as it can."""
-    out: Path = LOGS / "profiles.json"
+    out: Annotated[Path, Suffix(".json")] = LOGS / "profiles.json"
     """Where to write the figures; the plot goes beside it, with the ending .png."""
 
 
@@ -118,18 +120,17 @@ def planned(robot: Robot, options: ProfileOptions) -> dict[str, Trajectory]:
 
 def run(options: ProfileOptions, console: Console) -> int:
     """Compare, print, plot; returns the exit code."""
+    plot = options.out.with_suffix(".png")
+    for path in (options.out, plot):
+        check_writable(path)
     results = {name: tried(PANDA, plan) for name, plan in planned(PANDA, options).items()}
     summary = {name: figures(one) for name, one in results.items()}
-    table = Table(title="Time profiles", title_justify="left", header_style="", box=None)
-    table.add_column("profile")
     headings = ("time s", "v rad/s", "a rad/s²", "jerk rad/s³", "N·m/s", "joint mrad", "tool mm")
-    for heading in headings:
-        table.add_column(heading, justify="right")
+    table = FiguresTable(("profile", *headings), texts=("profile",), title="Time profiles")
     for name, row in summary.items():
         table.add_row(name, *(f"{value:.4g}" for value in row.values()))
     console.print(table)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_json(options.out, summary)
     panels: dict[str, dict[str, tuple[Matrix, Matrix]]] = {}
     for name, one in results.items():
         joint = int(np.abs(_SWING).argmax())
@@ -143,8 +144,8 @@ def run(options: ProfileOptions, console: Console) -> int:
             ("tool error [mm]", t, 1e3 * one.tool[:, 0]),
         ):
             panels.setdefault(panel, {})[name] = (x, y)
-    plot_curves(panels, options.out.with_suffix(".png"))
-    console.print(f"{options.out}, {options.out.with_suffix('.png')}", highlight=False)
+    plot_curves(panels, plot)
+    print_files(console, {"report": options.out, "plot": plot})
     return 0
 
 

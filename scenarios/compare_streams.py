@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from mink import SE3
 from rich.console import Console
-from rich.table import Table
 
 from robo47_qp.arrays import Checked, Count, CountOrZero
 from robo47_qp.cli import LOGS, OK, main
@@ -23,6 +22,9 @@ from robo47_qp.evaluation.benchmarks.ik.hostile_targets import DT, pair_targets,
 from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
 from robo47_qp.files import check_writable, write_json
 from robo47_qp.model.arm import Arm
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.provenance import provenance
+from robo47_qp.report.terminal import print_files
 from scenarios.stream_ik import StreamOptions
 
 
@@ -44,11 +46,9 @@ class CompareOptions(Checked):
 def run(options: CompareOptions, console: Console) -> int:
     """Run both on all targets, print the table, write the figures."""
     check_writable(options.out)
-    table = Table(box=None, header_style="")
-    for name in ("arms", "targets", "stream"):
-        table.add_column(name)
-    for name in ("error mm", "p95", "q v a", "too close", "lacking mm", "relaxed"):
-        table.add_column(name, justify="right")
+    texts = ("arms", "targets", "stream")
+    numbers = ("error mm", "p95", "q v a", "too close", "lacking mm", "relaxed")
+    table = FiguresTable((*texts, *numbers), texts=texts)
     figures: list[dict[str, Any]] = []
     for robot in ("panda", "panda_pair"):
         chosen = StreamOptions(robot=robot)
@@ -69,8 +69,11 @@ def run(options: CompareOptions, console: Console) -> int:
                     "-" if one["relaxed"] is None else str(one["relaxed"]),
                 )
     console.print(table)
-    write_json(options.out, {"ticks": options.ticks, "seed": options.seed, "figures": figures})
-    console.print(f"{options.out}", soft_wrap=True)
+    write_json(
+        options.out,
+        {**provenance(), "ticks": options.ticks, "seed": options.seed, "figures": figures},
+    )
+    print_files(console, {"report": options.out})
     return OK
 
 

@@ -23,6 +23,7 @@ from robo47_qp.run.task import Program, Task
 from robo47_qp.run.teleop.driver import LONGEST, TARGET, TeleopDriver, TeleopSettings
 from robo47_qp.run.teleop.hand_path import read_hand_path
 from robo47_qp.run.teleop.steering import HELP
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import CONTROLLERS, ClassicalStack
 from robo47_qp.tasks.table import TABLE, add_table
@@ -132,7 +133,7 @@ class Follow(Task):
                 conaffinity=0,
             )
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """Yield nothing: a driver moves the arm."""
         yield from ()
         return None

@@ -18,6 +18,7 @@ from rich.markup import escape
 from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import RecordingError
 from robo47_qp.files import read_json, write_json
+from robo47_qp.report.terminal import print_files
 from scenarios.reproduce.comparison import compare
 from scenarios.reproduce.page import comparison_page, outcome, row
 
@@ -111,7 +112,8 @@ def run(options: RetroOptions, console: Console) -> int:
         if not (measured["pickplace/succeeded"] and not measured["pickplace/promises broken"]):
             raise RecordingError("The last main job failed, or broke a promise: not to be kept.")
         write_json(options.kept, {"machine": here, "figures": measured})
-        console.print(f"{len(measured)} figures kept in {options.kept}", soft_wrap=True)
+        console.print(f"{len(measured)} figures kept")
+        print_files(console, {"figures": options.kept})
         return OK
     kept = read_json(options.kept, "Make it: make keep")
     there, before = kept.get("machine"), kept.get("figures")
@@ -129,7 +131,8 @@ def run(options: RetroOptions, console: Console) -> int:
         console.print(
             f"[bold red]not reproduced[/]  {escape(row(entry))}", highlight=False, soft_wrap=True
         )
-    console.print(f"{outcome(compared)}\n  comparison  {options.out}", soft_wrap=True)
+    console.print(outcome(compared), soft_wrap=True)
+    print_files(console, {"comparison": options.out})
     return FAILED if bad else OK
 
 

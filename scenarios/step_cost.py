@@ -1,4 +1,8 @@
-"""What a step of the control loop costs, beside bare mj_step, all measured in one run."""
+"""What a step of the control loop costs, beside bare mj_step, all measured in one run.
+
+Writes logs/step_cost.json with the medians in microseconds: mj_step_us, loop_us, controller_us,
+recording_us, and the backend that was measured.
+"""
 
 import sys
 from dataclasses import dataclass
@@ -10,9 +14,9 @@ from time import perf_counter
 import mujoco
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from robo47_qp.cli import main
+from robo47_qp._core.library import backend
+from robo47_qp.cli import LOGS, main
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
@@ -21,17 +25,22 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.files import write_json
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.figures_table import FiguresTable
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows
+from robo47_qp.run.row_file import RowFile
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
+
+REPORT = LOGS / "step_cost.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +83,13 @@ def run(options: StepCostOptions, console: Console) -> int:
         with TemporaryDirectory() as folder:
             simulation = Simulation(PANDA, task.build_scene)
             runner = Runner(scenario, simulation)
-            log = RerunLog(Path(folder) / "run.rrd", simulation.model, PANDA, runner.signals)
+            described = simulation.model, PANDA, runner.signals
+            log = RerunLog(Path(folder) / "run.rrd", *described)
+            rows = RowFile(Path(folder) / "run.rows", *described)
             timed = TimedLog(log)
-            done = runner.run(sinks=[timed])
+            done = runner.run(sinks=[timed], store=rows)
             log.close()
+            rows.close()
         steps, numbers = len(done.rows), done.rows.values.shape[1]
         for name, seconds in {
             "bare mj_step, same torques": _replay(done),
@@ -91,13 +103,24 @@ def run(options: StepCostOptions, console: Console) -> int:
             "whole loop": done.loop_seconds,
         }.items():
             costs.setdefault(name, []).append(1e6 * seconds / steps)
-    table = Table(box=None, header_style="")
-    table.add_column("part of a step")
-    table.add_column("µs", justify="right")
+    table = FiguresTable(("part of a step", "µs"), texts=("part of a step",))
     for name, values in costs.items():
         table.add_row(name, f"{median(values):.1f}")
     console.print(table)
-    factor = 1e3 / median(costs["whole loop"])
+    step, loop = median(costs["bare mj_step, same torques"]), median(costs["whole loop"])
+    report = {
+        "backend": backend(),
+        "rounds": options.rounds,
+        "mj_step_us": step,
+        "loop_us": loop,
+        "controller_us": median(costs["controller"]),
+        "recording_us": median(costs["recording: Rerun file"]),
+        "loop_over_mj_step": loop / step,
+        "all_us": {name: median(values) for name, values in costs.items()},
+    }
+    write_json(REPORT, report)
+    console.print(f"backend {backend()}; the loop takes {loop / step:.2f} of mj_step; {REPORT}")
+    factor = 1e3 / loop
     console.print(f"{numbers} numbers per step; {factor:.0f} times real time", highlight=False)
     return 0
 

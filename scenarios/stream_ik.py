@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from robo47_qp.arrays import Checked, Count, CountOrZero
 from robo47_qp.cli import FAILED, OK, main
@@ -28,6 +27,7 @@ from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_aud
 from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
+from robo47_qp.report.figures_table import FiguresTable
 
 WARM_UP = 200
 """Ticks before the first one that is timed."""
@@ -86,9 +86,7 @@ def run(options: StreamOptions, console: Console) -> int:
         }
         sys.stdout.write(json.dumps(told, indent=2, allow_nan=False) + "\n")
     else:
-        table = Table(box=None, header_style="")
-        table.add_column("what")
-        table.add_column("figure", justify="right")
+        table = FiguresTable(("what", "figure"), texts=("what",))
         for name, value in figures.items():
             table.add_row(name.replace("_", " "), f"{value:.4g}" if _is_real(value) else str(value))
         console.print(table)
@@ -145,7 +143,7 @@ def far_targets(
     arm, clearance = stream.arm, stream.arm.derived(Clearance, options.clearance)
     times, rises, tried = [], [], 0
     while tried < options.far:
-        q = rng.uniform(arm.q_min, arm.q_max)
+        q = arm.drawn(rng)
         if clearance.nearest(q)[0] < options.clearance + stream.settings.buffer:
             continue
         tried += 1

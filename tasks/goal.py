@@ -9,7 +9,9 @@ from mink import SE3
 
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.steps import StepLike
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.place_criterion import PlaceCriterion, miss
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import Item
@@ -19,8 +21,6 @@ GREEN, YELLOW = (0.15, 0.55, 0.30, 1.0), (0.95, 0.75, 0.20, 1.0)
 _NAME = "goal"
 _RIM = 0.005
 """Width of the marker's rim around the item [m]."""
-_STILL = 1e-3
-"""Speed below which an item counts as at rest [m/s]."""
 
 
 def add_goal(
@@ -49,11 +49,32 @@ def marked_goal(simulation: Simulation) -> SE3:
     return simulation.marker_pose(_NAME)
 
 
-def estimate_goal(simulation: Simulation, marker: str = _NAME) -> Generator[StepLike, None, SE3]:
+def seen_goal(sensed: Sensed) -> SE3:
+    """Return T_world_goal of the marker as the camera sees it now."""
+    return sensed.seen_pose(_NAME)
+
+
+def goal_pose(sensed: Sensed, item: Item) -> SE3:
+    """Return T_world_item of an item that stands on the marker as the camera sees it now."""
+    return _standing(item, seen_goal(sensed))
+
+
+def estimate_goal(sensed: Sensed, marker: str = _NAME) -> Generator[StepLike, None, SE3]:
     """Estimate T_world_goal of a marker on the table, at whose height it is, by the camera."""
-    seen = yield from estimate_pose(simulation, marker)
+    seen = yield from estimate_pose(sensed, marker)
     x, y, _ = seen.translation()
     return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
+
+
+def estimate_item_goal(sensed: Sensed, item: Item) -> Generator[StepLike, None, SE3]:
+    """Estimate T_world_item of an item that stands on the marker, by the camera."""
+    T_world_goal = yield from estimate_goal(sensed)
+    return _standing(item, T_world_goal)
+
+
+def _standing(item: Item, T_world_goal: SE3) -> SE3:
+    up = np.array([0.0, 0.0, 0.5 * item.height])
+    return SE3.from_translation(up) @ T_world_goal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,34 +86,18 @@ class Goal:
 
     def pose(self) -> SE3:
         """Return T_world_item of the item when it stands on the marker."""
-        return self._on(marked_goal(self.simulation))
+        return _standing(self.item, marked_goal(self.simulation))
 
-    def estimate(self) -> Generator[StepLike, None, SE3]:
-        """Estimate the same pose by the camera."""
-        T_world_goal = yield from estimate_goal(self.simulation)
-        return self._on(T_world_goal)
+    def missed(self, criterion: PlaceCriterion) -> Failure | None:
+        """Return why the item is not placed at its goal; None if it is."""
+        against = criterion.against(self.simulation, self.item, self.pose())
+        return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
 
-    def _on(self, T_world_goal: SE3) -> SE3:
-        up = np.array([0.0, 0.0, 0.5 * self.item.height])
-        return SE3.from_translation(up) @ T_world_goal
-
-    def error(self) -> float:
-        """Return the distance of the item's centre from its goal, in 3-D [m]."""
-        item = self.simulation.object_pose(self.item.name).translation()
-        return float(np.linalg.norm(item - self.pose().translation()))
-
-    def missed(self, tolerance: float) -> Failure | None:
-        """Return why the item is not at rest at its goal; None if it is.
-
-        Args:
-            tolerance: Largest distance of the item from its goal [m].
-        """
-        error = self.error()
-        speed = float(np.linalg.norm(self.simulation.object_twist(self.item.name)[:3]))
-        if error <= tolerance and speed <= _STILL:
-            return None
-        evidence = (
-            f"the {self.item.name} is {1e3 * error:.1f} mm from its goal and moves at "
-            f"{1e3 * speed:.1f} mm/s; allowed are {1e3 * tolerance:.1f} mm, 1 mm/s"
-        )
-        return Failure(cause=Cause.PLACE, evidence=evidence)
+    def measures(self) -> dict[str, float]:
+        """Return the errors of the item's position, in 3-D [m], heading and tilt [rad]."""
+        off = miss(self.item, self.simulation.object_pose(self.item.name), self.pose())
+        return {
+            "place_error_m": off.distance,
+            "place_turn_rad": off.turn,
+            "place_tilt_rad": off.tilt,
+        }

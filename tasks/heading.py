@@ -25,3 +25,21 @@ def level(T_world_body: SE3) -> SE3:
     """Return a pose with the same position and heading and no tilt."""
     x, y, z = T_world_body.translation()
     return upright([x, y, z], heading(T_world_body))
+
+
+def tilt(T_world_body: SE3) -> float:
+    """Return the angle between the z axis of a pose and the vertical [rad]."""
+    up = T_world_body.rotation().as_matrix()[2]
+    return float(np.arctan2(np.hypot(up[0], up[1]), up[2]))
+
+
+def face_tilt(T_world_body: SE3) -> float:
+    """Return the angle between the vertical and the axis of a pose that is closest to it [rad]."""
+    up = np.abs(T_world_body.rotation().as_matrix()[2])
+    axis = int(np.argmax(up))
+    return float(np.arctan2(np.hypot(*np.delete(up, axis)), up[axis]))
+
+
+def raised(T_world_body: SE3, height: float) -> SE3:
+    """Return a pose that is higher by so much [m]."""
+    return SE3.from_translation(np.array([0.0, 0.0, height])) @ T_world_body

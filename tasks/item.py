@@ -9,11 +9,24 @@ from mink import SE3, SO3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import heading, quarter
 
 RED, GREEN, BLUE = (0.85, 0.22, 0.18, 1.0), (0.15, 0.55, 0.30, 1.0), (0.16, 0.36, 0.75, 1.0)
 _FINGERTIP = 0.012
 """Least height of the tool point above the surface below the open fingers [m]."""
+_ROOM, _TIGHT = 0.012, 1e-3
+"""Room between item and open fingers that is wanted, and that is enough where there is no more
+[m]."""
+_GRAVITY, _LIFTED = 9.81, 2.0
+"""Acceleration of gravity, and of an item that is lifted [m/s²]."""
+_SAFETY, _SPREAD = 1.5, 7e-3
+"""Factor on what the fingers have to bear [-], and mean distance of their contacts from the axis of
+the fingers [m]."""
+_GENTLEST = 10.0
+"""Least force of a finger [N]."""
+SPINNING = (0.003, 1e-4)
+"""Coefficients of torsional and rolling friction of items [m]."""
 _DEPTH = 0.03
 """Largest depth of the tool point below the top of an item [m]."""
 
@@ -31,6 +44,10 @@ class Item:
     mass: float = 0.1
     """Mass [kg]."""
     rgba: tuple[float, float, float, float] = RED
+    friction: tuple[float, float] = (0.25, 0.9)
+    """What a data sheet tells of its coefficient of friction: least and largest [-]."""
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Centre of mass in its frame [m]."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -43,6 +60,12 @@ class Item:
                 raise InvalidValueError(f"sizes and mass of {self.name!r}", length, "positive")
         if self.round and self.size[0] != self.size[1]:
             raise InvalidValueError(f"diameter of {self.name!r}", self.size[:2], "one number twice")
+        least, largest = self.friction
+        if not 0.0 < least <= largest < np.inf:
+            expected = "two positive numbers, the least first"
+            raise InvalidValueError(f"friction of {self.name!r}", self.friction, expected)
+        if any(abs(at) >= 0.5 * length for at, length in zip(self.com, self.size, strict=True)):
+            raise InvalidValueError(f"centre of mass of {self.name!r}", self.com, "inside of it")
 
     @property
     def height(self) -> float:
@@ -56,7 +79,36 @@ class Item:
         body.add_freejoint()
         shape = mujoco.mjtGeom.mjGEOM_CYLINDER if self.round else mujoco.mjtGeom.mjGEOM_BOX
         size = [x, z, 0.0] if self.round else [x, y, z]
-        body.add_geom(name=self.name, type=shape, size=size, mass=self.mass, rgba=self.rgba)
+        body.add_geom(
+            name=self.name,
+            type=shape,
+            size=size,
+            mass=self.mass,
+            rgba=self.rgba,
+            friction=[float(np.mean(self.friction)), *SPINNING],
+        )
+        if any(self.com):
+            body.explicitinertial = True
+            body.mass, body.ipos, body.inertia = self.mass, self.com, self._moments
+
+    def draw_friction(self, simulation: Simulation, rng: np.random.Generator) -> None:
+        """Give the item a friction of its range, which nobody is told."""
+        simulation.set_friction(self.name, float(rng.uniform(*self.friction)))
+
+    def grip_force(self, most: float) -> float:
+        """Return the force of one finger that holds the item, by its data sheet alone [N].
+
+        Two fingers bear 2 µ F. They are to bear `_SAFETY` times the weight of the item as it is
+        lifted, at the least friction of the data sheet, and its moment about the fingers' axis
+        where the centre of mass is off the middle, by contacts that are `_SPREAD` from it.
+
+        Args:
+            most: Largest force of a finger [N], also where the item would need more.
+        """
+        weight = self.mass * (_GRAVITY + _LIFTED)
+        moment = weight * float(np.hypot(*self.com[:2]))
+        needed = _SAFETY * float(np.hypot(weight, moment / _SPREAD)) / (2.0 * self.friction[0])
+        return min(max(needed, _GENTLEST), most)
 
     def grasp(self, T_world_item: SE3, width_max: float) -> SE3:
         """Return T_world_tcp that grasps the item from above, with the wrist turned least.
@@ -87,21 +139,26 @@ class Item:
 
     def payload(self, T_tcp_item: SE3) -> Payload:
         """Return the payload of a tool that holds the item."""
+        T_tcp_com = T_tcp_item @ SE3.from_translation(np.array(self.com))
+        return Payload(mass=self.mass, inertia=self._moments, T_tcp_com=T_tcp_com)
+
+    @property
+    def _moments(self) -> tuple[float, float, float]:
+        """Moments of inertia about its axes, of a solid body [kg·m²]."""
         x, y, z = self.size
         if self.round:
             across = self.mass * (3 * (0.5 * x) ** 2 + z**2) / 12
-            moments = (across, across, self.mass * (0.5 * x) ** 2 / 2)
-        else:
-            a, b, c = (self.mass * (u**2 + v**2) / 12 for u, v in ((y, z), (x, z), (x, y)))
-            moments = (a, b, c)
-        return Payload(mass=self.mass, inertia=moments, T_tcp_com=T_tcp_item)
+            return across, across, self.mass * (0.5 * x) ** 2 / 2
+        a, b, c = (self.mass * (u**2 + v**2) / 12 for u, v in ((y, z), (x, z), (x, y)))
+        return a, b, c
 
     def _turned(self, turn: float, width_max: float) -> float:
         """Return the heading of a tool whose fingers close across one of the sides [rad]."""
         if self.round:
             return 0.0
-        room = 1e-3
-        fits = [side + room < width_max for side in self.size[:2]]
+        fits = [side + _ROOM < width_max for side in self.size[:2]]
+        if not any(fits):
+            fits = [side + _TIGHT < width_max for side in self.size[:2]]
         if fits[0] == fits[1]:
             return quarter(turn)
         # The fingers close along the tool's y axis: across the item's y at its own heading.

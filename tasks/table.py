@@ -19,6 +19,10 @@ TABLE = Obstacle(
 )
 """The table as an obstacle."""
 
+SURFACE_FRICTION = [0.25, 0.003, 1e-4]
+"""Friction of surfaces, the least of any item: that of what lies on them counts, as MuJoCo takes
+the larger one [-, m, m]."""
+
 
 def check_place(name: str, where: Sequence[float]) -> None:
     """Check that a position on the table is two finite numbers, x and y [m].
@@ -40,6 +44,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
         pos=TABLE.T_world_obstacle.translation(),
         size=TABLE.size,
         rgba=wood,
+        friction=SURFACE_FRICTION,
     )
     for i, (x, y) in enumerate([(-0.25, -0.55), (-0.25, 0.55), (0.85, -0.55), (0.85, 0.55)]):
         world.add_geom(

@@ -5,6 +5,9 @@ import os
 import sys
 from collections.abc import Iterator
 
+# Before NumPy is loaded: on matrices as small as these, threads of BLAS only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -25,56 +28,66 @@ from tests.robots import (
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Imports and tests make little garbage and much that stays; see `pytest_collection_finish`.
+gc.disable()
+
 # The same examples in every run: a failure of the suite is a fact about the code.
 settings.register_profile("robo47", deadline=None, derandomize=True, database=None, max_examples=40)
 settings.load_profile("robo47")
 
 
 LONGEST = (
-    "test_wheel",
-    "test_wipe",
-    "test_command",
-    "test_pick_place",
     "test_ik_contract",
-    "test_runner",
-    "test_tasks",
-    "test_motion_scenarios",
-    "test_self_collision",
-    "test_detour",
-    "test_rerun_log",
-    "test_obstacle_reach",
-    "test_stack",
+    "test_wheel",
+    "test_command",
+    "test_wipe",
+    "test_pick_place",
     "test_peg_insert",
-    "test_joint_targets",
-    "test_policy_driver",
-    "test_sort",
+    "test_self_collision",
     "test_streaming",
+    "test_rerun_log",
+    "test_detour",
+    "test_evaluate",
+    "test_gym_env",
+    "test_policy_driver",
+    "test_runner",
+    "test_composition",
+    "test_video",
+    "test_tasks",
+    "test_stack",
+    "test_obstacle_reach",
+    "test_docs",
     "test_compare_ik",
+    "test_arm",
+    "test_sort",
+    "test_lin",
+    "test_chain",
+    "test_follow",
+    "test_evaluation",
+    "test_carry_tray",
 )
 """Files that take longest come first, so that two workers end together."""
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Make tests on a robot for those alone whose models are here and that they are meant for."""
+    if "robot_name" in metafunc.fixturenames:
+        module, test = metafunc.module.__name__.rpartition(".")[2], metafunc.function.__name__
+        names = [name for name in MAKERS if is_at_hand(name) and is_meant_for(module, test, name)]
+        metafunc.parametrize("robot_name", names, indirect=True, scope="session")
+
+
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out tests on robots that they are not meant for; put the longest first."""
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest first."""
     rank = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
-    kept: list[pytest.Item] = []
-    left_out: list[pytest.Item] = []
-    for item in items:
-        name = item.callspec.params.get("robot_name") if hasattr(item, "callspec") else None
-        test = getattr(item, "originalname", item.name)
-        fits = name is None or is_meant_for(item.path.stem, test, name)
-        (kept if fits else left_out).append(item)
-    if left_out:
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = kept
 
 
 def pytest_collection_finish() -> None:
     """Spare the garbage collector the tests themselves: it would walk all of them each time."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -85,9 +98,9 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", params=[name for name in MAKERS if is_at_hand(name)])
+@pytest.fixture(scope="session")
 def robot_name(request: pytest.FixtureRequest) -> str:
-    """Robots whose models are missing are left out; `test_every_robot_is_tested` tells."""
+    """See `pytest_generate_tests`; `test_every_robot_is_tested` tells which are left out."""
     name: str = request.param
     return name
 

@@ -34,6 +34,9 @@ KNOWN: dict[type, Callable[[], Variants]] = {
     QpIk: lambda: {f"qp-{name}": QpIk(backend=name, max_iterations=20) for name in backends()},
 }
 """Settings worth a test of their own; any other solver is tested under its defaults."""
+NOT_WRAPPED = ("dls-position", "dls-position-free", "lm-free", "lm-stall", "qp-osqp")
+"""Settings that are not tested again inside a wrapper: it takes its solver as it comes, and one
+of each kind, one that ignores limits and one that ignores the orientation are left."""
 
 
 def discovered() -> list[type]:
@@ -66,6 +69,7 @@ def members() -> Variants:
         f"{wrapper.__name__.lower()}-{name}": wrapper(solver=solver)
         for wrapper in wrappers
         for name, solver in plain.items()
+        if name not in NOT_WRAPPED
     }
     return plain | wrapped
 

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.payload import Payload
-from robo47_qp.model.robot import Robot
+from robo47_qp.model.robot import Hand, Robot
 
+_CIRCLE = (-np.pi, np.pi)
 _H = 1e-5
 """Half the width of central differences of poses [rad]."""
 
@@ -26,15 +27,16 @@ class PlainArm:
     def __init__(self, robot: Robot, payload: Payload | None = None) -> None:
         self.robot = robot
         self.payload = payload
-        self.full = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+        self.full = mujoco.MjModel.from_xml_string(_text_of(robot))
         self.welded = mujoco.MjModel.from_xml_string(_welded(robot, payload))
         self._full, self._welded = mujoco.MjData(self.full), mujoco.MjData(self.welded)
         joints = [_joint(self.full, name) for name in robot.joints]
         self._q = [int(joint.qposadr[0]) for joint in joints]
         dofs = [int(joint.dofadr[0]) for joint in joints]
         self.n = len(joints)
-        self.q_min: Vector = np.array([joint.range[0] for joint in joints])
-        self.q_max: Vector = np.array([joint.range[1] for joint in joints])
+        ranges = [joint.range if self.full.jnt_limited[joint.id] else _CIRCLE for joint in joints]
+        self.q_min: Vector = np.array([low for low, _ in ranges])
+        self.q_max: Vector = np.array([high for _, high in ranges])
         self.armature: Vector = self.full.dof_armature[dofs].copy()
         self.damping: Vector = self.full.dof_damping[dofs].copy()
 
@@ -161,10 +163,7 @@ def welded_file(robot: Robot, folder: Path) -> Path:
 
 
 def _welded(robot: Robot, payload: Payload | None) -> str:
-    root = _whole(robot.mjcf)
-    for compiler in root.findall("compiler"):
-        if "meshdir" in compiler.attrib:
-            compiler.set("meshdir", str(robot.mjcf.parent / compiler.attrib["meshdir"]))
+    root = _robot(robot)
     for tag in ("actuator", "tendon", "equality", "sensor", "keyframe"):
         for section in root.findall(tag):
             root.remove(section)
@@ -181,6 +180,47 @@ def _welded(robot: Robot, payload: Payload | None) -> str:
     option = ET.SubElement(root, "option", integrator="implicitfast", timestep="0.001")
     ET.SubElement(option, "flag", constraint="disable", contact="disable")
     return ET.tostring(root, encoding="unicode")
+
+
+def _text_of(robot: Robot) -> str:
+    root = _robot(robot)
+    if robot.hand is not None:
+        # The keyframes have no numbers for the hand.
+        for section in root.findall("keyframe"):
+            root.remove(section)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _robot(robot: Robot) -> ET.Element:
+    """The robot's file with its hand and the inertia of its rotors, by text."""
+    root = _whole(robot.mjcf)
+    for compiler in root.findall("compiler"):
+        if "meshdir" in compiler.attrib:
+            compiler.set("meshdir", str(robot.mjcf.parent / compiler.attrib["meshdir"]))
+    if robot.armature is not None:
+        for joint in root.iter("joint"):
+            if joint.get("name") in robot.joints:
+                inertia = robot.armature[robot.joints.index(joint.attrib["name"])]
+                joint.set("armature", repr(float(inertia)))
+    if robot.hand is not None:
+        _add_hand(root, robot.hand)
+    return root
+
+
+def _add_hand(root: ET.Element, hand: Hand) -> None:
+    part = _whole(hand.mjcf)
+    root.extend([*part.findall("default"), *part.findall("asset")])
+    (body,) = part.findall("worldbody/body")
+    for element in body.iter():
+        if "name" in element.attrib:
+            element.set("name", hand.PREFIX + element.attrib["name"])
+    turned = Rotation.from_euler("z", hand.turn).as_quat()[[3, 0, 1, 2]]
+    body.set("quat", _text(turned))
+    for parent in root.iter("body"):
+        for site in parent.findall(f"site[@name='{hand.site}']"):
+            at = {key: text for key, text in site.items() if key in {"pos", "quat"}}
+            ET.SubElement(parent, "frame", at).append(body)
+            return
 
 
 def _whole(mjcf: Path) -> ET.Element:

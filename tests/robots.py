@@ -81,7 +81,7 @@ MODULES = {
 PREMISES = {
     # Their examples start from poses, sizes or texts of one arm.
     "test_bodies_that_are_only_drawn_keep_their_mass": ("panda",),
-    "test_a_joint_without_a_range_is_refused": ("panda",),
+    "test_a_joint_that_slides_without_a_range_is_refused": ("slider6",),
     "test_a_payload_is_held_in_the_tool_frame_however_that_is_turned": ("panda",),
     "test_beyond_the_stretched_arm_nothing_breaks": ("panda",),
     "test_a_joint_at_its_limit_is_inside": ("panda",),
@@ -118,25 +118,28 @@ PREMISES = {
     "test_a_robot_whose_home_is_outside_its_limits_cannot_go_home": TURNING,
 }
 """Tests whose premise holds for these robots alone."""
-CARRIED = {
+FEW = {
     "panda_rail": ("test_arm", "test_ik_contract", "test_tool_error"),
     "panda_base": ("test_controller_contract",),
+    # Its arm is the Panda's with other numbers.
+    "fr3": ("test_arm",),
+    "ur5e": ("test_arm", "test_ik_contract", "test_lin", "test_planner"),
 }
-"""Modules whose tests run on arms that something carries, to save time; what is their own is in
-tests/model/test_carrier.py."""
+"""Modules whose tests run on these arms alone, to save time: arms that something carries (what is
+their own is in tests/model/test_carrier.py) and arms that are much like others."""
 
 
 def is_meant_for(module: str, test: str, robot: str) -> bool:
     """True where a test is to be run on a robot."""
     everywhere = tuple(MAKERS)
-    if robot in CARRIED:
-        return module in CARRIED[robot] and robot in PREMISES.get(test, everywhere)
+    if robot in FEW:
+        return module in FEW[robot] and robot in PREMISES.get(test, everywhere)
     return robot in MODULES.get(module, everywhere) and robot in PREMISES.get(test, everywhere)
 
 
 def is_at_hand(robot: str) -> bool:
     """True where a robot's model is on this machine, as far as the environment says."""
-    shipped = ("panda", "panda_rail", "panda_base", "hinge6", "slider6")
+    shipped = ("panda", "panda_rail", "panda_base", "fr3", "ur5e", "hinge6", "slider6")
     return robot in shipped or ROOT_VARIABLE in os.environ
 
 

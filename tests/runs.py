@@ -23,6 +23,7 @@ from robo47_qp.run.recording import Sink
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.sensed import Reading, Sensed, Senses
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -31,6 +32,26 @@ from robo47_qp.tasks.table import add_table
 
 def no_objects(spec: mujoco.MjSpec) -> None:
     """Adds nothing: the robot is alone."""
+
+
+class _Live(Sensed):
+    """Measures whenever it is asked."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        super().__init__(simulation.robot, Senses(simulation).sensed.sheet, simulation.objects)
+        self._senses = Senses(simulation)
+
+    @property
+    def reading(self) -> Reading:
+        return self._senses.read().reading
+
+    def tool_pose(self, tool: int = 0) -> SE3:
+        return self._senses.read().tool_pose(tool)
+
+
+def live(simulation: Simulation) -> Sensed:
+    """What programs know of a world that a test steps itself."""
+    return _Live(simulation)
 
 
 ZEROS = np.zeros(len(PANDA.joints))
@@ -89,15 +110,15 @@ class Reach(Task):
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         add_table(spec)
 
-    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
-        up = SE3.from_translation(np.array([0.0, 0.0, self.rise])) @ simulation.tool_pose()
+    def preview(self, sensed: Sensed) -> Sequence[Waypoint]:
+        up = SE3.from_translation(np.array([0.0, 0.0, self.rise])) @ sensed.tool_pose()
         return [
             Waypoint(name="up", target=up, motion=Motion.LIN, carried=self.carried),
             Waypoint(name="home", target=Place.HOME),
         ]
 
-    def program(self, simulation: Simulation) -> Program:
-        yield from self.preview(simulation)
+    def program(self, sensed: Sensed) -> Program:
+        yield from self.preview(sensed)
         return self.ending
 
     def verdict(self, simulation: Simulation) -> Failure | None:
@@ -169,6 +190,11 @@ def moves_cube(x: float, y: float) -> Callable[[Simulation], None]:
         simulation.place_object("cube", pose)
 
     return act
+
+
+def at_rest(simulation: Simulation) -> None:
+    """Let a second go by in which nothing moves, as before a verdict."""
+    simulation.data.time += 1.0
 
 
 class Holder:

@@ -20,7 +20,7 @@ import pytest
 import tyro
 
 from robo47_qp import __main__
-from robo47_qp.report.rerun import viewer
+from robo47_qp.report.rerun import recovery, viewer
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -185,6 +185,7 @@ def only_parse(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(tyro, "cli", parsed)
     monkeypatch.setattr(viewer, "open_recording", opened)
+    monkeypatch.setattr(recovery, "recover", opened)
 
 
 @pytest.mark.parametrize("command", commands())

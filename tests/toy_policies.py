@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.evaluation.policies import PolicyFailed
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.runner import Runner
 
@@ -27,8 +26,6 @@ class Drive:
         match self.way:
             case "nan":
                 simulation.step(np.full(7, np.nan))
-            case "policy":
-                raise PolicyFailed("the policy raised KeyError in act: 'camera'")
             case "plan":
                 raise PlanError("lift", "no way")
             case "value":

@@ -8,10 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from robo47_qp._core.library import Structure, backend, functions, pointer
+from robo47_qp._core.mujoco_functions import function, structure
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.distance import GeomDistance
+from robo47_qp.collision.distance import FAR, GeomDistance
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
+from robo47_qp.collision.pairs import GeomPairs
 from robo47_qp.errors import ModelError
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
@@ -19,6 +23,8 @@ from robo47_qp.model.robot import Robot
 RESOLUTION = 0.1e-3
 """How much closer than the distance found the robot may have been, at most [m]."""
 _FIRST_ROWS = 33
+_MOUNTED = 1e-4
+"""Distance at home up to which a geom is mounted on what is fixed [m]."""
 
 
 class Nearest(NamedTuple):
@@ -34,10 +40,24 @@ class Nearest(NamedTuple):
 
 
 class ClosestApproach:
-    """Measures a robot, with its fingers as recorded, against obstacles."""
+    """Measures a robot, with its fingers as recorded, against obstacles, and against itself."""
 
-    def __init__(self, robot: Robot, obstacles: Sequence[Obstacle]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Sequence[Obstacle],
+        *,
+        own: bool = False,
+        mounted: bool = False,
+    ) -> None:
         """Compile robot and obstacles into one model.
+
+        Args:
+            robot: The robot.
+            obstacles: What is around it.
+            own: Whether its links are measured against each other, too: the pairs of `GeomPairs`,
+                those of its mount and of its other arms included.
+            mounted: Whether the robot stands on them: pairs that touch at home are left out.
 
         Raises:
             InvalidValueError: The name of an obstacle is taken.
@@ -55,6 +75,13 @@ class ClosestApproach:
         solid = np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0))
         around = [m.geom(obstacle.name).id for obstacle in obstacles]
         pairs = [(min(a, b), max(a, b)) for a in solid.tolist() for b in around if a != b]
+        if mounted:
+            arm = [m.joint(joint).id for joint in robot.joints]
+            self._data.qpos[m.jnt_qposadr[arm]] = robot.home
+            mujoco.mj_kinematics(m, self._data)
+            pairs = [pair for pair in pairs if self._measure.between(*pair, inf) > _MOUNTED]
+        if own:
+            pairs += _own_pairs(robot, [geom for geom in solid.tolist() if geom not in around])
         reach = approach_speed_bounds(m, tuple(pairs))[:, joints]
         moves: NDArray[np.bool_] = np.count_nonzero(reach, axis=1) > 0
         self._pairs = [pair for pair, moved in zip(pairs, moves, strict=True) if moved]
@@ -64,6 +91,7 @@ class ClosestApproach:
                 "from obstacles is not known. Give its links collision geoms."
             )
         self._reach = reach[moves]
+        self._compiled = self._in_core() if backend() == "compiled" else None
         self._around = set(around)
 
     def along(self, q: Matrix) -> Nearest:
@@ -76,6 +104,7 @@ class ClosestApproach:
         Args:
             q: Joints of the arm, then of its grippers (N, joints) [rad or m].
         """
+        q = np.ascontiguousarray(q)
         travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
         rows = np.unique(np.linspace(0, len(q) - 1, _FIRST_ROWS).astype(int)).tolist()
         first = np.array([self._distances(q[row]) for row in rows])
@@ -83,21 +112,82 @@ class ClosestApproach:
         best, at = float(first[k, which]), (rows[k], which)
         for i in np.argsort(first.min(axis=0), kind="stable").tolist():
             closed, row, apart = travelled @ self._reach[i], 0, float(first[0, i])
+            if self._compiled is not None:
+                closer, row = self._followed(self._compiled, i, q, closed, (apart, best))
+                if closer < best:
+                    best, at = closer, (row, i)
+                continue
             while True:
                 far = closed[row] + apart - best + RESOLUTION
                 row = max(row + 1, int(np.searchsorted(closed, far, side="right")))
                 if row >= len(q):
                     break
                 self._place(q[row])
-                a, b = self._pairs[i]
-                apart = self._measure.between(a, b, inf)
+                apart = self._between(i)
                 if apart < best:
                     best, at = apart, (row, i)
         return Nearest(best, at[0], *self._names(at[1]))
 
     def _distances(self, q: Vector) -> list[float]:
-        self._place(q)
-        return [self._measure.between(a, b, inf) for a, b in self._pairs]
+        if self._compiled is None:
+            self._place(q)
+            return [self._between(i) for i in range(len(self._pairs))]
+        apart, doubtful = np.empty(len(self._pairs)), np.empty(len(self._pairs), np.uint8)
+        arrays = pointer(np.ascontiguousarray(q)), pointer(apart), pointer(doubtful)
+        functions().r47_approach_at(self._compiled.pointer, *arrays)
+        for i in np.flatnonzero(doubtful).tolist():
+            apart[i] = self._between(i)
+        distances: list[float] = apart.tolist()
+        return distances
+
+    def _between(self, pair: int) -> float:
+        return self._measure.between(*self._pairs[pair], inf)
+
+    def _followed(
+        self, core: Structure, pair: int, q: Matrix, closed: Vector, given: tuple[float, float]
+    ) -> tuple[float, int]:
+        """Return what `along` finds for a pair in the compiled core: distance and row.
+
+        Args:
+            core: The structure `r47_approach`.
+            pair: Number of the pair.
+            q: As in `along`.
+            closed: By how much the pair can have come closer since the first row (N,) [m].
+            given: Its distance in the first row, and the smallest of all pairs so far [m]; the
+                latter is returned where nothing is closer.
+        """
+        distance, row = np.array(given), np.zeros(2, np.int32)
+        motion = pointer(q), pointer(closed), RESOLUTION
+        state = pointer(distance), pointer(row)
+        while functions().r47_approach_along(core.pointer, pair, len(q), *motion, *state):
+            distance[0] = self._between(pair)
+            if distance[0] < distance[1]:
+                distance[1], row[1] = distance[0], row[0]
+        return float(distance[1]), int(row[1])
+
+    def _in_core(self) -> Structure:
+        m, d = self._model, self._data
+        capsule, box = np.transpose([self._measure.capsule_and_box(*pair) for pair in self._pairs])
+        first, second = np.transpose(self._pairs)
+        return Structure(
+            "r47_approach",
+            model=structure(m),
+            data=structure(d),
+            kinematics=function("mj_kinematics"),
+            distance=function("mj_geomDistance"),
+            qpos=d.qpos,
+            joints=len(self._addresses),
+            address=self._addresses.astype(np.int32),
+            xpos=d.geom_xpos,
+            xmat=d.geom_xmat,
+            size=m.geom_size,
+            pairs=len(self._pairs),
+            first=first.astype(np.int32),
+            second=second.astype(np.int32),
+            capsule=capsule.astype(np.int32),
+            box=box.astype(np.int32),
+            far=FAR,
+        )
 
     def _place(self, q: Vector) -> None:
         self._data.qpos[self._addresses] = q
@@ -105,6 +195,34 @@ class ClosestApproach:
 
     def _names(self, pair: int) -> tuple[str, str]:
         m = self._model
-        own, other = sorted(self._pairs[pair], key=lambda geom: geom in self._around)
-        body = m.body(m.geom_bodyid[own]).name
-        return str(body) or f"body {m.geom_bodyid[own]}", str(m.geom(other).name)
+        one, other = sorted(self._pairs[pair], key=lambda geom: geom in self._around)
+        if other in self._around:
+            return _body(m, one), str(m.geom(other).name)
+        return _body(m, one), _body(m, other)
+
+
+def _body(m: mujoco.MjModel, geom: int) -> str:
+    """Return the name of the body of a geom."""
+    body = int(m.geom_bodyid[geom])
+    return str(m.body(body).name) or f"body {body}"
+
+
+def _own_pairs(robot: Robot, own: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the pairs of a robot's geoms that are kept apart, as `GeomPairs` has them.
+
+    Args:
+        robot: The robot.
+        own: Numbers of its geoms that collide, in the order of its file.
+
+    Raises:
+        ModelError: The model has other geoms than that of `Arm`.
+    """
+    arm = Arm(robot)
+    theirs = np.flatnonzero((arm.model.geom_contype != 0) | (arm.model.geom_conaffinity != 0))
+    if len(own) != len(theirs):
+        raise ModelError(
+            f"Robot {robot.name!r} has {len(own)} geoms that collide, its arm {len(theirs)}; "
+            "they must be the same ones."
+        )
+    place = dict(zip(theirs.tolist(), own, strict=True))
+    return [(place[a], place[b]) for a, b in GeomPairs.of(arm, 0.0).kept]

@@ -5,7 +5,7 @@ import numpy as np
 
 from robo47_qp.arrays import Vector
 
-_FAR = 1e3
+FAR = 1e3
 """Largest cut-off [m], beyond any distance in a cell."""
 
 
@@ -30,14 +30,19 @@ class GeomDistance:
     def between(self, a: int, b: int, cut_off: float) -> float:
         """Return the signed distance of two geoms, `cut_off` at most [m]."""
         # Not below zero, where MuJoCo's margins end.
-        far = max(0.0, min(cut_off, _FAR))
+        far = max(0.0, min(cut_off, FAR))
         distance = float(mujoco.mj_geomDistance(self._m, self._d, a, b, far, self.segment))
+        capsule, box = self.capsule_and_box(a, b)
+        if capsule >= 0:
+            distance = self._checked(capsule, box, distance, first=capsule == a)
+        return cut_off if distance >= far else min(distance, cut_off)
+
+    def capsule_and_box(self, a: int, b: int) -> tuple[int, int]:
+        """Return which of two geoms is a capsule and which a box; else -1, -1."""
         kinds = self._type[a], self._type[b]
         if kinds == (_CAPSULE, _BOX):
-            distance = self._checked(a, b, distance, first=True)
-        elif kinds == (_BOX, _CAPSULE):
-            distance = self._checked(b, a, distance, first=False)
-        return cut_off if distance >= far else min(distance, cut_off)
+            return a, b
+        return (b, a) if kinds == (_BOX, _CAPSULE) else (-1, -1)
 
     def _checked(self, capsule: int, box: int, distance: float, *, first: bool) -> float:
         """Return the distance given, or minus the depth if the capsule's axis crosses the box."""

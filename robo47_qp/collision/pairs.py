@@ -97,7 +97,7 @@ def _never_clear(
     """Return reasons to leave out pairs that are too close at home, or everywhere."""
     m, d = arm.model, mujoco.MjData(arm.model)
     measure, reasons, farthest = GeomDistance(m, d), {}, dict.fromkeys(pairs, -np.inf)
-    for k, q in enumerate([arm.home, *spread(arm.q_min, arm.q_max, _SAMPLE)]):
+    for k, q in enumerate([arm.home, *spread(arm.q_low, arm.q_high, _SAMPLE)]):
         d.qpos[:] = q
         mujoco.mj_kinematics(m, d)
         for pair in list(farthest):

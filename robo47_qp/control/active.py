@@ -3,11 +3,14 @@
 import numpy as np
 
 from robo47_qp.arrays import Vector
+from robo47_qp.control.compiled import CompiledControl, law_of
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_stops import JointStops
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
+
+_MANY = 2**30
 
 
 class ActiveController:
@@ -56,6 +59,7 @@ class ActiveController:
         self._last: list[float] = np.clip(self.commanded, -robot.tau_max, robot.tau_max).tolist()
         self._before: tuple[Controller, Arm, Vector] | None = None
         self._bump, self._left, self._fade = still, 0, 0
+        self._build_compiled()
 
     def switch(self, controller: Controller, *, seconds: float = 0.1) -> None:
         """Change the control law or its gains.
@@ -101,7 +105,12 @@ class ActiveController:
             reference: The joints' reference at the instant of `state`.
             state: The joints' state now.
         """
-        observed = self.observed
+        compiled, observed = self.compiled, self.observed
+        if compiled is not None:
+            self.enter(compiled, state.q)
+            tau = compiled.torque(reference, state)
+            self.leave(compiled, reference.q, 1)
+            return tau
         if observed is None:
             return self._torque(reference, state)
         arm = self.arm
@@ -112,6 +121,40 @@ class ActiveController:
             arm.inverse_dynamics(*state, reference.a)
         observed.expect(arm, reference, tau)
         return tau
+
+    @property
+    def compiled(self) -> CompiledControl | None:
+        """What computes the next periods in the compiled core; None where Python does."""
+        # The first period after a switch asks both controllers.
+        return self._compiled if self._before is None else None
+
+    def enter(self, compiled: CompiledControl, q: Vector) -> int:
+        """Bring the state into the core; returns how many periods it may go on.
+
+        Args:
+            compiled: That of `compiled`.
+            q: Measured positions now (n,).
+        """
+        c = compiled.c
+        compiled.last[:] = self._last
+        compiled.bump[:] = self._bump
+        c.left, c.fade = self._left, self._fade
+        return _MANY if self.observed is None else self.observed.enter(c, q)
+
+    def leave(self, compiled: CompiledControl, q_ref: Vector, periods: int) -> None:
+        """Take the state back after some periods; the last had the reference q_ref (n,)."""
+        c = compiled.c
+        self._last, self.commanded = compiled.last.tolist(), compiled.commanded.copy()
+        self._left, self._fade = c.left, c.fade
+        if self.observed is not None:
+            self.observed.leave(c, self.arm, q_ref, periods)
+
+    def _build_compiled(self) -> None:
+        self._compiled: CompiledControl | None = None
+        law = law_of(self.controller, self.arm)
+        seen = None if self.observed is None else self.observed.compiled
+        if law is not None and (self.observed is None or seen is not None):
+            self._compiled = CompiledControl(law, self.arm, self._stops, self._dt, seen)
 
     def _torque(self, reference: JointReference, state: JointState) -> Vector:
         asked = self.controller.torque(self.arm, reference, state)
@@ -147,6 +190,7 @@ class ActiveController:
             self._before = self.controller, self.arm, self._remaining()
         self._fade = self._left = steps
         self.controller, self.arm = controller, arm
+        self._build_compiled()
 
     def _smooth(self, asked: Vector, reference: JointReference, state: JointState) -> None:
         """Add the remaining bump."""

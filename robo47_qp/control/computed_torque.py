@@ -41,7 +41,7 @@ class ComputedTorque(Checked):
         a += e_v * (2.0 * self.damping_ratio * self.frequency)
         a += reference.a
         tau = arm.inverse_dynamics(state.q, state.v, a)
-        springs = arm.derived(_springs, self.frequency, self.damping_ratio, self.stiffness_share)
+        springs = self.springs(arm)
         if springs is not None:
             K, D = springs
             tau += K * e
@@ -49,6 +49,10 @@ class ComputedTorque(Checked):
         if arm.has_dry_friction:
             add_dry_friction(tau, arm, reference.v)
         return tau
+
+    def springs(self, arm: Arm) -> tuple[Vector, Vector] | None:
+        """Return stiffness and damping (n,), (n,) that are added; None where none are."""
+        return arm.derived(_springs, self.frequency, self.damping_ratio, self.stiffness_share)
 
 
 def _springs(

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from robo47_qp._core.library import Structure, backend, functions
+from robo47_qp._core.mujoco_functions import function, structure
 from robo47_qp.arrays import Checked, NotNegative, Positive, Vector
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.chain import MAX_JOINTS
 from robo47_qp.model.sampling import spread
 
 _SAMPLES = 32
@@ -67,6 +70,10 @@ class LearnedFriction:
         self._R = (settings.noise * scale) ** 2
         self._rows = np.zeros((2, 1, n))
         self._count = 0
+        self._core: Structure | None = None
+        self._arm = arm
+        if backend() == "compiled" and n <= MAX_JOINTS:
+            self._build_core()
 
     @property
     def friction(self) -> Vector:
@@ -80,6 +87,10 @@ class LearnedFriction:
             arm: With the mass matrix of the last inverse dynamics in its scratch.
             q_ref: The reference now (n,) [rad].
         """
+        if self._core is not None:
+            self._give(self._core, arm, q_ref)
+            turns = functions().r47_friction_change(self._core.pointer)
+            return self._change if turns else None
         if self._q is None:
             self._q = q_ref.copy()
             return None
@@ -108,6 +119,10 @@ class LearnedFriction:
         self._count += 1
         if self._count % _LEARNING:
             return
+        if self._core is not None:
+            self._give(self._core, arm, disturbance)
+            functions().r47_friction_learn(self._core.pointer)
+            return
         product, d = self._rows[:, 0]
         d[:] = disturbance
         mujoco.mj_mulM(arm.model, arm.scratch, product, d)
@@ -127,9 +142,47 @@ class LearnedFriction:
         self._P_bf -= k_b * c_f
         self._P_ff -= k_f * c_f
 
+    def _build_core(self) -> None:
+        """Let the compiled core work on the arrays of this object, which keep their place."""
+        n = self._arm.n
+        self._given, self._change = np.zeros(n), np.zeros(n)
+        self._core = Structure(
+            "r47_friction",
+            n=n,
+            solve=function("mj_solveM"),
+            mass=function("mj_mulM"),
+            per_update=self._per_update,
+            per_displacement=self._per_displacement,
+            settling=_SETTLING,
+            q=np.zeros(n),
+            z=self._z,
+            since=self._since,
+            b=self._b,
+            f=self._f,
+            most=self._most,
+            P_bb=self._P_bb,
+            P_bf=self._P_bf,
+            P_ff=self._P_ff,
+            Q_bb=self._Q_bb,
+            Q_ff=self._Q_ff,
+            R=self._R,
+            given=self._given,
+            change=self._change,
+        )
+        self._take_arm(self._core, self._arm)
+
+    def _give(self, core: Structure, arm: Arm, numbers: Vector) -> None:
+        if arm is not self._arm:
+            self._take_arm(core, arm)
+        self._given[:] = numbers
+
+    def _take_arm(self, core: Structure, arm: Arm) -> None:
+        self._arm = arm
+        core.pointer.model, core.pointer.data = structure(arm.model), structure(arm.scratch)
+
 
 def _gravity(arm: Arm) -> Vector:
     """Return the largest gravity torque of every joint (n,) [N·m]."""
-    still, qs = np.zeros(arm.n), [arm.home, *spread(arm.q_min, arm.q_max, _SAMPLES)]
+    still, qs = np.zeros(arm.n), [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]
     largest: Vector = np.abs([arm.inverse_dynamics(q, still, still) for q in qs]).max(axis=0)
     return largest

@@ -44,7 +44,7 @@ class JointImpedance(Checked):
 
     def torque(self, arm: Arm, reference: JointReference, state: JointState) -> Vector:
         """See `Controller.torque`."""
-        K, D = arm.derived(_gains, self.stiffness_scale, self.damping_ratio)
+        K, D = self.springs(arm)
         if self.feed_forward is FeedForward.FULL:
             tau = arm.inverse_dynamics(state.q, state.v, reference.a)
         else:
@@ -54,6 +54,10 @@ class JointImpedance(Checked):
         tau += K * (reference.q - state.q)
         tau += D * (reference.v - state.v)
         return tau
+
+    def springs(self, arm: Arm) -> tuple[Vector, Vector]:
+        """Return stiffness and damping of the joints (n,), (n,)."""
+        return arm.derived(_gains, self.stiffness_scale, self.damping_ratio)
 
 
 def _feed_forward(arm: Arm, terms: FeedForward, state: JointState) -> Vector:

@@ -27,12 +27,12 @@ class JointStops(Checked):
 
     def inside(self, arm: Arm) -> tuple[Vector, Vector]:
         """Return the bounds (n,), (n,) between which no spring acts [rad]."""
-        width = self.margin * (arm.q_max - arm.q_min)
+        width = self.margin * (arm.q_high - arm.q_low)
         return arm.q_min + width, arm.q_max - width
 
     def push(self, tau: Vector, arm: Arm, q_ref: Vector, q: Vector) -> None:
         """Add the torque of the springs at q to `tau` (n,) [N·m], in place."""
-        width = self.margin * (arm.q_max - arm.q_min)
+        width = self.margin * (arm.q_high - arm.q_low)
         inner_low, inner_high = self.inside(arm)
         low = np.maximum(np.minimum(inner_low, q_ref), arm.q_min)
         high = np.minimum(np.maximum(inner_high, q_ref), arm.q_max)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from scipy.optimize import brentq
@@ -11,6 +11,7 @@ from scipy.signal import place_poles
 from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Positive, Range, Vector
 from robo47_qp.control.controller import dry_friction_torque
 from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
+from robo47_qp.control.jitter import Jitter
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.sampling import spread
 
@@ -67,14 +68,24 @@ class DisturbanceObserver(Checked):
     """Control periods by which the state is late; None takes those of the cell's data sheet."""
     command_delay: CountOrZero | None = None
     """Control periods from a command to the motors, likewise."""
+    jitter: NotNegative | None = None
+    """Standard deviation of the time by which the state is late, likewise [s]; see `Jitter`."""
 
-    def in_cell(self, noise_q: float, state_delay: float, command_delay: float, dt: float) -> Self:
+    def in_cell(
+        self,
+        noise_q: float,
+        state_delay: float,
+        command_delay: float,
+        jitter: float,
+        dt: float,
+    ) -> Self:
         """Return the settings with what a cell's data sheet says, where they say nothing.
 
         Args:
             noise_q: Standard deviation of the measured positions [rad].
             state_delay: Mean time from a state to the controller [s].
             command_delay: Mean time from a command to the motors [s].
+            jitter: Standard deviation of the time from a state to the controller [s].
             dt: Control period [s].
         """
         late, later = round(state_delay / dt), round(command_delay / dt)
@@ -83,6 +94,7 @@ class DisturbanceObserver(Checked):
             noise_q=noise_q if self.noise_q is None else self.noise_q,
             state_delay=late if self.state_delay is None else self.state_delay,
             command_delay=later if self.command_delay is None else self.command_delay,
+            jitter=jitter if self.jitter is None else self.jitter,
         )
 
     def build(self, arm: Arm, dt: float) -> "ObservedJoints":
@@ -104,7 +116,8 @@ class ObservedJoints:
         n, command_delay = arm.n, settings.command_delay or 0
         delay = (settings.state_delay or 0) + command_delay
         gains = np.array([_gains(omega, dt) for omega in settings.bandwidths(arm, dt)])
-        self._update = _per_joint([_filter(G, dt) for G in gains])
+        filters = [_filter(G, dt) for G in gains]
+        self._update = _per_joint(filters)
         self._last, self._now = _Known(n), _Known(n)
         self._pending = np.zeros((delay, n))
         self._delayed, self._late = bool(delay), command_delay * dt
@@ -118,7 +131,14 @@ class ObservedJoints:
         self._started, self._on = False, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
+        # For the compiled core, whose arrays keep their place.
+        self._filters = np.ascontiguousarray(np.moveaxis(np.array(filters), 0, 2))
+        self._kept, self._held, self._turning = self._now, np.zeros(n), np.zeros(n)
+        self._jitter: Jitter | None = None
+        if settings.jitter:
+            self._jitter = Jitter(settings.noise_q or 0.0, settings.jitter, dt)
         self._friction, self._count = None, PERIODS
+        self._turned: Vector | None = None
         if settings.friction is not None:
             self._friction = LearnedFriction(settings.friction, arm, dt)
 
@@ -148,7 +168,7 @@ class ObservedJoints:
             return
         if on:
             self._left = self._fade = round(self.settings.fade / self._dt)
-            self._offset = self._compensation - self._bounded()
+            self._offset[:] = self._compensation - self._bounded()
         else:
             self._compensation = self._compensation.copy()
         self._on = on
@@ -164,6 +184,9 @@ class ObservedJoints:
             self._started, self._now.state.q[:] = True, q
         last, now = self._now, self._last
         self._last, self._now = last, now
+        if self._jitter is not None:
+            expected = JointState(*self._next.dot(last.whole[: 4 * self._n]).reshape(2, self._n))
+            q = self._jitter.removed(q, *expected)
         last.measured[:] = q
         self._update.dot(last.whole, now.estimate)
         state, d = now.state, now.d
@@ -191,6 +214,10 @@ class ObservedJoints:
             self._now.expected[:] = self._expected(arm, reference, tau)
         else:
             self._now.expected[:] = arm.acceleration(tau)
+        if self._turned is not None:
+            self._now.d += self._turned
+            if not self._on:
+                self._compensation += self._turned
         self._count -= 1
         if not self._count:
             self._count = PERIODS
@@ -210,6 +237,47 @@ class ObservedJoints:
             a, self._pending = waiting[0], waiting[1:]
         return a
 
+    @property
+    def compiled(self) -> dict[str, Any] | None:
+        """The arrays of this observer for the compiled core; None where that lacks something."""
+        if self._special or self._jitter is not None:
+            return None
+        return {
+            "filter": self._filters,
+            "estimate": self._kept.estimate,
+            "expected": self._kept.expected,
+            "least": self._least,
+            "bound": self._high,
+            "compensation": self._held,
+            "offset": self._offset,
+            "turned": self._turning,
+        }
+
+    def enter(self, c: Any, q: Vector) -> int:
+        """Bring the state into `r47_control`, with the measured q (n,); return for how long."""
+        if not self._started:
+            self._started, self._now.state.q[:] = True, q
+        if self._now is not self._kept:
+            self._kept.whole[:] = self._now.whole
+            self._last, self._now = self._now, self._kept
+        if self._compensation is not self._held:
+            self._held[:] = self._compensation
+        c.on, c.observer_left, c.observer_fade = self._on, self._left, self._fade
+        c.turning = self._turned is not None
+        if self._turned is not None:
+            self._turning[:] = self._turned
+        return self._count
+
+    def leave(self, c: Any, arm: Arm, q_ref: Vector, periods: int) -> None:
+        """Take the state back after some periods; the last had the reference q_ref (n,)."""
+        self._left = c.observer_left
+        self._compensation = self._now.d if self._on and c.follows else self._held
+        self._count -= periods
+        if not self._count:
+            self._count = PERIODS
+            if self._friction is not None:
+                self._turn(self._friction, arm, q_ref)
+
     def ahead(self, measured: JointState) -> JointState:
         """Return the state expected one period after the last estimate; before it, `measured`."""
         if not self._started:
@@ -220,10 +288,8 @@ class ObservedJoints:
     def _turn(self, friction: LearnedFriction, arm: Arm, q_ref: Vector) -> None:
         """Change the disturbance where joints reverse, and learn from it."""
         change = friction.change(arm, q_ref)
-        if change is not None:
-            self._now.d += change
-            if not self._on:
-                self._compensation += change
+        # All at once, a torque that turns within a few periods would be a step.
+        self._turned = None if change is None else change / PERIODS
         if self._on:
             friction.learn(arm, self._now.d)
 
@@ -303,7 +369,7 @@ def _bandwidths(arm: Arm, bandwidth: float, noise_q: float, dt: float) -> Vector
     if not noise_q:
         return omegas
     allowed = arm.robot.tau_rate_max * dt / _DEVIATIONS
-    qs = [arm.home, *spread(arm.q_min, arm.q_max, _SAMPLES)]
+    qs = [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]
     M = np.percentile(np.abs([arm.mass_matrix(q) for q in qs]), _HEAVY, axis=0)
     a = np.full(arm.n, noise_q * _noise(bandwidth, dt))
     for _ in range(_ROUNDS):

@@ -7,7 +7,6 @@ from rich.console import Console
 from robo47_qp.cli import main
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.model.robots import load_robot
 from robo47_qp.run.registry import load_task
 
 
@@ -18,5 +17,5 @@ def evaluate_command(args: Sequence[str] | None = None, prog: str | None = None)
 
 def evaluate_chosen(options: EvaluateOptions, console: Console) -> int:
     """Run the evaluation that was chosen, and return the exit code."""
-    task, robot = load_task(options.task)(), load_robot(options.robot)
-    return evaluate(task, robot, options, console)
+    task = load_task(options.task)()
+    return evaluate(task, options.robot_for(task), options, console)

@@ -84,7 +84,26 @@ class EpisodeResult:
         Raises:
             TypeError, KeyError: It is not the entry of an episode.
         """
-        return cls(**{**entry, "broken_promises": tuple(entry["broken_promises"])})
+        for name, kinds in _KINDS.items():
+            value = entry[name]
+            # A bool is an int, too.
+            if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+                raise TypeError(f"{name} of an episode is {value!r:.60}")
+        return cls(**{**entry, "broken_promises": tuple(map(str, entry["broken_promises"]))})
+
+
+_TEXT = (str, type(None))
+_KINDS: Mapping[str, tuple[type, ...]] = {
+    "index": (int,),
+    "seed": (int,),
+    "success": (bool,),
+    **dict.fromkeys(("cause", "evidence", "step", "condition", "sha256", "error"), _TEXT),
+    "time": (int, float, type(None)),
+    **dict.fromkeys(("measures", "metrics", "disturbance", "timing"), (dict,)),
+    "audit_ok": (bool, type(None)),
+    "broken_promises": (list,),
+}
+"""What JSON has of each field of a result."""
 
 
 class Episode(Protocol):

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from robo47_qp.evaluation.report.plots import plot_evaluation
 from robo47_qp.evaluation.report.progress import EvaluationBar
 from robo47_qp.evaluation.report.report import (
     EvaluationReport,
+    PolicyComparison,
     check_paired,
     compare,
     compare_policies,
@@ -34,8 +36,9 @@ from robo47_qp.evaluation.report.words import (
     rate_line,
     throughput_line,
 )
-from robo47_qp.files import check_writable, read_json, write_json, write_text
+from robo47_qp.files import check_writable, claimed, read_json, write_json, write_text
 from robo47_qp.model.robot import Robot
+from robo47_qp.report.provenance import provenance
 from robo47_qp.run.task import Task
 
 _COMPARISON = ("report", "text")
@@ -66,7 +69,7 @@ class Job:
             report = self.evaluation.run(self.executor, files["journal"], bar.show, resume=True)
         if self.options.against is not None:
             report = replace(report, comparison=compare(report, _other(self.options.against)))
-        write_json(files["report"], report.as_json())
+        write_json(files["report"], _told(report))
         return report
 
     def finish(self, report: EvaluationReport) -> EvaluationReport:
@@ -79,7 +82,7 @@ class Job:
         episode = self.evaluation.episode
         replayed = record_failures(episode, self.executor, failures, files["recording"])
         report = replace(report, replayed=replayed)
-        write_json(files["report"], report.as_json())
+        write_json(files["report"], _told(report))
         write_text(files["text"], markdown(report, [files["plot"].name]))
         plot_evaluation(report, files["plot"])
         return report
@@ -100,6 +103,14 @@ def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Consol
     jobs = [Job(task, robot, one) for one in options.each]
     if options.replay is not None:
         return _replay(jobs[0], options.replay, console)
+    with ExitStack() as stack:
+        for path in dict.fromkeys([options.log, *(job.options.log for job in jobs)]):
+            stack.enter_context(claimed(path))
+        return _evaluated(jobs, options, console)
+
+
+def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) -> int:
+    """Run an evaluation whose files are this process's own; see `evaluate`."""
     several = len(jobs) > 1
     _prepare(jobs, options)
     reports = []
@@ -119,7 +130,7 @@ def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Consol
     if several:
         _conclude(jobs, reports, options, console)
     elif options.json:
-        _print_json(reports[0].as_json())
+        _print_json(_told(reports[0]))
     else:
         _print(console, _summary(reports[0], options))
     return OK if all(report.sound for report in reports) else FAILED
@@ -143,6 +154,11 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
     if options.resume:
         for path, settings in journals:
             Journal.read(path, settings)
+    # What an earlier evaluation left must not stand beside the beginning of this one.
+    for files in [options.files, *(job.options.files for job in jobs)]:
+        for name in ("report", "text", "plot", "recording"):
+            if options.against is None or files[name].resolve() != options.against.resolve():
+                files[name].unlink(missing_ok=True)
     for path, settings in journals:
         Journal(path, settings, resume=options.resume).close()
 
@@ -166,12 +182,14 @@ def _replay(job: Job, seed: int, console: Console) -> int:
     options = job.options
     path = options.log.with_name(f"{options.log.stem}-{job.chosen.task.name}-{seed}.rrd")
     report = path.with_suffix(".json")
-    check_writable(path)
-    check_writable(report)
-    executor = replace(job.chosen, workers=1, cluster="local").executor
-    result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
-    entry = {**result.entry(), "same_as_evaluated": same}
-    write_json(report, entry)
+    with claimed(path):
+        check_writable(path)
+        check_writable(report)
+        report.unlink(missing_ok=True)
+        executor = replace(job.chosen, workers=1, cluster="local").executor
+        result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
+        entry = {**result.entry(), "same_as_evaluated": same}
+        write_json(report, entry)
     if options.json:
         _print_json(entry)
     else:
@@ -184,6 +202,11 @@ def _replay(job: Job, seed: int, console: Console) -> int:
     return FAILED if result.error is not None or same is False else OK
 
 
+def _told(report: EvaluationReport | PolicyComparison) -> dict[str, Any]:
+    """Return what a report file holds: the report, and where it comes from."""
+    return {**report.as_json(), "provenance": provenance()}
+
+
 def _conclude(
     jobs: Sequence[Job],
     reports: Sequence[EvaluationReport],
@@ -193,10 +216,11 @@ def _conclude(
     """Write and print the comparison of several policies."""
     names = [job.options.files["report"].name for job in jobs]
     found = compare_policies(dict(zip(names, reports, strict=True)))
-    write_json(options.files["report"], found.as_json())
+    told = _told(found)
+    write_json(options.files["report"], told)
     write_text(options.files["text"], paired_markdown(found))
     if options.json:
-        _print_json(found.as_json())
+        _print_json(told)
         return
     lines = [comparison_line(comparison) for comparison in found.comparisons]
     lines += [f"  {name:<10} {options.files[name]}" for name in _COMPARISON]

@@ -20,11 +20,12 @@ from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses, cores
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
+from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
-from robo47_qp.report.run_report import plain, versions
+from robo47_qp.report.run_report import versions
 from robo47_qp.run.policy.drivers import check_judged
+from robo47_qp.run.start import checked_start
 from robo47_qp.run.task import Task
-from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 
 Show = Callable[[Sequence[EpisodeResult]], None]
@@ -71,7 +72,7 @@ class Evaluation(CheckedOptions):
             journal = None
             if path is not None:
                 journal = stack.enter_context(closing(Journal(path, self.settings, resume=resume)))
-            known = {} if journal is None else journal.results.copy()
+            known = {} if journal is None else journal.judged
             done = [known[spec.seed] for spec in self.specs if spec.seed in known]
             left = [spec for spec in self.specs if spec.seed not in known]
             if show is not None:
@@ -128,7 +129,8 @@ class PolicyEvaluation:
 
         Raises:
             ClassLoadError: The policy cannot be loaded.
-            InvalidValueError: A number is out of range, or the task is done before it begins.
+            InvalidValueError: A number is out of range, the robot cannot do the task (see
+                `checked_start`), or the task is done before it begins.
         """
         episode = self._episode()
         stack = self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
@@ -147,12 +149,14 @@ class PolicyEvaluation:
 
     def _episode(self) -> Episode:
         policy, robot, task = self.policy, self.robot, self.task
+        if not isinstance(policy, ClassicalStack):
+            policy.load()
+        simulation = checked_start(task, robot, self.seed)
         plain_episode = TaskEpisode(robot=robot, task=task, perturbation=self.perturbation)
         if isinstance(policy, ClassicalStack):
             return replace(plain_episode, stack=policy)
-        policy.load()
-        check_judged(task, Simulation(robot, task.build_scene))
-        driver = policy.absolute.driver
+        check_judged(task, simulation)
+        driver = policy.driver
         return replace(plain_episode, stack=policy.stack, driver=driver, foreign=True)
 
 
@@ -181,7 +185,8 @@ def evaluate_policy(
 
     Raises:
         ClassLoadError: The policy cannot be loaded.
-        InvalidValueError: A number is out of range, or the task is done before it begins.
+        InvalidValueError: A number is out of range, the robot cannot do the task (see
+                `checked_start`), or the task is done before it begins.
         WorkerError: The processes cannot be started.
     """
     chosen = PolicyEvaluation(

@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from robo47_qp.errors import RecordingError, Robo47Error
 from robo47_qp.evaluation.episode import EpisodeResult
@@ -35,11 +35,17 @@ class Journal:
             self.results = _results(path, whole, settings)
             with path.open("ab") as file:
                 file.truncate(len(whole))
-            self._file: TextIO = path.open("a", encoding="utf-8")
+            # Unbuffered: what a full disk does not take must not be written again when closing.
+            self._file = path.open("ab", buffering=0)
             if not whole:
                 self._write(_header(settings))
         except OSError as error:
             raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+
+    @property
+    def judged(self) -> dict[int, EpisodeResult]:
+        """Results by seed, without internal errors, which are run again."""
+        return {seed: one for seed, one in self.results.items() if one.error is None}
 
     @staticmethod
     def read(path: Path, settings: Mapping[str, Any]) -> dict[int, EpisodeResult]:
@@ -71,8 +77,9 @@ class Journal:
 
     def _write(self, content: Mapping[str, Any]) -> None:
         line = json.dumps(content, allow_nan=False, ensure_ascii=False)
-        self._file.write(line + "\n")
-        self._file.flush()
+        left = memoryview(f"{line}\n".encode())
+        while left:
+            left = left[self._file.write(left) :]
         os.fsync(self._file.fileno())
 
 

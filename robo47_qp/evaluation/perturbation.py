@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Ends, Matrix, NotNegative, Range, Span, Vector, ends
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.sim.disturbance import Disturbance, Push
-from robo47_qp.sim.sensing import About, SensorErrors
+from robo47_qp.sim.sensing import About, Growth, SensorErrors
 
 PUSHES = 3
 """Pushes that are drawn for every episode, used or not."""
@@ -27,36 +27,60 @@ class Perturbation(SensorErrors):
     """
 
     link_mass: Annotated[
-        Span, Ends(above=-1.0), About("Mass of every link, heavier by this part", "-")
+        Span,
+        Ends(above=-1.0),
+        About("Mass of every link, heavier by this part", "-", growth=Growth(first=0.05)),
     ] = 0.0
     link_inertia: Annotated[
         Span,
         Ends(above=-1.0),
-        About("Moments of inertia of every link, larger by this part than its mass says", "-"),
+        About(
+            "Moments of inertia of every link, larger by this part than its mass says",
+            "-",
+            growth=Growth(first=0.2),
+        ),
     ] = 0.0
     link_com: Annotated[
         NotNegative,
-        About("Centre of mass of every link, off by at most this along each axis", "m"),
+        About(
+            "Centre of mass of every link, off by at most this along each axis",
+            "m",
+            growth=Growth(first=5e-3),
+        ),
     ] = 0.0
     joint_friction: Annotated[
-        Span, Ends(at_least=0.0), About("Dry friction of the joints 1 to 4", "N·m")
+        Span,
+        Ends(at_least=0.0),
+        About("Dry friction of the joints 1 to 4", "N·m", growth=Growth(first=0.25)),
     ] = 0.0
     wrist_friction: Annotated[
         NotNegative, About("Dry friction of the other joints, relative to that of 1 to 4", "-")
     ] = 0.6
     joint_damping: Annotated[
-        Span, Ends(at_least=-1.0), About("Viscous friction of every joint, more by this part", "-")
+        Span,
+        Ends(at_least=-1.0),
+        About("Viscous friction of every joint, more by this part", "-", growth=Growth(first=0.5)),
     ] = 0.0
     armature: Annotated[
-        Span, Ends(above=-1.0), About("Inertia of every joint's drive, larger by this part", "-")
+        Span,
+        Ends(above=-1.0),
+        About("Inertia of every joint's drive, larger by this part", "-", growth=Growth(first=0.5)),
     ] = 0.0
     payload_error: Annotated[
         Span,
         Ends(above=-1.0),
-        About("Weight of what is carried, told to the controller as more by this part", "-"),
+        About(
+            "Weight of what is carried, told to the controller as more by this part",
+            "-",
+            growth=Growth(first=0.5),
+        ),
     ] = 0.0
     object_mass: Annotated[
-        Span, Ends(above=-1.0), About("Mass of every free object, more by this part", "-", "mass")
+        Span,
+        Ends(above=-1.0),
+        About(
+            "Mass of every free object, more by this part", "-", "mass", growth=Growth(first=0.5)
+        ),
     ] = 0.0
     object_com: Annotated[
         NotNegative,
@@ -64,17 +88,22 @@ class Perturbation(SensorErrors):
             "Centre of mass of every free object, off by at most this along each axis, but "
             "within the object",
             "m",
+            growth=Growth(first=5e-3),
         ),
     ] = 0.0
     object_size: Annotated[
-        Span, Ends(above=-1.0), About("Lengths of every free object, more by this part", "-")
+        Span,
+        Ends(above=-1.0),
+        About("Lengths of every free object, more by this part", "-", growth=Growth(first=0.02)),
     ] = 0.0
     friction: (
         Annotated[
             Span,
             Ends(at_least=0.0),
             About(
-                "Coefficient of sliding friction µ of all contacts, in place of the models'", "-"
+                "Coefficient of sliding friction µ of all contacts, in place of the models'",
+                "-",
+                growth=Growth(first=0.6, factor=2**-0.5),
             ),
         ]
         | None
@@ -84,9 +113,14 @@ class Perturbation(SensorErrors):
         Range(at_least=0, at_most=PUSHES, whole=True),
         About("Pushes on the tool in an episode", "count"),
     ] = 0
-    push_force: Annotated[NotNegative, About("Force of a push at most, in any direction", "N")] = (
-        0.0
-    )
+    push_force: Annotated[
+        NotNegative,
+        About(
+            "Force of a push at most, in any direction",
+            "N",
+            growth=Growth(first=5.0, beside=(("pushes", 2),)),
+        ),
+    ] = 0.0
     push_time: Annotated[NotNegative, About("Latest start of a push", "s")] = 10.0
 
     def draw(self, rng: np.random.Generator) -> Disturbance:
@@ -113,6 +147,7 @@ class Perturbation(SensorErrors):
             armature_factor=1.0 + _drawn(self.armature, joints[2]),
             payload_factor=1.0 + float(_drawn(self.payload_error, told)),
             object_mass_factor=1.0 + _drawn(self.object_mass, objects[0]),
+            mass_tolerance=max(map(abs, ends(self.object_mass))),
             object_size_factor=1.0 + _drawn(self.object_size, objects[1]),
             object_com_shift=_around(self.object_com, objects[2:]),
             friction=None if self.friction is None else float(_drawn(self.friction, friction)),

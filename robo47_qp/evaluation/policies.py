@@ -1,24 +1,21 @@
 """Policies of an evaluation: the classical stack by name, and classes from elsewhere."""
 
 import re
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
-from robo47_qp.run.foreign_code import Guard, absolute, load_class
+from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.run.foreign_code import absolute
 from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
+from robo47_qp.run.policy.process import PolicyProcess
 from robo47_qp.stack import IK_SOLVERS, ClassicalStack
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
-
-
-class PolicyFailed(Robo47Error):  # noqa: N818  # a failure, like StepFailed
-    """A policy raised an exception."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,47 +29,42 @@ class PolicyReference:
     stack: ClassicalStack = ClassicalStack()
     """Controller, and planner with the limits of all motions."""
 
-    def load(self) -> Callable[[], Any]:
-        """Return the class.
-
-        Raises:
-            ClassLoadError: See `load_class`.
-        """
+    def process(self) -> PolicyProcess:
+        """Return the policy, to be run in a process of its own."""
         known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
-        return load_class("policy", self.text, ("reset", "act"), known)
+        return PolicyProcess(self.absolute.text, known)
 
-    def make(self) -> Any:
-        """Return a new policy.
+    def load(self) -> str | None:
+        """Load the class in a process of its own, and return its source file.
 
         Raises:
-            ClassLoadError: See `load`.
-            PolicyFailed: Its class raised an exception.
+            ClassLoadError: There is no such class, or its module cannot be imported.
         """
-        policy = self.load()
-        with Guard() as guard:
-            return policy()
-        error = guard.error
-        text = f"the policy raised {type(error).__name__} in its constructor: {error}"
-        raise PolicyFailed(text) from error
+        process = self.process()
+        try:
+            process.start()
+        finally:
+            process.close()
+        return process.file
 
     def driver(self) -> PolicyDriver:
-        """Return a driver with a new policy.
-
-        Raises:
-            ClassLoadError, PolicyFailed: See `make`.
-        """
-        return PolicyDriver(self.make(), self.timing)
+        """Return a driver with the policy, whose process begins anew with every episode."""
+        return PolicyDriver(self.process(), self.timing)
 
     @property
     def absolute(self) -> "PolicyReference":
         """The same policy, for a process in another folder."""
         return replace(self, text=absolute(self.text))
 
-    @property
+    @cached_property
     def digest(self) -> str | None:
-        """SHA-256 of the source file; None if there is no file."""
-        path = sys.modules[self.load().__module__].__file__
-        return None if path is None else sha256(Path(path).read_bytes()).hexdigest()
+        """SHA-256 of the source file; None if there is no file.
+
+        Raises:
+            ClassLoadError: See `load`.
+        """
+        file = self.load()
+        return None if file is None else sha256(Path(file).read_bytes()).hexdigest()
 
 
 IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)
@@ -151,7 +143,7 @@ def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) 
         settings |= {"speed": policy.pace, "qp_solver": policy.qp_solver}
         return {**settings, **_control(policy)}
     timing, stack = policy.timing, policy.stack
-    settings = {"name": name or policy.text, "sha256": policy.digest}
+    settings = {"name": name or policy.text, "sha256": policy.digest, "process": "of its own"}
     settings |= {"rate": timing.rate, "time_limit": timing.seconds}
     return {**settings, "speed": stack.pace, **_control(stack)}
 

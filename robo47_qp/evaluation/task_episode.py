@@ -11,12 +11,12 @@ import numpy as np
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.evaluation.perturbation import Perturbation
-from robo47_qp.evaluation.policies import PolicyFailed
+from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.log import RerunLog
-from robo47_qp.report.run_report import plain, report, summary_markdown
+from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.run.failure import Cause, Failure, refusal
 from robo47_qp.run.runner import Driver, ProgramDriver, Runner
 from robo47_qp.run.scenario import Run, Scenario
@@ -71,7 +71,7 @@ class TaskEpisode:
         wrong = plain(simulation.disturbance)
         try:
             run = self._driven(spec, scenario, simulation)
-        except (PolicyFailed, PlanError, InvalidValueError) as error:
+        except (PlanError, InvalidValueError) as error:
             if isinstance(error, InvalidValueError) and not self.foreign:
                 raise
             failure = Failure(cause=Cause.LIMIT, evidence=str(error))

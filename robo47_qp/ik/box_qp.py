@@ -19,6 +19,9 @@ _RHO = 0.1
 """OSQP's default initial step size."""
 _ENDLESS = 1e30
 """DAQP's value of infinity."""
+_EXACT = 1e-9
+"""By how much DAQP may leave a bound, its own default being 1e-6: a step within the joint limits is
+wrong by as much and more."""
 OSQP_SETTINGS: dict[str, Any] = {
     "rho": _RHO,
     # The default accuracy of 1e-3 leaves steps that are wrong by as much.
@@ -32,6 +35,7 @@ OSQP_SETTINGS: dict[str, Any] = {
     "adaptive_rho": 1,
 }
 """Settings of OSQP for steps that are exact and repeat to the bit."""
+_SETTINGS: dict[str, dict[str, Any]] = {"osqp": OSQP_SETTINGS, "daqp": {"primal_tol": _EXACT}}
 _OSQP_STEPS = (
     osqp.SolverStatus.OSQP_SOLVED,
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
@@ -92,7 +96,9 @@ class _Daqp:
         upper: Vector | None = None,
     ) -> Vector | None:
         if A is None or upper is None:
-            x, _, flag, _ = daqp.solve(H, f, self._no_rows, high, low, self._plain)
+            x, _, flag, _ = daqp.solve(
+                H, f, self._no_rows, high, low, self._plain, primal_tol=_EXACT
+            )
         else:
             above = np.concatenate([high, upper])
             if len(upper) > len(self._free):
@@ -201,7 +207,7 @@ def dense_call(backend: str) -> AbstractContextManager[object]:
 
 def settings_of(backend: str) -> dict[str, Any]:
     """Return the arguments by which qpsolvers takes a QP solver and its settings."""
-    return {"solver": backend, **(OSQP_SETTINGS if backend == "osqp" else {})}
+    return {"solver": backend, **_SETTINGS.get(backend, {})}
 
 
 def solved(backend: str, P: Matrix, q: Vector, G: Matrix | None, h: Vector | None) -> Vector | None:

@@ -1,40 +1,15 @@
 """What a solver asks for at a configuration, for those that follow paths with it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.objectives import Objective, TaskSource
 from robo47_qp.ik.solver import Composing, IkSolver
-from robo47_qp.ik.tool_demand import ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
-
-
-def composed_ik(
-    ik: IkSolver, objectives: Sequence[Objective | TaskSource], demand: ToolDemand | None
-) -> IkSolver:
-    """Return a solver with further objectives, and with another demand where one is given.
-
-    Raises:
-        InvalidValueError: The solver takes none.
-    """
-    if not objectives and demand is None:
-        return ik
-    if isinstance(ik, MultiStart):
-        return replace(ik, solver=composed_ik(ik.solver, objectives, demand))
-    if isinstance(ik, Composing):
-        return ik.composed(objectives, demand)
-    raise InvalidValueError(
-        "objectives and demand of a waypoint",
-        f"given to {type(ik).__name__}",
-        "left out with this solver; MinkIk takes them",
-    )
 
 
 def start_of(ik: IkSolver, arm: Arm, q_start: Vector, q_seed: Vector) -> Vector:

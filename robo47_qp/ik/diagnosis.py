@@ -102,7 +102,7 @@ def _without_limits(
 
 def _unwound(arm: Arm, q: Vector) -> Vector:
     """Return the same pose with each hinge turned by whole turns to be closest to its range."""
-    middle = 0.5 * (arm.q_min + arm.q_max)
+    middle = 0.5 * (arm.q_low + arm.q_high)
     turns = np.round((q - middle) / (2.0 * np.pi)) * arm.hinges
     unwound: Vector = q - 2.0 * np.pi * turns
     return unwound

@@ -3,13 +3,18 @@
 from dataclasses import dataclass, replace
 from time import process_time
 
+import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
-from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, only_full, rejected
+from robo47_qp.ik.damping import Damping, Longest, clamped
+from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, rejected
 from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
+
+_NULL = 1e-3
+"""Singular values of J below this part of the largest count as none for the null space."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +26,7 @@ class DlsIk(Checked):
     knows nothing of joint limits: with `clip`, each step ends inside them by clamping. Nor does
     it know of obstacles: with `clearance`, an answer that is too close to something is refused
     once it is there, and other starts may find another (see `MultiStart`).
+    The defaults are the textbook's; the other fields are what is usually added to it.
     (Nakamura and Hanafusa, 1986; Buss, "Introduction to inverse kinematics with Jacobian
     transpose, pseudoinverse and damped least squares methods", 2004.)
     """
@@ -29,23 +35,25 @@ class DlsIk(Checked):
     """Ask for the tool's position alone."""
     clip: bool = True
     """Clamp every step to the joint limits."""
-    damping: NotNegative = 0.05
-    """λ: the larger, the slower and the calmer near singularities [m or rad per rad]."""
+    damping: NotNegative | Damping = 0.05
+    """λ: the larger, the slower and the calmer near singularities [m or rad per rad]; or a law of
+    λ²."""
+    longest: Longest = np.inf
+    """Displacement that a step goes for at most; shorter, far targets do not throw the arm [m]."""
+    widest: Longest = np.inf
+    """Rotation that a step goes for at most [rad]."""
+    centring: NotNegative = 0.0
+    """Part of the way to the middle of the joint ranges that each step goes in the null space of
+    the tool (Liegeois, 1977)."""
+    wrap: bool = False
+    """Without `clip`: turn joints by whole turns into their ranges, at the end, where that is
+    possible."""
     max_iterations: CountOrZero = 200
     """Steps before giving up."""
     clearance: NotNegative | None = None
     """Distance that an answer must keep from itself and from obstacles [m]; looked at in the end
     only, no step avoids anything. None looks at none."""
     tolerance: Tolerance = Tolerance()
-
-    def __post_init__(self) -> None:
-        """Check the settings.
-
-        Raises:
-            InvalidValueError: A number is out of its range, or the demand is not the whole pose.
-        """
-        super().__post_init__()
-        only_full(self.tolerance, "DlsIk")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`."""
@@ -55,23 +63,44 @@ class DlsIk(Checked):
             return rejected(arm, q)
         rows = 3 if self.position_only else 6
         tools = len(tools_of(arm, T_world_target))
-        regular = self.damping**2 * np.eye(rows * tools)
-        tolerance = self.tolerance
+        law = self.damping if isinstance(self.damping, Damping) else Damping(constant=self.damping)
+        one, middle = np.eye(rows * tools), 0.5 * (arm.q_low + arm.q_high)
+        bounded = np.isfinite([self.longest, self.widest]).any()
+        tolerance, demand = self.tolerance, self.tolerance.demand
         if self.position_only:
-            tolerance = Tolerance(position=tolerance.position, orientation=np.inf)
+            tolerance = replace(tolerance, orientation=np.inf)
+        q_seed = q
         for iteration in range(self.max_iterations + 1):
-            parts = arm.pose_error(T_world_target, q).reshape(tools, 6)
+            parts = demand.error(arm, T_world_target, q).reshape(tools, 6)
             if all(_close(part, tolerance) for part in parts):
                 break
             if iteration == self.max_iterations:
                 break
-            J = arm.error_jacobian(T_world_target, q).reshape(tools, 6, arm.n)[:, :rows]
+            J = demand.jacobian(arm, T_world_target, q).reshape(tools, 6, arm.n)[:, :rows]
             e, J = parts[:, :rows].reshape(-1), J.reshape(-1, arm.n)
-            q = q + J.T @ np.linalg.solve(J @ J.T + regular, e)
+            if bounded:
+                own = e.reshape(tools, rows)
+                e = np.concatenate([clamped(part, self.longest, self.widest) for part in own])
+            squares = J @ J.T
+            step = J.T @ np.linalg.solve(squares + law.squared(J, float(e @ e)) * one, e)
+            if self.centring:
+                lean = self.centring * np.where(arm.free, 0.0, middle - q)
+                step += lean - np.linalg.pinv(J, rcond=_NULL) @ (J @ lean)
+            q = q + step
             if self.clip:
                 q = np.clip(q, arm.q_min, arm.q_max)
+        if self.wrap and not self.clip:
+            q = _wrapped(arm, q)
+        q = arm.unwound(q, q_seed)
         result = judged(arm, T_world_target, q, tolerance, iteration, None, self.clearance)
         return replace(result, seconds=process_time() - started)
+
+
+def _wrapped(arm: Arm, q: Vector) -> Vector:
+    """Return q with hinges turned by whole turns into their ranges, where that can be."""
+    hinges = arm.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    turns = np.rint((q - 0.5 * (arm.q_low + arm.q_high)) / (2.0 * np.pi))
+    return np.where(hinges, q - 2.0 * np.pi * turns, q)
 
 
 def _close(e: Vector, tolerance: Tolerance) -> bool:

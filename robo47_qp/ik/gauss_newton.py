@@ -21,6 +21,7 @@ from robo47_qp.ik.solver import (
     is_target,
     judged,
     rejected,
+    unwound,
 )
 from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
@@ -82,7 +83,7 @@ class GaussNewtonIk(Checked, ABC):
         if not is_target(T_world_target):
             return rejected(arm, q)
         started = process_time()
-        end = self._attempt(arm, T_world_target, q)
+        end = unwound(arm, self._attempt(arm, T_world_target, q), q)
         if isinstance(end, Unconverged):
             end = judged(arm, T_world_target, end.q, self._demanded, end.iterations)
         seconds = process_time() - started
@@ -227,6 +228,12 @@ class Search(Generic[S]):
         # QP solvers meet bounds but for rounding; answers meet them exactly.
         np.maximum(q, q_min, out=q)
         np.minimum(q, q_max, out=q)
+        self.note(distance2, angle2, tolerance)
+        return iteration
+
+    def note(self, distance2: float, angle2: float, tolerance: Tolerance) -> None:
+        """Note what was left at the end, squared [m², rad²]."""
+        close = tolerance.position**2
+        aligned = tolerance.orientation**2 if self._turns else np.inf
         self.error = sqrt(distance2) + sqrt(angle2)
         self.missed = distance2 > _ROUNDING * close or angle2 > _ROUNDING * aligned
-        return iteration

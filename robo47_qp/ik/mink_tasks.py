@@ -119,15 +119,22 @@ class JointLimits(mink.ConfigurationLimit):
     def __init__(self, arm: Arm) -> None:
         """Make it for an arm."""
         super().__init__(arm.model, gain=1.0)
-        self._G = np.vstack([np.eye(arm.n), -np.eye(arm.n)])
-        self._h = np.empty(2 * arm.n)
-        self._high, self._low = self._h[: arm.n], self._h[arm.n :]
+        limited = np.flatnonzero(~arm.free)
+        rows, count = np.eye(arm.n)[limited], len(limited)
+        self._G = np.vstack([rows, -rows])
+        self._h = np.empty(2 * count)
+        self._high, self._low = self._h[:count], self._h[count:]
+        self._limited = limited if count < arm.n else None
 
     def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> Constraint:
         """See `mink.Limit.compute_qp_inequalities`."""
         q = configuration.data.qpos
-        np.subtract(self.upper, q, self._high)
-        np.subtract(q, self.lower, self._low)
+        if self._limited is None:
+            np.subtract(self.upper, q, self._high)
+            np.subtract(q, self.lower, self._low)
+        else:
+            np.subtract(self.upper[self._limited], q[self._limited], self._high)
+            np.subtract(q[self._limited], self.lower[self._limited], self._low)
         return Constraint(self._G, self._h)
 
 

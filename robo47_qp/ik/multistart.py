@@ -4,12 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from time import process_time
+from typing import Any
 
 import numpy as np
 from mink import SE3
 
+from robo47_qp._core.library import Backend, backend
 from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Vector
+from robo47_qp.ik.descent import Descending
 from robo47_qp.ik.diagnosis import diagnosed
+from robo47_qp.ik.restarts import Looks, Restarts
 from robo47_qp.ik.seeds import feature_of, library_of
 from robo47_qp.ik.solver import (
     Composing,
@@ -20,9 +24,13 @@ from robo47_qp.ik.solver import (
     Tolerance,
     Unconverged,
     attempts_of,
+    composed_ik,
+    is_pose,
     is_target,
     judged,
+    unwound,
 )
+from robo47_qp.ik.tool_demand import ToolDemand
 from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
@@ -50,11 +58,11 @@ class Preference(Checked):
         """Return the solutions, best first; equal ones in the order given."""
         if len(answers) < 2:
             return tuple(answers)
-        span = arm.q_max - arm.q_min
+        span = arm.q_high - arm.q_low
         q = np.array([answer.q for answer in answers])
-        score = self.seed * (1.0 - np.sqrt(np.mean(((q - q_seed) / span) ** 2, axis=1)))
+        score = self.seed * (1.0 - np.sqrt(np.mean((arm.way(q_seed, q) / span) ** 2, axis=1)))
         room = np.minimum(q - arm.q_min, arm.q_max - q) / (0.5 * span)
-        score += self.limits * room.min(axis=1)
+        score += self.limits * np.minimum(room.min(axis=1), 1.0)
         score += self.manipulability * _share([_manipulability(arm, row) for row in q])
         clearances = [answer.clearance for answer in answers]
         known = [clearance for clearance in clearances if clearance is not None]
@@ -101,7 +109,8 @@ class MultiStart(Checked):
     solver: IkSolver
     """Solver that runs from each start; best with few iterations and a stall test."""
     max_restarts: CountOrZero = 100
-    """Starts after the first before giving up."""
+    """Starts after the first before giving up. Up to 12 more searches may continue the closest
+    ends; results count them as restarts."""
     seed_first: bool = True
     """True to start from the seed; False to start from the nearer of the seed and the library's
     nearest configuration, which is faster for targets far from the seed."""
@@ -121,6 +130,12 @@ class MultiStart(Checked):
         """How close counts as reached."""
         return self.solver.tolerance
 
+    def composed(
+        self, objectives: Sequence[Any] = (), demand: ToolDemand | None = None
+    ) -> "MultiStart":
+        """See `Extensible.composed`."""
+        return replace(self, solver=composed_ik(self.solver, objectives, demand))
+
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         """See `IkSolver.solve`; where no start gets there, the best one with the reason."""
         return self.solve_all(arm, T_world_target, q_seed)[0]
@@ -138,12 +153,20 @@ class MultiStart(Checked):
         """
         started = process_time()
         q_seed = arm.checked_q("q_seed", q_seed)
+        if is_pose(T_world_target):
+            whole = self.whole(arm)
+            if whole is not None:
+                answer = whole.answer(T_world_target, q_seed)
+                if answer is not None:
+                    answer = unwound(arm, answer, q_seed)
+                    object.__setattr__(answer, "seconds", process_time() - started)
+                    return (answer,)
         if not is_target(T_world_target):
             none = self.solver.solve(arm, T_world_target, q_seed)
             return (replace(none, seconds=process_time() - started),)
         tally = _Tally(self.answers, self.apart)
         self._search(arm, T_world_target, q_seed, tally)
-        iterations, restarts = tally.iterations, tally.starts - 1
+        iterations, restarts = tally.iterations, tally.starts + tally.looks - 1
         found, best = tally.found, tally.best
         if not found and best is not None:
             if isinstance(best, Unconverged):
@@ -161,17 +184,27 @@ class MultiStart(Checked):
             for result in ranked
         )
 
+    def whole(self, arm: Arm) -> Restarts | None:
+        """Return the whole search in the compiled core; None where it is not all there.
+
+        It is for one pose of the only tool and one answer by a `Descending` solver. A target that
+        it does not reach is for the search here, which tells why.
+        """
+        return arm.derived(_whole, self, backend())
+
     def _search(self, arm: Arm, T_world_target: Target, q_seed: Vector, tally: "_Tally") -> None:
         """Search from one start after another until enough solutions are found."""
         attempt = attempts_of(self.solver, arm, T_world_target)
         for q_start in islice(self._all_starts(arm, T_world_target, q_seed), self.max_restarts + 1):
             tally.starts += 1
-            if tally.take(attempt(q_start)):
+            if tally.take(unwound(arm, attempt(q_start), q_seed)):
                 return
             if tally.starts in _SECOND_LOOKS and isinstance(self.solver, EarlyStopping):
                 again = attempts_of(self.solver.thorough(), arm, T_world_target)
-                if any(tally.take(again(q)) for q in tally.ends()):
-                    return
+                for q in tally.ends():
+                    tally.looks += 1
+                    if tally.take(unwound(arm, again(q), q_seed)):
+                        return
 
     def _all_starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
         """Yield the starts as the solver takes them: with joints where it holds them."""
@@ -231,12 +264,32 @@ class MultiStart(Checked):
         yield from np.setdiff1d(np.arange(len(distances)), taken).tolist()
 
 
+def _whole(arm: Arm, search: MultiStart, chosen: Backend) -> Restarts | None:
+    solver, one = search.solver, search.answers == 1 and len(arm.robot.tools) == 1
+    if chosen == "numpy" or not one or not isinstance(solver, Descending):
+        return None
+    first, patient = solver.descent(arm), solver.thorough().descent(arm)
+    if first is None or patient is None:
+        return None
+    library = library_of(arm, search.library, demand=search.tolerance.demand)
+    looks = Looks(_SECOND_LOOKS, _ENDS, _CLOSE, _SAME)
+    return Restarts(
+        arm,
+        (first, patient),
+        library,
+        looks,
+        starts=search.max_restarts + 1,
+        near=search.near,
+        seed_first=search.seed_first,
+    )
+
+
 class _Tally:
     """Results of the starts so far."""
 
     def __init__(self, answers: int, apart: float) -> None:
         self._answers, self._apart = answers, apart
-        self.starts, self.iterations = 0, 0
+        self.starts = self.looks = self.iterations = 0
         self.found: list[IkResult] = []
         self.best: IkResult | Unconverged | None = None
         self._close: list[IkResult | Unconverged] = []

@@ -1,15 +1,18 @@
 """Inverse kinematics as a constrained quadratic program: mink's problem, without its overhead."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from robo47_qp.arrays import NotNegative
 from robo47_qp.ik.box_qp import box_qp, check_backend
+from robo47_qp.ik.descent import CompiledSearch, CompiledStepper, is_compiled
 from robo47_qp.ik.fused_step import FusedStepper, Linearised
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.pose_log import PoseLog
 from robo47_qp.ik.solver import only_full
+from robo47_qp.ik.tool_demand import FULL
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -45,8 +48,20 @@ class QpIk(GaussNewtonIk):
         check_backend(self.backend)
         only_full(self.tolerance, "QpIk")
 
-    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[FusedStepper]:
+    def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[Any]:
+        if is_compiled(FULL, tools, self.backend):
+            return arm.derived(_compiled, tools, self.lm_damping, self.posture_cost)
         return arm.derived(_qp, tools, self.backend, self.lm_damping, self.posture_cost)
+
+    def descent(self, arm: Arm) -> CompiledStepper | None:
+        """See `Descending.descent`."""
+        # A subclass may search in another way.
+        plain = self.clearance is None and type(self) is QpIk
+        if not (plain and is_compiled(FULL, (0,), self.backend)):
+            return None
+        stepper = _stepper(arm, (0,), self.lm_damping, self.posture_cost)
+        stepper.ask(self.tolerance, self.max_iterations, self.stall)
+        return stepper
 
 
 class _TwistAndPosture:
@@ -83,9 +98,27 @@ class _TwistsAndPosture(_TwistAndPosture):
 def _qp(
     arm: Arm, tools: tuple[int, ...], backend: str, lm_damping: float, posture_cost: float
 ) -> Search[FusedStepper]:
-    costs = lm_damping, posture_cost
-    one = len(tools) == 1
-    objective = (
-        _TwistAndPosture(arm.n, *costs) if one else _TwistsAndPosture(arm.n, *costs, len(tools))
-    )
+    objective = _objective(arm, tools, lm_damping, posture_cost)
     return Search(arm, FusedStepper(arm, objective, box_qp(backend, arm.n), tools=tools))
+
+
+def _compiled(
+    arm: Arm, tools: tuple[int, ...], lm_damping: float, posture_cost: float
+) -> Search[CompiledStepper]:
+    stepper = _stepper(arm, tools, lm_damping, posture_cost)
+    return CompiledSearch(arm, stepper, limited=True, turns=True)
+
+
+def _stepper(
+    arm: Arm, tools: tuple[int, ...], lm_damping: float, posture_cost: float
+) -> CompiledStepper:
+    objective = _objective(arm, tools, lm_damping, posture_cost)
+    return CompiledStepper(arm, objective, tools=tools, damping=lm_damping, posture=posture_cost**2)
+
+
+def _objective(
+    arm: Arm, tools: tuple[int, ...], lm_damping: float, posture_cost: float
+) -> _TwistAndPosture:
+    if len(tools) == 1:
+        return _TwistAndPosture(arm.n, lm_damping, posture_cost)
+    return _TwistsAndPosture(arm.n, lm_damping, posture_cost, len(tools))

@@ -1,12 +1,12 @@
 """The protocol of IK solvers, their result, and how it is judged by forward kinematics."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from math import degrees
 from time import process_time
-from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 from mink import SE3
@@ -50,7 +50,7 @@ def only_full(tolerance: Tolerance, solver: str) -> None:
         InvalidValueError: It asks for a part of it.
     """
     if tolerance.demand != FULL:
-        expected = f"FULL with {solver}; MinkIk and LmIk take others"
+        expected = f"FULL with {solver}; MinkIk, LmIk and DlsIk take others"
         raise InvalidValueError("demand", tolerance.demand, expected)
 
 
@@ -169,14 +169,23 @@ class EarlyStopping(Protocol):
 
 
 @runtime_checkable
-class Composing(Protocol):
-    """A solver that takes objectives and demands of a user."""
+class Extensible(Protocol):
+    """A solver that takes objectives and demands of a user, or hands them on to one that does."""
 
     def composed(
         self, objectives: Sequence[Any] = (), demand: ToolDemand | None = None
-    ) -> "IkSolver":
-        """Return the solver with further objectives, and with another demand where one is given."""
+    ) -> IkSolver:
+        """Return the solver with further objectives, and with another demand where one is given.
+
+        Raises:
+            InvalidValueError: The solver that they are handed on to takes none.
+        """
         ...
+
+
+@runtime_checkable
+class Composing(Extensible, Protocol):
+    """A solver that takes objectives and demands of a user itself."""
 
     def start(self, arm: Arm, q_start: Vector, q_seed: Vector) -> Vector:
         """Return where to start in place of q_start: joints that are held stay at the seed (n,)."""
@@ -185,6 +194,25 @@ class Composing(Protocol):
     def explained(self, arm: Arm, T_world_target: Target, result: IkResult) -> IkResult:
         """Return a result with what of the user's demands gave way, or is not reached."""
         ...
+
+
+def composed_ik(
+    ik: IkSolver, objectives: Sequence[Any] = (), demand: ToolDemand | None = None
+) -> IkSolver:
+    """Return a solver with further objectives, and with another demand where one is given.
+
+    Raises:
+        InvalidValueError: The solver takes none.
+    """
+    if not objectives and demand is None:
+        return ik
+    if isinstance(ik, Extensible):
+        return ik.composed(objectives, demand)
+    raise InvalidValueError(
+        "objectives and demand of a waypoint",
+        f"given to {type(ik).__name__}",
+        "left out with this solver; MinkIk takes them",
+    )
 
 
 def judged(
@@ -302,6 +330,19 @@ def outside_limits(arm: Arm, q: Vector) -> str:
         f"[{arm.q_min[i]:.3f}, {arm.q_max[i]:.3f}]"
         for i in np.flatnonzero(beyond > 0.0)
     )
+
+
+Ended = TypeVar("Ended", "IkResult", "IkResult | Unconverged")
+
+
+def unwound(arm: Arm, result: Ended, q_seed: Vector) -> Ended:
+    """Return a result with its configuration as `Arm.unwound` has it, close to the seed."""
+    q = arm.unwound(result.q, q_seed)
+    if q is result.q or np.array_equal(q, result.q):
+        return result
+    if isinstance(result, Unconverged):
+        return result._replace(q=q)
+    return replace(result, q=q, limit_margin=arm.limit_margin(q))
 
 
 class Unconverged(NamedTuple):

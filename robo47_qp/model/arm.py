@@ -1,6 +1,7 @@
 """Arm: the controller's model of the robot, with exactly n joints."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple, TypeVar, TypeVarTuple
@@ -22,6 +23,7 @@ _T = TypeVar("_T")
 JOINT_MARGIN = 1e-3
 """Part of a joint's range that planned positions keep from either limit, for tracking errors;
 3 to 6 mrad for the Panda [-]."""
+_TURN = 2.0 * np.pi
 _POSITIONS_DONE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
@@ -117,12 +119,23 @@ class Arm:
         Range(at_least=0.0, below=0.5).check("margin", margin)
         if margin:
             limits = self.model.jnt_range
+            # Joints without limits have an empty range here.
             limits += margin * np.diff(limits, axis=1) * [1.0, -1.0]
         self._data = mujoco.MjData(self.model)
         self.n = len(robot.joints)
-        self.q_min: Vector = self.model.jnt_range[:, 0].copy()
-        self.q_max: Vector = self.model.jnt_range[:, 1].copy()
+        self.free: NDArray[np.bool_] = ~self.model.jnt_limited.astype(bool)
+        """Which joints turn without limits (n,)."""
+        limits = np.where(self.free[:, None], [-np.inf, np.inf], self.model.jnt_range)
+        self.q_min: Vector = limits[:, 0].copy()
+        """Lower joint limits (n,) [rad]; infinite where a joint turns freely, as the upper ones."""
+        self.q_max: Vector = limits[:, 1].copy()
+        self.q_low = np.where(self.free, -np.pi, self.q_min)
+        """Lower ends of the ranges that configurations are drawn from (n,) [rad]."""
+        self.q_high = np.where(self.free, np.pi, self.q_max)
         self.hinges: NDArray[np.bool_] = self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        self._winding = self.hinges & (self.q_max - self.q_min >= 2.0 * np.pi)
+        self.winds = bool(self._winding.any())
+        self._turns = bool(self.free.any())
         self.home = checked_vector("home", robot.home, self.n)
         self.dry_friction: Vector = self.model.dof_frictionloss.copy()
         self.has_dry_friction = bool(self.dry_friction.any())
@@ -310,6 +323,35 @@ class Arm:
         """MuJoCo's state of the last call, such as `place`; any call overwrites it."""
         return self._data
 
+    def unwound(self, q: Vector, q_near: Vector) -> Vector:
+        """Return q with hinges wound by whole turns, as close to q_near as their limits allow."""
+        if not self.winds:
+            return q
+        turns = np.round((q_near - q) / _TURN) * self._winding
+        # Inside the limits: back by as many turns as it takes, unless q is outside itself.
+        over = np.ceil((q + _TURN * turns - self.q_max) / _TURN)
+        under = np.ceil((self.q_min - q - _TURN * turns) / _TURN)
+        turns -= np.minimum(np.maximum(over, 0.0), np.maximum(turns, 0.0))
+        turns += np.minimum(np.maximum(under, 0.0), np.maximum(-turns, 0.0))
+        unwound: Vector = q + _TURN * turns
+        return unwound
+
+    def nearest(self, q: Vector, q_near: Vector) -> Vector:
+        """Return q with freely turning joints within half a turn of another configuration (n,)."""
+        if not self._turns:
+            return q
+        nearest: Vector = q + _TURN * np.round((q_near - q) / _TURN) * self.free
+        return nearest
+
+    def way(self, q: Vector, q_goal: Vector) -> Vector:
+        """Return the displacements to a configuration (n,), freely turning joints the short way."""
+        return self.nearest(q_goal, q) - q
+
+    def drawn(self, rng: np.random.Generator) -> Vector:
+        """Return a configuration (n,) drawn uniformly inside the limits, or on the circle."""
+        q: Vector = rng.uniform(self.q_low, self.q_high)
+        return q
+
     def limit_margin(self, q: Vector) -> float:
         """Return the smallest distance of a joint to its limits; negative outside [rad or m]."""
         return float(min(np.minimum(q - self.q_min, self.q_max - q).tolist()))
@@ -345,8 +387,13 @@ Load = Payload | Mapping[str, Payload] | None
 """What the main tool holds, or what each of several tools holds, by their names."""
 
 
-def loads(robot: Robot, load: Load) -> dict[str, Payload]:
-    """Return what the tools of a robot hold, by their names."""
-    if isinstance(load, Payload):
-        return {robot.tools[0].name: load}
-    return {} if load is None else dict(load)
+def loads(robot: Robot, load: Load, factor: float = 1.0) -> dict[str, Payload]:
+    """Return what the tools of a robot hold, by their names, with mass and moments by a factor."""
+    held = {robot.tools[0].name: load} if isinstance(load, Payload) else dict(load or {})
+    if factor == 1.0:
+        return held
+    for name, one in held.items():
+        x, y, z = one.inertia
+        moments = (factor * x, factor * y, factor * z)
+        held[name] = replace(one, mass=factor * one.mass, inertia=moments)
+    return held

@@ -16,8 +16,8 @@ from robo47_qp.model import ratings as defaults
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.menagerie import menagerie_file
-from robo47_qp.model.mjcf import compiled, read_spec
-from robo47_qp.model.robot import MotionProfile, Robot, ToolFrame
+from robo47_qp.model.mjcf import compiled, spec_with_hand
+from robo47_qp.model.robot import Hand, MotionProfile, Robot, ToolFrame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,7 @@ def robot_from_mjcf(
     home: ArrayLike,
     name: str | None = None,
     joints: Sequence[str] | None = None,
-    gripper: Gripper | None = None,
+    gripper: Gripper | Hand | None = None,
     ratings: Ratings = _NOTHING_KNOWN,
 ) -> Robot:
     """Return an arm from a file, with torque motors in place of the file's actuators.
@@ -57,7 +57,8 @@ def robot_from_mjcf(
         home: Rest configuration (n,) [rad; m where a joint slides].
         name: Name of the robot; None takes that of the file.
         joints: The arm's joints, base to tip; None takes all between the world and the tool.
-        gripper: The gripper; with None, all joints except the arm's are welded.
+        gripper: The gripper of the file, or a hand with a file of its own, whose names then begin
+            with "hand_"; with None, all joints except the arm's are welded.
         ratings: Known ratings.
 
     Raises:
@@ -68,7 +69,10 @@ def robot_from_mjcf(
     path = Path(mjcf)
     if not path.is_file():
         raise ModelError(f"The robot's model {path} is no file. Give the path of an MJCF file.")
-    spec = read_spec(path)
+    hand = gripper if isinstance(gripper, Hand) else None
+    if isinstance(gripper, Hand):
+        gripper = gripper.gripper.prefixed(Hand.PREFIX)
+    spec = spec_with_hand(path, hand)
     site, tool = _tool_frame(spec, tcp)
     chain = _chain(spec, site, tool) if joints is None else tuple(joints)
     kinds = {joint.name: joint.type for joint in spec.joints}
@@ -89,6 +93,7 @@ def robot_from_mjcf(
         tau_rate_max=np.ones(n),
         stiffness=np.ones(n),
         gripper=gripper,
+        hand=hand,
     )
     model, arm = compiled(spec, path), Arm(draft)
     return _rated(draft, arm, _file_torques(model, chain), ratings)
@@ -100,7 +105,7 @@ def robot_from_menagerie(
     tcp: str | ToolFrame,
     home: ArrayLike,
     joints: Sequence[str] | None = None,
-    gripper: Gripper | None = None,
+    gripper: Gripper | Hand | None = None,
     ratings: Ratings = _NOTHING_KNOWN,
 ) -> Robot:
     """Return an arm of MuJoCo Menagerie, e.g. "kuka_iiwa_14/iiwa14"; see `robot_from_mjcf`.
@@ -173,14 +178,25 @@ def _chain(spec: mujoco.MjSpec, site: str, tool: ToolFrame | None) -> tuple[str,
     return tuple(joint.name for joint in chain)
 
 
+def _is_motor(model: mujoco.MjModel, drive: int) -> bool:
+    """Return whether the force of an actuator is its control."""
+    plain = model.actuator_dyntype[drive] == mujoco.mjtDyn.mjDYN_NONE
+    unit = model.actuator_gaintype[drive] == mujoco.mjtGain.mjGAIN_FIXED
+    unit = unit and model.actuator_gainprm[drive, 0] == 1.0
+    return bool(plain and unit and model.actuator_biastype[drive] == mujoco.mjtBias.mjBIAS_NONE)
+
+
 def _file_torques(model: mujoco.MjModel, joints: Sequence[str]) -> Vector:
     """Return the torque limits of the file's actuators (n,) [N·m]; NaN where unlimited."""
     limits = np.full(len(joints), np.nan)
     for drive in range(model.nu):
         name = model.joint(int(model.actuator_trnid[drive, 0])).name
         on_joint = model.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_JOINT
-        if on_joint and name in joints and model.actuator_forcelimited[drive]:
-            force = np.abs(model.actuator_forcerange[drive]).max()
+        limited, force = model.actuator_forcelimited[drive], model.actuator_forcerange[drive]
+        if _is_motor(model, drive) and not limited:
+            limited, force = model.actuator_ctrllimited[drive], model.actuator_ctrlrange[drive]
+        if on_joint and name in joints and limited:
+            force = np.abs(force).max()
             i = joints.index(name)
             limits[i] = np.nanmax([limits[i], force * abs(model.actuator_gear[drive, 0])])
     for i, name in enumerate(joints):

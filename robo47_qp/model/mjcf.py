@@ -7,12 +7,12 @@ from typing import Any, cast
 
 import mujoco
 import numpy as np
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.payload import Payload
-from robo47_qp.model.robot import Robot, Tool
+from robo47_qp.model.robot import Hand, Robot, Tool
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
@@ -46,6 +46,30 @@ def read_spec(mjcf: Path) -> mujoco.MjSpec:
     return spec
 
 
+def spec_with_hand(mjcf: Path, hand: Hand | None) -> mujoco.MjSpec:
+    """Read the file of an arm, and add a hand to it where one is given.
+
+    Raises:
+        ModelError: MuJoCo cannot read a file.
+        UnknownNameError: The file lacks the site for the hand.
+    """
+    spec = read_spec(mjcf)
+    if hand is None:
+        return spec
+    site = spec.site(hand.site)
+    if site is None:
+        raise UnknownNameError("site", hand.site, [site.name for site in spec.sites])
+    # The keyframes of the arm would have too few numbers for the whole.
+    _delete(spec, spec.keys)
+    added = read_spec(hand.mjcf)
+    turn = SE3.from_rotation(SO3.from_z_radians(hand.turn))
+    for body in list(added.worldbody.bodies):
+        placed = turn @ SE3(np.concatenate([body.quat, body.pos]))
+        body.pos, body.quat = placed.translation(), placed.rotation().wxyz
+    spec.attach(added, prefix=hand.PREFIX, site=site)
+    return spec
+
+
 def robot_spec(robot: Robot) -> mujoco.MjSpec:
     """Return the robot with its tool frame and its torque motors as the only drives of the arm.
 
@@ -53,7 +77,8 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
         ModelError: MuJoCo cannot read the file.
     """
-    spec = _mounted(robot) if robot.mounts else read_spec(robot.mjcf)
+    spec = _mounted(robot) if robot.mounts else spec_with_hand(robot.mjcf, robot.hand)
+    _place(robot, spec)
     known = [joint.name for joint in spec.joints]
     for name in robot.joints:
         if name not in known:
@@ -64,6 +89,7 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
         _weld_others(robot, spec)
     if not robot.has_motors:
         _replace_drives(robot, spec)
+    _correct(robot, spec)
     if robot.tool is not None:
         body = spec.body(robot.tool.body)
         if body is None:
@@ -76,6 +102,31 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
+def _place(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """Put all that stands in the world where the robot stands."""
+    if robot.T_world_base is not None:
+        pose = robot.T_world_base.wxyz_xyz
+        base = spec.worldbody.add_frame(pos=pose[4:], quat=pose[:4])
+        world = spec.worldbody
+        placed: list[Any] = [*world.bodies, *world.geoms, *world.sites]
+        for element in placed:
+            # What is in a frame of its own moves with that.
+            (element if element.frame is None else element.frame).set_frame(base)
+
+
+def _correct(robot: Robot, spec: mujoco.MjSpec) -> None:
+    """Set what the description knows better than the file."""
+    if robot.neighbours_apart:
+        for name in robot.joints:
+            link = cast(mujoco.MjsJoint, spec.joint(name)).parent
+            before = None if link is None else link.parent
+            if link is not None and before is not None and before != spec.worldbody:
+                spec.add_exclude(bodyname1=before.name, bodyname2=link.name)
+    if robot.armature is not None:
+        for name, inertia in zip(robot.joints, robot.armature.tolist(), strict=True):
+            cast(mujoco.MjsJoint, spec.joint(name)).armature = inertia
+
+
 def _mounted(robot: Robot) -> mujoco.MjSpec:
     """Return a spec of the copies of the robot's file."""
     spec = mujoco.MjSpec()
@@ -83,7 +134,7 @@ def _mounted(robot: Robot) -> mujoco.MjSpec:
     for mount in robot.mounts:
         pose = mount.T_world_base.wxyz_xyz
         frame = spec.worldbody.add_frame(pos=pose[4:], quat=pose[:4])
-        part = read_spec(robot.mjcf)
+        part = spec_with_hand(robot.mjcf, robot.hand)
         # The keyframes of a part would have too few numbers for the whole.
         _delete(part, part.keys)
         spec.attach(part, prefix=mount.prefix, frame=frame)
@@ -172,8 +223,8 @@ def compile_arm(
     Raises:
         UnknownNameError: See `robot_spec`; no tool has the name that a payload goes by.
         InvalidValueError: The name of an obstacle is taken.
-        ModelError: The MJCF does not compile to the joints of the robot, or a joint has no
-            position limits.
+        ModelError: The MJCF does not compile to the joints of the robot, or a joint slides
+            without a range.
     """
     spec = _bare_arm(robot).copy()
     for name, payload in payloads.items():
@@ -196,9 +247,14 @@ def compile_arm(
             f"Robot {robot.name!r} says that of its joints {robot.slides} slide; in its model "
             f"{slides} do. List those as `slides`."
         )
-    if not model.jnt_limited.all():
-        free = [model.joint(i).name for i in np.flatnonzero(~model.jnt_limited.astype(bool))]
-        raise ModelError(f"Robot {robot.name!r} has joints without a range: {free}.")
+    free = ~model.jnt_limited.astype(bool)
+    endless = [order[i] for i in sliding if free[i]]
+    if endless:
+        raise ModelError(
+            f"Robot {robot.name!r} has joints that slide without a range: {endless}. "
+            "Give them one; only joints that turn may have none."
+        )
+    model.jnt_range[free] = 0.0
     return model
 
 

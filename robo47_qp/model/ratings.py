@@ -21,6 +21,11 @@ RATED_JERK_TIME, PROFILE_JERK_TIME = 0.02, 0.25
 """Shortest time from no acceleration to the full one, as rated and as used by default [s]."""
 TORQUE_RISE_TIME = 0.05
 """Time in which a motor goes from no torque to its limit [s]."""
+DRAG_SHARE = 0.5
+"""Share of the torque left by gravity that drag may take at the rated speed [-]."""
+PROFILE_SHARE = 0.9
+"""Share of rated speed and acceleration that motions use by default: what is measured on the way
+exceeds what was asked for by the tracking error [-]."""
 GRAVITY_FACTOR = 2.0
 """Torque limit where the file has none, as a multiple of the largest gravity torque [-]."""
 TORQUE_SHARE = 0.7
@@ -39,7 +44,10 @@ def torque_limits(arm: Arm) -> Vector:
     M, g = arm.derived(_inertia_and_gravity)
     # A vertical axis carries no weight: it gets the torque that reaches full speed in time.
     start = M.diagonal(axis1=1, axis2=2).max(axis=0) * _speeds(arm) / RATED_RISE_TIME
-    limits: Vector = GRAVITY_FACTOR * g.max(axis=0) + start + _drag(arm)
+    weight, friction = g.max(axis=0), arm.model.dof_frictionloss
+    limits: Vector = GRAVITY_FACTOR * weight + start + _drag(arm)
+    damping = _drag(arm) - friction
+    limits = np.maximum(limits, weight + friction + damping / DRAG_SHARE)
     slides = np.array(arm.robot.units) == "m"
     for kind in (slides, ~slides):
         if kind.any():
@@ -51,25 +59,36 @@ def torque_limits(arm: Arm) -> Vector:
 def rated_profile(arm: Arm, tau_max: Vector) -> MotionProfile:
     """Return speeds from the joint ranges and accelerations from the torque limits.
 
+    Where damping would take more than DRAG_SHARE of the torque that gravity and dry friction
+    leave, the joint is slower.
+
     With a_i the least of TORQUE_SHARE (τ_max,i - |g_i| - d_i) / M_ii over configurations, d the
-    drag at full speed, all joints are slowed together until Σ_j |M_ij| a_j is no more than
-    TORQUE_SHARE (τ_max,i - |g_i| - d_i) in every one.
+    drag at full speed, and no more than full speed in RATED_RISE_TIME takes, all joints are
+    slowed together until Σ_j |M_ij| a_j is no more than TORQUE_SHARE (τ_max,i - |g_i| - d_i) in
+    every one.
     """
-    v_max = _speeds(arm)
     M, g = arm.derived(_inertia_and_gravity)
-    # At least a tenth of the limit counts as left.
-    left = TORQUE_SHARE * np.maximum(tau_max - g - _drag(arm), 0.1 * tau_max)
+    v_max = _speeds(arm)
+    damping, friction = arm.model.dof_damping, arm.model.dof_frictionloss
+    # At least a tenth of the limit counts as left, here and below.
+    free = np.maximum(tau_max - g.max(axis=0) - friction, 0.1 * tau_max)
+    damped = damping > 0.0
+    v_max[damped] = np.minimum(v_max, DRAG_SHARE * free / np.where(damped, damping, 1.0))[damped]
+    drag = damping * v_max + friction
+    left = TORQUE_SHARE * np.maximum(tau_max - g - drag, 0.1 * tau_max)
     a_max = (left / M.diagonal(axis1=1, axis2=2)).min(axis=0)
-    a_max *= min(1.0, float((left / (np.abs(M) @ a_max)).min()))
+    # Before the joints are slowed together: a wrist without rotors could do thousands of rad/s².
     a_max = np.minimum(a_max, v_max / RATED_RISE_TIME)
+    a_max *= min(1.0, float((left / (np.abs(M) @ a_max)).min()))
     return MotionProfile(v_max=v_max, a_max=a_max, j_max=a_max / RATED_JERK_TIME)
 
 
 def default_profile(rated: MotionProfile) -> MotionProfile:
-    """Return the profile used by default: full speed, with moderate acceleration and jerk."""
-    a_max = np.minimum(rated.a_max, rated.v_max / PROFILE_RISE_TIME)
+    """Return the profile used by default: almost full speed, moderate acceleration and jerk."""
+    v_max = PROFILE_SHARE * rated.v_max
+    a_max = np.minimum(PROFILE_SHARE * rated.a_max, v_max / PROFILE_RISE_TIME)
     j_max = np.minimum(rated.j_max, a_max / PROFILE_JERK_TIME)
-    return MotionProfile(v_max=rated.v_max, a_max=a_max, j_max=j_max)
+    return MotionProfile(v_max=v_max, a_max=a_max, j_max=j_max)
 
 
 def torque_rates(tau_max: Vector) -> Vector:
@@ -101,7 +120,7 @@ def stiffness(arm: Arm, tau_max: Vector, period: float) -> Vector:
 
 def _speeds(arm: Arm) -> Vector:
     caps = [SLIDE_SPEED_MAX if unit == "m" else SPEED_MAX for unit in arm.robot.units]
-    speeds: Vector = np.minimum((arm.q_max - arm.q_min) / RANGE_TIME, caps)
+    speeds: Vector = np.minimum((arm.q_high - arm.q_low) / RANGE_TIME, caps)
     return speeds
 
 
@@ -114,7 +133,7 @@ def _drag(arm: Arm) -> Vector:
 def _inertia_and_gravity(arm: Arm) -> tuple[Matrix, Matrix]:
     """Return M (N, n, n) and |gravity torques| (N, n) in configurations over the joint ranges."""
     still = np.zeros(arm.n)
-    qs = [arm.home, *spread(arm.q_min, arm.q_max, _SAMPLES)]
+    qs = [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]
     M = np.array([arm.mass_matrix(q) for q in qs])
     g = np.array([arm.inverse_dynamics(q, still, still) for q in qs])
     return M, np.abs(g)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from mink import SE3
@@ -82,6 +83,21 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Hand:
+    """A hand with a file of its own, fixed to a site of the arm's file."""
+
+    mjcf: Path
+    """MJCF file of the hand; `PREFIX` is put before all its names."""
+    site: str
+    """Site of the arm's file where the origin of the hand's file goes."""
+    gripper: Gripper
+    """Its gripper, with the names of its file."""
+    turn: float = 0.0
+    """Angle by which it is turned about the z axis of the site [rad]."""
+    PREFIX: ClassVar[str] = "hand_"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
     """A copy of the MJCF as a part of a larger robot."""
 
@@ -103,6 +119,10 @@ class Robot:
     name: str
     mjcf: Path
     """MJCF file, with the robot's base at its pose in the world."""
+    hand: Hand | None = None
+    """Hand that is added to the file; None where the file has it, or there is none."""
+    T_world_base: SE3 | None = None
+    """Where the origin of the file stands in the world; None leaves it at the world's."""
     mounts: tuple[Mount, ...] = ()
     """Copies of the file that make up the robot; none takes the file itself once."""
     joints: tuple[str, ...]
@@ -130,6 +150,11 @@ class Robot:
     """Torque-rate limits (n,) [N·m/s]."""
     stiffness: Vector
     """Joint impedance stiffness used by default (n,) [N·m/rad]."""
+    neighbours_apart: bool = False
+    """True where the joint ranges keep neighbouring links apart: then their shapes, which may be
+    larger than the links, are not compared."""
+    armature: Vector | None = None
+    """Inertia of the rotors as the joints feel it (n,) [kg·m²]; None takes that of the file."""
     gripper: Gripper | None = None
     """None where it has none or it stays unused: all joints except the arm's are then welded."""
     tool_name: str = "tool"
@@ -149,6 +174,8 @@ class Robot:
         n = len(self.joints)
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
+        if self.armature is not None:
+            object.__setattr__(self, "armature", frozen_vector("armature", self.armature, n))
         for name, profile in (("rated", self.rated), ("profile", self.profile)):
             frozen_vector(f"{name}.v_max", profile.v_max, n)
         names = [tool.name for tool in self.tools]
@@ -158,8 +185,9 @@ class Robot:
             raise InvalidValueError("motors", self.motors, f"{n} names, one per joint")
         if not set(self.slides) <= set(self.joints):
             raise InvalidValueError("slides", self.slides, f"some of the joints {self.joints}")
-        if not self.mjcf.is_file():
-            raise ModelError(f"Robot {self.name!r} needs the model {self.mjcf}: no such file.")
+        for file in (self.mjcf, *(() if self.hand is None else (self.hand.mjcf,))):
+            if not file.is_file():
+                raise ModelError(f"Robot {self.name!r} needs the model {file}: no such file.")
 
     @cached_property
     def tools(self) -> tuple[Tool, ...]:

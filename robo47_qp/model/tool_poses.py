@@ -49,3 +49,14 @@ class ToolPoses(Mapping[str, SE3]):
 
 Target: TypeAlias = SE3 | ToolPoses
 """Where tools are to be: a pose T_world_tcp of the main tool, or poses of several tools."""
+
+
+def one_pose(pose: Target) -> SE3:
+    """Return the pose of the main tool where it alone is asked for.
+
+    Raises:
+        InvalidValueError: There are several.
+    """
+    if not isinstance(pose, SE3):
+        raise InvalidValueError("start and goal of a path", list(pose), "poses of the same tools")
+    return pose

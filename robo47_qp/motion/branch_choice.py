@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -125,13 +125,14 @@ class BranchChoice:
         for group, layer in zip(grouped, layers, strict=True):
             reached = [branch.results[0].q for branch in layer]
             led = group[0].prescribes_path
-            ways = np.array([[_way(q, end, v_max, led) for end in ends] for q in reached])
+            ways = np.array([[_way(arm, q, end, v_max, led) for end in ends] for q in reached])
             total = ways + cost
             back.append([int(row.argmin()) for row in total])
             crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
             cost = total.min(axis=1) + crowded
             ends = [branch.results[-1].q for branch in layer]
-        return best_sequence(layers, back, int(cost.argmin()))
+        chosen = best_sequence(layers, back, int(cost.argmin()))
+        return _short_ways(arm, grouped, chosen, q_start) if arm.free.any() else chosen
 
     def candidates_for(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
@@ -230,7 +231,9 @@ class BranchChoice:
             found = [ik.solve(arm, target, seed)]
         if not found[0].converged:
             raise PlanError(waypoint.name, found[0].explanation)
-        return list(found)
+        if not arm.free.any():
+            return list(found)
+        return [replace(one, q=arm.nearest(one.q, q_start)) for one in found]
 
     def followed(
         self, arm: Arm, ik: IkSolver, lin: Lin, start: IkResult, lines: Sequence[Waypoint]
@@ -243,10 +246,10 @@ class BranchChoice:
         results = [start]
         for waypoint in lines:
             results.append(self._line(arm, ik, lin, waypoint, results[-1].q))
-        span = 0.5 * (arm.q_max - arm.q_min)
+        span = 0.5 * (arm.q_high - arm.q_low)
         q = np.array([result.q for result in results])
         room = float((np.minimum(q - arm.q_min, arm.q_max - q) / span).min())
-        return Branch(results=tuple(results), room=room)
+        return Branch(results=tuple(results), room=min(room, 1.0))
 
     def _line(self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q: Vector) -> IkResult:
         goal, ik = goal_pose(arm, waypoint), waypoint.solver(ik)
@@ -265,5 +268,20 @@ class BranchChoice:
         return end
 
 
-def _way(q: Vector, q_before: Vector, v_max: Vector, led: bool) -> float:
-    return 0.0 if led else float((np.abs(q - q_before) / v_max).max())
+def _way(arm: Arm, q: Vector, q_before: Vector, v_max: Vector, led: bool) -> float:
+    return 0.0 if led else float((np.abs(arm.way(q_before, q)) / v_max).max())
+
+
+def _short_ways(
+    arm: Arm, grouped: Sequence[Sequence[Waypoint]], chosen: Sequence[IkResult], q_start: Vector
+) -> list[IkResult]:
+    """Return a sequence with freely turning joints shifted by whole turns, the short way each."""
+    results, q, left = list[IkResult](), q_start, iter(chosen)
+    for group in grouped:
+        mine = list(islice(left, len(group)))
+        if not group[0].prescribes_path:
+            turn = arm.nearest(mine[0].q, q) - mine[0].q
+            mine = [replace(one, q=one.q + turn) for one in mine]
+        results += mine
+        q = results[-1].q
+    return results

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix, Positive, Vector
-from robo47_qp.errors import MissingExtraError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.collision_check import Collisions
@@ -58,16 +57,6 @@ class Detour(Checked):
     """Number of rounds that add corners before the motion stops at each instead."""
     seed: Count = 1
     """Seed of the first search, at least 1; each further search has the next one."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers and the library.
-
-        Raises:
-            InvalidValueError: A number is out of its range.
-            MissingExtraError: OMPL is not installed.
-        """
-        super().__post_init__()
-        _ompl("base")
 
     def plan(
         self,
@@ -137,8 +126,9 @@ class Detour(Checked):
 
     def _limits(self, arm: Arm, ends: Sequence[Vector]) -> tuple[Vector, Vector]:
         """Return the joint limits less the margin, widened to include the ends (n,), (n,) [rad]."""
-        low = np.minimum(arm.q_min + self.margin, np.min(ends, axis=0))
-        high = np.maximum(arm.q_max - self.margin, np.max(ends, axis=0))
+        least, most = np.min(ends, axis=0), np.max(ends, axis=0)
+        low = np.minimum(np.where(arm.free, least - np.pi, arm.q_min + self.margin), least)
+        high = np.maximum(np.where(arm.free, most + np.pi, arm.q_max - self.margin), most)
         return np.maximum(low, arm.q_min), np.minimum(high, arm.q_max)
 
     def _run(self, arm: Arm, corners: Matrix, profile: MotionProfile, dt: float) -> Trajectory:
@@ -192,15 +182,8 @@ def _state(space: Any, q: Vector) -> Any:
 
 @cache
 def _ompl(part: str) -> Any:
-    """Return a module of OMPL, which takes a while to load.
-
-    Raises:
-        MissingExtraError: It is not installed.
-    """
-    try:
-        return _PARTS[part]()
-    except ImportError as error:
-        raise MissingExtraError("A motion around obstacles", "ompl", "planning") from error
+    """Return a module of OMPL, which takes a while to load."""
+    return _PARTS[part]()
 
 
 _PARTS = {

@@ -85,8 +85,10 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int 
     All instants at once, joint after joint from the base on, in spatial vectors (w, u) at the
     world's origin: with S_i the axis of joint i, which the joints before it carry along, and
     V, A, J the derivatives up to joint i - 1,
-      S_i' = V × S_i,  S_i'' = A × S_i + V × S_i',
-      V += S_i v_i,  A += S_i a_i + S_i' v_i,  J += S_i j_i + 2 S_i' a_i + S_i'' v_i
+
+    S_i' = V × S_i,  S_i'' = A × S_i + V × S_i',
+    V += S_i v_i,  A += S_i a_i + S_i' v_i,  J += S_i j_i + 2 S_i' a_i + S_i'' v_i
+
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
     """
     screws, point = _at_rest(arm, tool)

@@ -1,8 +1,9 @@
 """Waypoint: a tool pose to visit, how to get there, and what the gripper does there."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -19,16 +20,15 @@ from robo47_qp.arrays import (
     checked_vector,
 )
 from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
-from robo47_qp.ik.composing import composed_ik
 from robo47_qp.ik.objectives import Objective, TaskSource
-from robo47_qp.ik.solver import IkResult, IkSolver
+from robo47_qp.ik.solver import IkResult, IkSolver, composed_ik
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
 from robo47_qp.model.arm import Arm, Load
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.tool_poses import Target, ToolPoses
 from robo47_qp.motion.motion_type import MotionType
 from robo47_qp.motion.paths.segments import ToolPath
-from robo47_qp.motion.paths.together import HeldTogether, Together, body_pose, points_of
+from robo47_qp.motion.paths.together import held_path, path_of_each, points_of
 from robo47_qp.motion.request import Request
 from robo47_qp.motion.types.circ import CircMotion
 from robo47_qp.motion.types.lin import LinMotion
@@ -105,6 +105,7 @@ class Waypoint(Checked):
     onward: "tuple[Waypoint, ...]" = ()
     """LIN and CIRC motions that will follow. They are not carried out; the configuration at a PTP
     waypoint is chosen such that they can be."""
+    _path: Callable[[Target, Target], ToolPath] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -139,6 +140,7 @@ class Waypoint(Checked):
                 f"a blend of {self.blend} m, stop {self.stop}",
                 "one at which they come to rest",
             )
+        object.__setattr__(self, "_path", self._shaped_path())
 
     def _label(self, field: str) -> str:
         return f"{field} of waypoint {self.name!r}"
@@ -159,19 +161,8 @@ class Waypoint(Checked):
         Raises:
             PlanError: The points that shape it make no path.
         """
-        shape = self.motion.type.path
-        points = {name: getattr(self, name) for name in self._given}
         try:
-            if isinstance(start, SE3) or isinstance(goal, SE3):
-                return shape(one_pose(start), one_pose(goal), points)
-            if self.holding is not None and isinstance(self.target, SE3):
-                body = shape(body_pose(start, self.holding), self.target, points)
-                return HeldTogether(body, start, self.holding)
-            each = dict.fromkeys(goal, points)
-            if self.through_each is not None:
-                own = points_of(list(goal), self.through_each)
-                each = {name: {"through": point} for name, point in own.items()}
-            return Together({name: shape(start[name], goal[name], each[name]) for name in goal})
+            return self._path(start, goal)
         except InvalidValueError as error:
             raise PlanError(self.name, str(error), NO_PATH) from error
 
@@ -214,6 +205,22 @@ class Waypoint(Checked):
     def _single(self) -> bool:
         """True where the target is a pose of the main tool alone, or a place."""
         return self.holding is None and not isinstance(self.target, ToolPoses)
+
+    def _shaped_path(self) -> Callable[[Target, Target], ToolPath]:
+        """Return what makes the path from a start to a goal.
+
+        Raises:
+            InvalidValueError: The points of several tools are not one for each.
+        """
+        shape = self.motion.type.path
+        points = {name: getattr(self, name) for name in self._given}
+        if self.holding is not None and isinstance(self.target, SE3):
+            return partial(held_path, partial(shape, points=points), self.target, self.holding)
+        each = {}
+        if self.through_each is not None and isinstance(self.target, ToolPoses):
+            own = points_of(list(self.target), self.through_each)
+            each = {name: {"through": point} for name, point in own.items()}
+        return partial(path_of_each, shape, points, each)
 
     @property
     def _given(self) -> list[str]:
@@ -265,17 +272,6 @@ def goal_pose(arm: Arm, waypoint: Waypoint) -> Target:
         T_world_body = target
         return holding.each(lambda _, T_body_tcp: T_world_body @ T_body_tcp)
     return target
-
-
-def one_pose(pose: Target) -> SE3:
-    """Return the pose of the main tool where it alone is asked for.
-
-    Raises:
-        InvalidValueError: There are several.
-    """
-    if not isinstance(pose, SE3):
-        raise InvalidValueError("start and goal of a path", list(pose), "poses of the same tools")
-    return pose
 
 
 def tool_down(position: ArrayLike, yaw: float = 0.0) -> SE3:

@@ -39,6 +39,10 @@ SETTLED = 0.1e-3
 """Distance of the tool from its goal within which it counts as settled [m]."""
 
 
+FAILED_STEPS = "failed_steps"
+"""The metric of a program that counts its steps that failed, whether or not it tried again."""
+
+
 def metrics(run: Run) -> dict[str, float]:
     """Return the metrics of a run and the task's own figures, by name with unit.
 
@@ -53,6 +57,7 @@ def metrics(run: Run) -> dict[str, float]:
     error = np.max([rows[f"errors/{one}tool_position"] for one in labels], axis=0)[stiff]
     return {
         **run.measures,
+        **({} if run.failed_steps is None else {FAILED_STEPS: float(run.failed_steps)}),
         **_joint_errors(run.scenario.robot, rows["errors/q"][stiff]),
         "max_tool_error_m": float(error.max(initial=0.0)),
         "rms_tool_error_m": float(np.sqrt((error**2).mean())) if stiff.any() else 0.0,
@@ -62,11 +67,32 @@ def metrics(run: Run) -> dict[str, float]:
         **_smoothness(run, motion),
         "peak_contact_force_N": float(force.max()),
         "mean_contact_force_N": float(force[force > 0.0].mean()) if force.any() else 0.0,
+        **_friction(run),
         **_following(run),
         "energy_J": _energy(run),
         "cycle_time_s": simulated,
         "real_time_factor": simulated / run.loop_seconds,
         "step_us": 1e6 * run.loop_seconds / len(rows),
+    }
+
+
+def _friction(run: Run) -> dict[str, float]:
+    """Return how much of the fingers' friction was in use while something was carried [-].
+
+    The largest share of all contacts of a finger, of which 1 less is the least slip margin, and
+    the largest use of one contact; nothing for a run in which nothing was carried. See
+    `FrictionUse`.
+    """
+    carried = np.zeros(len(run.rows), bool)
+    for phase, rows in run.spans():
+        carried[rows] = phase.leg is not None and phase.leg.waypoint.carried is not None
+    signals = [one.name for one in run.rows.signals if one.name.endswith("friction_use")]
+    used = [run.rows[name][carried] for name in signals]
+    if not signals or not carried.any():
+        return {}
+    return {
+        "max_friction_use": float(max(use[:, 1::2].max() for use in used)),
+        "max_contact_friction_use": float(max(use[:, 0::2].max() for use in used)),
     }
 
 

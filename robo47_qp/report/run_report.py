@@ -3,15 +3,13 @@
 import dataclasses
 import platform
 from collections.abc import Mapping, Sequence
-from enum import Enum
 from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
-import numpy as np
-from mink import SE3
-
 from robo47_qp import __version__
+from robo47_qp._core.library import backend
+from robo47_qp.files import plain
 from robo47_qp.report.audit.finding import Finding
 from robo47_qp.run.scenario import Run
 
@@ -48,7 +46,7 @@ def report(run: Run, metrics: Mapping[str, float], findings: Sequence[Finding]) 
                 "orientation_error_rad": leg.ik.orientation_error,
                 # Of the joint closest to its limit, whichever it is.
                 f"limit_margin_{scenario.robot.unit('rad', 'm').replace(' ', '_')}": (
-                    leg.ik.limit_margin
+                    leg.ik.limit_margin if isfinite(leg.ik.limit_margin) else None
                 ),
             }
             for leg in run.legs
@@ -82,33 +80,10 @@ def _kept(finding: Mapping[str, Any]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that a result depends on."""
+    """Return what a result depends on: the versions of Python and of packages, and the backend."""
     return {
         "robo47_qp": __version__,
+        "backend": backend(),
         "python": platform.python_version(),
         **{package: version(package) for package in _PACKAGES},
     }
-
-
-def plain(value: object) -> Any:
-    """Return a setting as JSON types: dataclasses by field, with the name of their class.
-
-    Infinity and NaN, which JSON lacks, become text; other objects become the name of their class.
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = [f.name for f in dataclasses.fields(value)]
-        if isinstance(value, SE3):
-            names = ["wxyz_xyz"]  # the others are sizes that every SE3 has
-        return {"class": type(value).__name__, **{n: plain(getattr(value, n)) for n in names}}
-    match value:
-        case float() if not isfinite(value):
-            return str(value)
-        case Enum():
-            return value.value
-        case np.ndarray() | tuple() | list():
-            items = value.tolist() if isinstance(value, np.ndarray) else value
-            return [plain(item) for item in items]
-        case None | bool() | int() | float() | str():
-            return value
-        case _:
-            return {"class": type(value).__name__}

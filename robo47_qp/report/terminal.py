@@ -6,9 +6,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from robo47_qp.report.audit.finding import Finding
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.rerun.viewer import view_command
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
@@ -81,6 +82,7 @@ def print_summary(
         f"{metrics['settle_time_s']:.3f} s\n"
         f"  contact          up to {metrics['peak_contact_force_N']:.2f} N on the tool, "
         f"{metrics['mean_contact_force_N']:.2f} N mean while in contact\n"
+        f"{_friction(metrics)}"
         f"  energy           {metrics['energy_J']:.1f} J\n"
         f"{_smooth(metrics)}"
         f"  audit            {len(findings) - len(violations)} of {len(findings)} limits kept\n"
@@ -88,11 +90,32 @@ def print_summary(
         f"{metrics['real_time_factor']:.0f} times real time",
         highlight=False,
     )
-    for name, path in files.items():
-        console.print(f"  {name:<16} {path}", highlight=False, soft_wrap=True)
+    print_files(console, files, 16)
     if "recording" in files:
-        command = f"[bold]rerun {files['recording']}[/]"
-        console.print(f"Open the recording with: {command}", highlight=False, soft_wrap=True)
+        told = f"Open the recording with: {view_command(files['recording'])}"
+        console.print(told, highlight=False, soft_wrap=True, markup=False)
+
+
+def print_files(console: Console, files: Mapping[str, Path], width: int = 10) -> None:
+    """Print what was written, a line each that is never broken.
+
+    Args:
+        console: Where to print.
+        files: The files by what they are.
+        width: Characters for what they are.
+    """
+    for name, path in files.items():
+        console.print(f"  {name:<{width}} {path}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _friction(metrics: Mapping[str, float]) -> str:
+    if "max_friction_use" not in metrics:
+        return ""
+    share, worst = metrics["max_friction_use"], metrics["max_contact_friction_use"]
+    return (
+        f"  slip margin      {1.0 - share:.2f} of the fingers' friction while something is "
+        f"carried; one contact uses up to {worst:.2f}\n"
+    )
 
 
 def _slides(metrics: Mapping[str, float]) -> str:
@@ -108,16 +131,10 @@ def _smooth(metrics: Mapping[str, float]) -> str:
     return f"  smoothness       {value:.2f} (log dimensionless jerk; minimum jerk has -5.32)\n"
 
 
-def _table(title: str, headings: Sequence[str], texts: Sequence[str]) -> Table:
-    table = Table(title=title, title_justify="left", header_style="", box=None)
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in texts else "right")
-    return table
-
-
-def _waypoints(run: Run) -> Table:
+def _waypoints(run: Run) -> FiguresTable:
     numbers = ("time s", "IK its", "starts", "IK ms", "left µm", "to limit rad")
-    table = _table("Waypoints", ("waypoint", "motion", *numbers), ("waypoint", "motion"))
+    texts = ("waypoint", "motion")
+    table = FiguresTable((*texts, *numbers), texts=texts, title="Waypoints")
     for leg in run.legs:
         ik = leg.ik
         table.add_row(
@@ -139,16 +156,17 @@ def _kept(finding: Finding) -> str:
     return "[green]yes[/]" if finding.ok else "[bold red]NO[/]"
 
 
-def _audit(findings: Sequence[Finding]) -> Table:
+def _audit(findings: Sequence[Finding]) -> FiguresTable:
     texts = ("signal", "unit", "kept")
-    table = _table("Audit", ("signal", "limit", "extreme", "at s", "unit", "kept"), texts)
+    headings = ("signal", "limit", "extreme", "unit", "kept", "at s")
+    table = FiguresTable(headings, texts=texts, title="Audit")
     for finding in findings:
         table.add_row(
             finding.signal,
             f"{finding.limit:.4g}",
             f"{finding.extreme:.4g}",
-            f"{finding.time:.3f}",
             finding.unit,
             _kept(finding),
+            f"{finding.time:.3f}",
         )
     return table

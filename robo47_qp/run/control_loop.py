@@ -9,6 +9,7 @@ import numpy as np
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.active import ActiveController
+from robo47_qp.control.compiled import CompiledControl
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.arm import Arm, JointReference, JointState, Load, loads
@@ -21,11 +22,17 @@ from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Recording
+from robo47_qp.sim.compiled import CompiledWorld
+from robo47_qp.sim.sensed import Senses
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 TICK_ROWS = 20
 """Control periods between two checks of the world while a motion runs."""
+
+BLOCK_END = 400
+"""Rows after which a block ends, too: the size of the recording's chunks is a multiple of it, so
+that a run does not depend on that."""
 
 PAYLOAD_RAMP = 0.02
 """Time over which the torque changes with the payload [s]: a step of a heavy load would exceed
@@ -85,8 +92,11 @@ class ControlLoop:
             extra: Signals that `track` is given besides; see `signals.all_signals`.
         """
         self.arm, self.sim = arm, simulation
+        self.senses = Senses(simulation)
+        """What programs and policies know of the world, read anew whenever they may look."""
         self.profile = arm.robot.profile if profile is None else profile
         self._load: dict[str, Payload] = {}
+        self._payload_factor = simulation.payload_factor
         if observer is not None:
             observer = observer.in_cell(*simulation.joint_data_sheet, TIMESTEP)
         self.control = ActiveController(controller, arm, dt=TIMESTEP, observer=observer)
@@ -98,7 +108,6 @@ class ControlLoop:
         self._check, self._yielding = check, False
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
-        self._wanted = tuple(signals.references(arm.robot).values())
         self.rest(np.array(arm.robot.home))
 
     @property
@@ -180,7 +189,8 @@ class ControlLoop:
             self._extra = extra
         done, ended = 0, False
         while done < trajectory.steps and not ended:
-            count = min(trajectory.steps - done, self.recording.room, block)
+            whole = BLOCK_END - len(self.recording) % BLOCK_END
+            count = min(trajectory.steps - done, self.recording.room, whole, block)
             self._advance(trajectory, references, extra, done, count)
             done += count
             self._reference = JointReference(
@@ -192,7 +202,11 @@ class ControlLoop:
                 observer.tick(self.sim)
             if self._check is not None:
                 self._check(self)
-            ended = until is not None and until()
+            if until is not None:
+                self.senses.read()
+                ended = until()
+        if until is None:
+            self.senses.read()
         return ended
 
     def hold(self, seconds: float) -> None:
@@ -208,10 +222,11 @@ class ControlLoop:
 
     def set_payload(self, load: Load) -> None:
         """Set what the controller assumes the tools to hold; None is nothing in any of them."""
-        self._load = loads(self.arm.robot, load)
-        told = {name: self.sim.told_payload(payload) for name, payload in self._load.items()}
-        before = self.control.arm.payloads
-        if told.keys() != before.keys() or any(told[name] is not before[name] for name in told):
+        before, self._load = self._load, loads(self.arm.robot, load)
+        if before.keys() != self._load.keys() or any(
+            held is not before[name] for name, held in self._load.items()
+        ):
+            told = loads(self.arm.robot, self._load, self._payload_factor)
             arm = self.arm.with_payload(told) if told else self.arm
             self.control.set_arm(arm, seconds=PAYLOAD_RAMP)
 
@@ -231,7 +246,7 @@ class ControlLoop:
         """Run `count` control periods, one row of the recording each."""
         started = perf_counter()
         sim, control = self.sim, self.control
-        now, command, last = self._columns.now, self._columns.command, self._columns.last
+        sim.look_at_friction()
         rows = self.recording.open_rows(count)
         rows[:, 0] = (len(self.recording) + np.arange(count)) * TIMESTEP
         rows[:, 1] = len(self.phases) - 1
@@ -239,14 +254,58 @@ class ControlLoop:
         rows[:, self._columns.references] = references[part]
         rows[:, self._columns.extra] = extra[part]
         samples = trajectory.q[part], trajectory.v[part], trajectory.a[part]
-        for row, q, v, a in zip(rows, *samples, strict=True):
-            sim.write_now(row[now])
-            tau = control.torque(JointReference(q, v, a), sim.state())
-            row[command] = control.commanded
-            sim.step(tau)
-            sim.write_last(row[last])
-        self.recording.close_rows(count)
+        world, done = sim.compiled, 0
+        try:
+            while done < count:
+                compiled = control.compiled
+                left = JointReference(*(values[done:] for values in samples))
+                if world is None or compiled is None:
+                    self._period(left, rows[done])
+                    done += 1
+                else:
+                    done += self._run(compiled, world, left, rows[done:])
+        finally:
+            self.recording.close_rows()
         self.seconds += perf_counter() - started
+
+    def _period(self, references: JointReference, row: Vector) -> None:
+        """Run the first of the control periods with references q, v, a (N, n) each."""
+        columns, control, sim = self._columns, self.control, self.sim
+        sim.write_now(row[columns.now])
+        q, v, a = references
+        tau = control.torque(JointReference(q[0], v[0], a[0]), sim.state())
+        row[columns.command] = control.commanded
+        sim.step(tau)
+        sim.write_last(row[columns.last])
+        count = self.recording.count
+        count += 1
+
+    def _run(
+        self,
+        compiled: CompiledControl,
+        world: CompiledWorld,
+        references: JointReference,
+        rows: Matrix,
+    ) -> int:
+        """Run some of the periods with references q, v, a (N, n) in the compiled core.
+
+        Returns:
+            How many; at least one.
+        """
+        columns, count = self._columns, self.recording.count
+        world.prepare(columns.now.start, columns.last.start)
+        periods = min(self.control.enter(compiled, self.sim.state().q), len(rows))
+        done, complete = compiled.run(
+            world.structure, periods, references, rows, columns.command.start, count
+        )
+        self.control.leave(compiled, references.q[done - 1], done)
+        if not complete:
+            # Either the torque is refused, or something touches what the core does not sum up.
+            if not np.isfinite(compiled.last).all():
+                self.sim.step(compiled.last)
+            self.sim.write_last(rows[done - 1, columns.last])
+            count += 1
+        return done
 
     @property
     def yielding(self) -> bool:
@@ -271,5 +330,5 @@ class ControlLoop:
         count = len(trajectory.q)
         rows = slice(1 if trajectory.still else count)
         samples = trajectory.q[rows], trajectory.v[rows], trajectory.a[rows]
-        columns = np.hstack([values(self.control.arm, samples) for values in self._wanted])
+        columns = signals.reference_rows(self.control.arm, samples)
         return np.broadcast_to(columns, (count, columns.shape[1]))

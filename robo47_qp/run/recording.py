@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import UnknownNameError
@@ -23,6 +24,18 @@ class Sink(Protocol):
 
         Raises:
             RecordingError: The rows cannot be written.
+        """
+        ...
+
+
+class Store(Protocol):
+    """Where a recording keeps its rows."""
+
+    def block(self, rows: int) -> "tuple[Matrix, NDArray[np.int64]]":
+        """Return zeros (rows, columns), and a count (1,) of the rows that were filled.
+
+        Raises:
+            RecordingError: There is no room for them.
         """
         ...
 
@@ -60,71 +73,103 @@ def slices(signals: Iterable[Signal]) -> dict[str, slice]:
     return found
 
 
-class Recording:
-    """Rows in the order of time, kept in memory and handed to sinks in chunks.
+CHUNK_ROWS = 4000
+"""Rows that go to the sinks at once, unless asked otherwise: a row costs a Rerun file a third less
+than in chunks of 400."""
 
-    A writer fills `open_rows(count)` and calls `close_rows(count)`.
+
+class Recording:
+    """Rows in the order of time, kept in memory or in a store and handed to sinks in chunks.
+
+    A writer opens rows, adds one to `count` whenever one of them is filled, and calls `close_rows`.
     """
 
     def __init__(
-        self, signals: Sequence[Signal], chunk_rows: int = 400, sinks: Sequence[Sink] = ()
+        self, signals: Sequence[Signal], chunk_rows: int = CHUNK_ROWS, sinks: Sequence[Sink] = ()
     ) -> None:
         """Prepare the columns.
 
         Args:
             signals: The columns, in order.
-            chunk_rows: Rows that go to the sinks at once; a killed run loses at most as many.
+            chunk_rows: Rows that go to the sinks at once.
             sinks: Receive the chunks.
         """
         self.signals = tuple(signals)
         self._width = sum(len(signal.labels) for signal in signals)
-        self._chunk_rows = chunk_rows
+        self.chunk_rows = chunk_rows
         self.sinks = tuple(sinks)
-        self._chunks: list[Matrix] = []
-        self._chunk = self._empty()
-        self._filled = 0
+        self.store: Store = _Memory(self._width)
+        """Where the next chunks are kept."""
+        self._full: list[Matrix] = []
+        self._before = 0
+        self._chunk = np.empty((0, self._width))
+        self._count = np.zeros(1, np.int64)
+        self._closed = self._handed_on = 0
 
     def __len__(self) -> int:
         """Return the number of closed rows."""
-        return len(self._chunks) * self._chunk_rows + self._filled
+        return self._before + self._closed
 
     @property
     def room(self) -> int:
         """Number of rows that can be opened at once."""
-        return self._chunk_rows - self._filled
+        return (len(self._chunk) or self.chunk_rows) - self._closed
 
     def open_rows(self, count: int) -> Matrix:
-        """Return a view of the next rows to fill, (count, columns); count <= room."""
-        return self._chunk[self._filled : self._filled + count]
+        """Return a view of the next rows to fill, (count, columns); count <= room.
 
-    def close_rows(self, count: int) -> None:
+        Raises:
+            RecordingError: The store has no room for another chunk.
+        """
+        if not len(self._chunk):
+            self._chunk, self._count = self.store.block(self.chunk_rows)
+        return self._chunk[self._closed : self._closed + count]
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """How many rows of this chunk are filled (1,); the writer adds one after each."""
+        return self._count
+
+    def close_rows(self) -> None:
         """Add the rows that were filled; a full chunk goes to the sinks.
 
         Raises:
             RecordingError: A sink could not write them.
         """
-        self._filled += count
-        if self._filled == self._chunk_rows:
-            full, self._chunk, self._filled = self._chunk, self._empty(), 0
-            self._chunks.append(full)
-            self._hand_on(full)
+        self._closed = int(self._count[0])
+        if self._closed and self._closed == len(self._chunk):
+            full, first = self._chunk, self._handed_on
+            self._full.append(full)
+            self._before += len(full)
+            self._chunk, self._count = self._chunk[:0], np.zeros(1, np.int64)
+            self._closed = self._handed_on = 0
+            self._hand_on(full[first:])
 
     def flush(self) -> None:
-        """Send the rows of an unfinished chunk to the sinks; call once, at the end.
+        """Send the rows of an unfinished chunk to the sinks; a second time does nothing.
 
         Raises:
             RecordingError: A sink could not write them.
         """
-        if self._filled:
-            self._hand_on(self._chunk[: self._filled])
+        first, self._handed_on = self._handed_on, self._closed
+        if first < self._closed:
+            self._hand_on(self._chunk[first : self._closed])
 
     def rows(self) -> Rows:
         """Return a copy of all closed rows."""
-        return Rows(self.signals, np.concatenate([*self._chunks, self._chunk[: self._filled]]))
+        return Rows(self.signals, np.concatenate([*self._full, self._chunk[: self._closed]]))
 
     def _hand_on(self, values: Matrix) -> None:
         for sink in self.sinks:
             sink.write(Rows(self.signals, values))
 
-    def _empty(self) -> Matrix:
-        return np.zeros((self._chunk_rows, self._width))
+
+class _Memory:
+    """Keeps the rows in the memory of the process."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+
+    def block(self, rows: int) -> tuple[Matrix, NDArray[np.int64]]:
+        """See `Store.block`."""
+        return np.zeros((rows, self._width)), np.zeros(1, np.int64)

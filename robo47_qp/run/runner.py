@@ -6,17 +6,19 @@ from typing import Protocol
 
 import numpy as np
 
-from robo47_qp.errors import NoGripperError
+from robo47_qp.errors import NoGripperError, PlanError
+from robo47_qp.files import plain
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg
 from robo47_qp.run import signals
 from robo47_qp.run.control_loop import Aborted, ControlLoop
-from robo47_qp.run.failure import Failure, StepFailed
+from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Rows, Sink
+from robo47_qp.run.recording import CHUNK_ROWS, Rows, Sink, Store
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.steps import StepExecutor, as_step
+from robo47_qp.sim.sensed import CellSheet, Senses
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
@@ -32,6 +34,7 @@ class Driver(Protocol):
 
         Raises:
             Aborted: The run cannot continue.
+            PlanError: The arm is too fast to stop inside its limits.
         """
         ...
 
@@ -42,12 +45,16 @@ class ProgramDriver:
     def drive(self, runner: "Runner") -> Failure | None:
         """See `Driver.drive`."""
         failure = self._run_program(runner)
-        runner.executor.compliance.stiffen()
+        try:
+            runner.executor.compliance.stiffen()
+        except PlanError as error:
+            raise Aborted(failure or _unstoppable(error)) from error
         return failure
 
     def _run_program(self, runner: "Runner") -> Failure | None:
-        loop, program = runner.loop, runner.scenario.task.program(runner.loop.sim)
+        loop, program = runner.loop, runner.scenario.task.program(runner.loop.senses.read())
         failed: StepFailed | None = None
+        runner.failed_steps = 0
         try:
             while True:
                 step = next(program) if failed is None else program.throw(failed)
@@ -56,6 +63,7 @@ class ProgramDriver:
                     runner.executor.perform(as_step(step))
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=loop.sim.time))
+                    runner.failed_steps += 1
                     loop.note(f"step failed: {failed}", failed.failure)
         except StopIteration as end:
             failure: Failure | None = end.value
@@ -95,11 +103,15 @@ class Runner:
             check=self._check,
             extra=extra,
         )
+        self.loop.senses = Senses(simulation, _sheet(scenario, simulation), scenario.task.as_seen)
         self.executor = StepExecutor(self.loop, planner)
+        self.failed_steps: int | None = None
+        """Steps of the program that failed so far; None where no program moves the arm."""
         self.signals = self.loop.recording.signals
         simulation.reset()
         seed = scenario.seed
         scenario.task.reset(simulation, None if seed is None else np.random.default_rng(seed))
+        self.loop.senses.read()
 
     def rehearse(self) -> list[Leg]:
         """Plan the task's preview without moving, and return its legs.
@@ -110,7 +122,7 @@ class Runner:
         """
         legs: list[Leg] = []
         q, robot = self.loop.reference.q, self.scenario.robot
-        for step in map(as_step, self.scenario.task.preview(self._sim)):
+        for step in map(as_step, self.scenario.task.preview(self.loop.senses.read())):
             grips = [w.name for w in step.path if w.grip is not None]
             if robot.gripper is None and (grips or step.grips):
                 raise NoGripperError(robot.name, f"waypoint {[*grips, step.name][0]!r}")
@@ -119,43 +131,67 @@ class Runner:
                 q = legs[-1].trajectory.end.q
         return legs
 
-    def run(self, sinks: Sequence[Sink] = (), observers: Sequence[Observer] = ()) -> Run:
-        """Run to the end; sinks get the rows, observers the events. Call it once.
+    def run(
+        self,
+        sinks: Sequence[Sink] = (),
+        observers: Sequence[Observer] = (),
+        *,
+        store: Store | None = None,
+        chunk_rows: int = CHUNK_ROWS,
+    ) -> Run:
+        """Run to the end; call it once.
+
+        Args:
+            sinks: Get the rows, also those of a run that is interrupted.
+            observers: Get the events.
+            store: Keeps the rows, by default in memory.
+            chunk_rows: Rows that the sinks get at once.
 
         Raises:
-            RecordingError: A sink could not write the recording.
+            RecordingError: A sink or the store could not write the recording.
         """
         loop, task = self.loop, self.scenario.task
-        loop.recording.sinks = (_Derive(self.scenario.robot), *sinks)
+        recording = loop.recording
+        recording.sinks = (_Derive(self.scenario.robot), *sinks)
+        recording.chunk_rows = chunk_rows
+        if store is not None:
+            recording.store = store
         loop.observers = tuple(observers)
-        failure = self.finish()
+        try:
+            failure = self.finish()
+        except KeyboardInterrupt:
+            recording.flush()
+            raise
         if failure is not None and failure.time is None:
             failure = replace(failure, time=self._sim.time)
         loop.note(
             f"failed ({failure.cause.value}): {failure.evidence}" if failure else "success", failure
         )
-        loop.recording.flush()
+        recording.flush()
         return Run(
             scenario=self.scenario,
-            rows=loop.recording.rows(),
+            rows=recording.rows(),
             phases=loop.phases,
             failure=failure,
             measures=task.measures(self._sim),
             loop_seconds=loop.seconds,
             objects=self._sim.objects,
+            fixed=self._sim.fixed(),
+            failed_steps=self.failed_steps,
         )
 
     def finish(self) -> Failure | None:
         """Let the driver finish, come to rest and judge the world; call it once."""
-        loop = self.loop
+        loop, failure = self.loop, None
         try:
             failure = self._driver.drive(self)
             loop.note(f"gave up: {failure.evidence}" if failure else "program done", failure)
             loop.halt()
             loop.begin("end")
             loop.hold(_LAST_HOLD)
-        except Aborted as aborted:
-            failure = replace(aborted.failure, time=self._sim.time)
+        except (Aborted, PlanError) as error:
+            ended = error.failure if isinstance(error, Aborted) else failure or _unstoppable(error)
+            failure = replace(ended, time=self._sim.time)
             loop.note(f"stopped: {failure.evidence}", failure)
         return failure or self.scenario.task.verdict(self._sim)
 
@@ -169,9 +205,23 @@ class Runner:
             loop.reference,
             stiff=not loop.phases[-1].compliant,
             force_max=scenario.task.force_max,
+            fixed_force_max=scenario.task.fixed_force_max,
         )
         if failure is not None:
             raise Aborted(failure)
+
+
+def _unstoppable(error: PlanError) -> Failure:
+    return Failure(cause=Cause.LIMIT, evidence=f"the arm cannot stop: {error.explanation}")
+
+
+def _sheet(scenario: Scenario, simulation: Simulation) -> CellSheet:
+    return CellSheet(
+        task=plain(scenario.task),
+        obstacles=[plain(obstacle) for obstacle in scenario.task.obstacles],
+        noise=simulation.noise_figures,
+        time_limit=scenario.watchdog.time_limit,
+    )
 
 
 class _Derive:

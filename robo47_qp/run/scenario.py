@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.run.control_loop import Phase
@@ -43,6 +44,10 @@ class Run:
     """Wall time of the control loop with its recording, without planning and observers [s]."""
     objects: Sequence[str]
     """Bodies that move freely."""
+    fixed: Sequence[Obstacle]
+    """What stands fixed around the robot and can be touched, at the end of the run."""
+    failed_steps: int | None = None
+    """Steps that failed, which a program may have tried again; None without a program."""
 
     @property
     def legs(self) -> list[Leg]:

@@ -11,6 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from robo47_qp._core.library import Structure, backend, functions, pointer
+from robo47_qp._core.mujoco_functions import function, structure
 from robo47_qp.arrays import Matrix
 from robo47_qp.ik.stream.settings import Event
 from robo47_qp.model.arm import Arm
@@ -38,6 +40,13 @@ def references(robot: Robot) -> dict[Signal, Callable[[Arm, Samples], Matrix]]:
             for i, (label, _) in enumerate(robot.tool_labels())
         },
     }
+
+
+def reference_rows(arm: Arm, samples: Samples) -> Matrix:
+    """Return the columns `references` of samples (N, columns)."""
+    if backend() == "numpy":
+        return np.hstack([values(arm, samples) for values in references(arm.robot).values()])
+    return arm.derived(_CompiledReferences).rows(samples)
 
 
 def command(robot: Robot) -> Signal:
@@ -173,6 +182,39 @@ class Columns:
         self.now, self.last = span(simulation.signals_now), span(simulation.signals_last)
         self.command = span([command(simulation.robot)])
         self.extra = span(extra) if extra else slice(0, 0)
+
+
+class _CompiledReferences:
+    """The same columns in the compiled core, with one evaluation of a sample for all of them."""
+
+    def __init__(self, arm: Arm) -> None:
+        d, sites = arm.scratch, arm.tool_sites
+        self._arm, self._columns = arm, 4 * arm.n + 7 * len(sites)
+        self._structure = Structure(
+            "r47_references",
+            n=arm.n,
+            model=structure(arm.model),
+            data=structure(d),
+            inverse=function("mj_inverse"),
+            quaternion=function("mju_mat2Quat"),
+            qpos=d.qpos,
+            qvel=d.qvel,
+            qacc=d.qacc,
+            qfrc_inverse=d.qfrc_inverse,
+            tools=len(sites),
+            site=np.array(sites, dtype=np.int32),
+            xpos=d.site_xpos,
+            xmat=d.site_xmat,
+        )
+
+    def rows(self, samples: Samples) -> Matrix:
+        rows = np.empty((len(samples[0]), self._columns))
+        arrays = [np.ascontiguousarray(values) for values in samples]
+        functions().r47_reference_rows(
+            self._structure.pointer, len(rows), *map(pointer, arrays), pointer(rows)
+        )
+        self._arm.evaluated = True
+        return rows
 
 
 def _torques(arm: Arm, samples: Samples) -> Matrix:

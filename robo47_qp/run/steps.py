@@ -30,7 +30,8 @@ _TICK = TICK_ROWS * TIMESTEP
 _GRIP_STILL = 0.05
 """How long the fingers must stand still for a grip to count as done [s]."""
 _GRIP_TIMEOUT = 3.0
-"""When a grip is over whether or not the fingers stand still [s]."""
+"""When a grip is over whether or not the fingers stand still, beside the time that its speed takes
+[s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,8 +277,9 @@ def _grip(
     if compliance is not None:
         executor.compliance.soften(compliance)
     loop.begin(name, compliant=compliance is not None, afresh=False)
+    longest = _GRIP_TIMEOUT + abs(grip.width - sim.width(place)) / grip.speed
     still, waited = 0.0, 0.0
-    while still < _GRIP_STILL and waited < _GRIP_TIMEOUT:
+    while still < _GRIP_STILL and waited < longest:
         loop.hold(_TICK)
         waited += _TICK
         still = still + _TICK if sim.grip_settled(place) else 0.0

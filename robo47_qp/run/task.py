@@ -7,11 +7,15 @@ from typing import Any, ClassVar, Self
 
 import mujoco
 import numpy as np
+from mink import SE3
 
 from robo47_qp.arrays import Checked
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.robot import Robot
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import StepLike
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 
 Program = Generator[StepLike, None, Failure | None]
@@ -36,8 +40,41 @@ class Task(Checked, ABC):
     goals_asked_for: ClassVar[bool] = False
     """True where markers are poses that the tool is asked for, and not things that are seen."""
 
+    default_robot: ClassVar[str] = "panda"
+    """Robot that does it where none is named; see `load_robot`."""
     tools_needed: ClassVar[int] = 1
     """How many tools the robot must have."""
+    opening_needed: ClassVar[float | None] = None
+    """How wide the gripper of each of those tools must open [m]; None where none is needed."""
+
+    def check_robot(self, robot: Robot) -> None:
+        """Check that a robot has the tools and grippers that the task needs.
+
+        Raises:
+            InvalidValueError: It has not; the message says what is missing.
+        """
+        have, needed = len(robot.tools), self.tools_needed
+        if have < needed:
+            expected = f"one with {needed} tools for {self.name}, such as {self.default_robot}"
+            raise InvalidValueError("robot", f"{robot.name} with {have}", expected)
+        if self.opening_needed is None:
+            return
+        force = getattr(self, "grip_force", 0.0)
+        for tool in robot.tools[:needed]:
+            found = "without a gripper"
+            if tool.gripper is not None:
+                found = f"whose gripper opens {1e3 * tool.gripper.width_max:.0f} mm"
+                if tool.gripper.width_max >= self.opening_needed:
+                    if tool.gripper.force_max >= force:
+                        continue
+                    found = f"whose fingers press with {tool.gripper.force_max:.0f} N"
+                    expected = f"one whose fingers press with {force:.0f} N for {self.name}"
+                    raise InvalidValueError("robot", f"{robot.name}, {found}", expected)
+            expected = (
+                f"one whose gripper opens at least {1e3 * self.opening_needed:.0f} mm for "
+                f"{self.name}, such as {self.default_robot}"
+            )
+            raise InvalidValueError("robot", f"{robot.name}, {found}", expected)
 
     @property
     @abstractmethod
@@ -50,9 +87,22 @@ class Task(Checked, ABC):
         return ()
 
     @property
+    def judged(self) -> Sequence[str]:
+        """What the verdict and the limits of the run demand, in words with their numbers."""
+        return ()
+
+    @property
     def force_max(self) -> float:
         """Largest allowed net contact force on the tool and what it holds [N]."""
         return 60.0
+
+    @property
+    def fixed_force_max(self) -> float:
+        """Largest allowed contact force of a hand with the table and what else stands fixed [N].
+
+        What the hand holds may be pressed on them harder, up to `force_max`.
+        """
+        return 10.0
 
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with randomly drawn properties of its scene, which is not yet built."""
@@ -65,13 +115,31 @@ class Task(Checked, ABC):
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """Place the objects at random start poses, or at the default ones if rng is None."""
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def as_seen(self, name: str, T_world_thing: SE3) -> SE3 | None:
+        """Return what the cell's camera tells of an object or a marker.
+
+        For things that a camera cannot measure as well as the others: programs and policies get
+        no other pose of them, with an exact camera, too.
+
+        Args:
+            name: Name of the object or the marker.
+            T_world_thing: Its pose as the camera measures things.
+
+        Returns:
+            The pose that is told; None if nothing is.
+        """
+        return T_world_thing
+
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """Return the steps known in advance; they are planned as a check before the arm moves."""
         return ()
 
     @abstractmethod
-    def program(self, simulation: Simulation) -> Program:
-        """Yield the steps one by one; each may depend on the state of the world at that moment."""
+    def program(self, sensed: Sensed) -> Program:
+        """Yield the steps one by one; each may depend on what is sensed at that moment.
+
+        `sensed` is brought up to date while steps run: read it again after every one.
+        """
 
     def monitor(self, simulation: Simulation) -> None:
         """Observe the world every few control periods, under a program and under a policy.

@@ -1,6 +1,7 @@
 """Watchdog: bounds that end a run at once."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -32,6 +33,7 @@ class Watchdog(Checked):
         *,
         stiff: bool,
         force_max: float,
+        fixed_force_max: float = inf,
     ) -> Failure | None:
         """Return the failure if a bound is violated now; None otherwise.
 
@@ -40,9 +42,11 @@ class Watchdog(Checked):
             arm: The arm with its joint limits.
             reference: Joint reference of this instant.
             stiff: Whether the arm has to follow its reference.
-            force_max: Largest contact force on the tool [N].
+            force_max: Largest contact force on a tool and what it holds [N].
+            fixed_force_max: Largest contact force of a tool itself with what stands fixed since
+                the last check [N].
         """
-        touched = self._touched(simulation, force_max)
+        touched = self._touched(simulation, force_max, fixed_force_max)
         if touched is not None:
             return Failure(cause=Cause.COLLISION, evidence=touched)
         q, joints = simulation.true_state().q, arm.robot.joints
@@ -70,14 +74,27 @@ class Watchdog(Checked):
             )
         return None
 
-    def _touched(self, simulation: Simulation, force_max: float) -> str | None:
+    def _touched(
+        self, simulation: Simulation, force_max: float, fixed_force_max: float
+    ) -> str | None:
         force = simulation.last_links_force()
         if force > self.links_force_max:
             return (
                 f"the contact force on the links before the tool is {force:.1f} N; "
                 f"allowed are {self.links_force_max:.1f} N"
             )
-        force = float(np.linalg.norm(simulation.last_tool_force()))
-        if force > force_max:
-            return f"the contact force on the tool is {force:.1f} N; allowed are {force_max:.1f} N"
+        for i, (label, tool) in enumerate(simulation.robot.tool_labels()):
+            which = f"{tool.name} tool" if label else "tool"
+            force = float(np.linalg.norm(simulation.last_tool_force(i)))
+            if force > force_max:
+                return (
+                    f"the contact force on the {which} is {force:.1f} N; "
+                    f"allowed are {force_max:.1f} N"
+                )
+            force = simulation.fixed_force_peak(i)
+            if force > fixed_force_max:
+                return (
+                    f"the {which} itself touched the table, or what else stands fixed, with "
+                    f"{force:.1f} N; allowed are {fixed_force_max:.1f} N"
+                )
         return None

@@ -7,14 +7,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.signal import XYZ, Signal
 
 _PARAMETERS = [1 << 1, 3, 1]
 """Of MuJoCo's contact sensor: the force field, reduced to the net force, in one slot."""
-_LINK = "contact/link"
+_LINK, _FIXED = "contact/link", "contact/fixed"
 
 
 def _tool_sensors(label: str) -> tuple[str, str]:
@@ -27,8 +27,13 @@ def contact_sensor(finger: str) -> str:
     return f"{finger}_contact"
 
 
-def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
+def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot, fixed: Sequence[str] = ()) -> None:
     """Add contact force sensors of tools, links and fingers to a spec with all bodies.
+
+    Args:
+        spec: Robot and scene.
+        robot: The robot.
+        fixed: Names of the bodies that stand fixed in the scene, such as "world".
 
     A tool is the body of the last joint with all that it carries. Unnamed bodies get names.
 
@@ -46,6 +51,10 @@ def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
         _add(spec, within, subtree, tool, other=tool)
     for i, link in enumerate(links):
         _add(spec, f"{_LINK} {i}", body, link)
+    # Grouped by the tool, so that the sensors of one are contiguous.
+    for (label, _), tool in zip(robot.tool_labels(), tools, strict=True):
+        for i, other in enumerate(fixed):
+            _add(spec, f"{_FIXED} {label}{i}", subtree, tool, other=other, other_kind=body)
 
 
 class ContactSensing:
@@ -57,40 +66,97 @@ class ContactSensing:
         """Take views of the sensors' values in `data`, given what names of tools begin with."""
         # MuJoCo reports the force of the named body on others.
         sensors = [[data.sensor(name).data for name in _tool_sensors(label)] for label in labels]
-        self._tools = [(whole, within, np.zeros(3)) for whole, within in sensors]
+        self._forces = np.zeros((len(labels), 3))
+        self._tools = [(*two, force) for two, force in zip(sensors, self._forces, strict=True)]
         names = [model.sensor(i).name for i in range(model.nsensor)]
         links = [i for i, name in enumerate(names) if name.startswith(_LINK)]
         # Added one after the other, their values are contiguous.
         start = model.sensor_adr[links[0]] if links else 0
         self._on_links = data.sensordata[start : start + 3 * len(links)]
-        self._links = np.zeros(1)
+        self.sums = np.zeros(1 + len(labels))
+        """Sums of magnitudes on the links, then of each tool on what is fixed [N]."""
+        self._links = self.sums[:1]
+        fixed = [_views(model, data, f"{_FIXED} {label}") for label in labels]
+        self._fixed = [(view, self.sums[i : i + 1]) for i, view in enumerate(fixed, start=1)]
+        summed = [i for i, name in enumerate(names) if name.startswith((_LINK, _FIXED))]
+        ends = (model.sensor_adr[summed[0]], model.sensor_adr[summed[-1]] + 3) if summed else (0, 0)
+        self.summed: Vector = data.sensordata[slice(*ends)]
+        """The values that `sums` come from, all zero where nothing touches."""
+        standing = {int(model.sensor_refid[i]) for i, n in enumerate(names) if n.startswith(_FIXED)}
+        self.fixed_geoms = [
+            geom
+            for geom in range(model.ngeom)
+            if int(model.geom_bodyid[geom]) in standing
+            and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+        ]
+        """Geoms of the bodies that stand fixed, which can be touched."""
+        self._peaks = np.zeros(len(self._fixed))
         self.signals_last = {
             **{
                 Signal(name=f"contact/{label}tool", labels=XYZ, unit="N"): (force,)
                 for label, (_, _, force) in zip(labels, self._tools, strict=True)
             },
             Signal(name="contact/links", labels=("sum",), unit="N"): (self._links,),
+            **{
+                Signal(name=f"contact/{label}fixed", labels=("sum",), unit="N"): (force,)
+                for label, (_, force) in zip(labels, self._fixed, strict=True)
+            },
         }
+
+    @property
+    def tool_forces(self) -> tuple[list[Vector], list[Vector], Matrix]:
+        """Views of two sensors of each tool, and the forces (tools, 3): second less first."""
+        whole, within = ([tool[i] for tool in self._tools] for i in (0, 1))
+        return whole, within, self._forces
 
     def update(self) -> None:
         """Read the sensors into the views of `signals_last`."""
         for whole, within, force in self._tools:
             np.subtract(within, whole, out=force)
-        forces = self._on_links.tolist()
-        # Scalars, because numpy takes several times the time for so few numbers.
-        self._links[0] = (
-            sum(map(hypot, forces[::3], forces[1::3], forces[2::3])) if any(forces) else 0.0
-        )
+        self._links[0] = _total(self._on_links)
+        for i, (values, total) in enumerate(self._fixed):
+            total[0] = _total(values)
+            self._peaks[i] = max(self._peaks[i], total[0])
 
     def tool_force(self, tool: int = 0) -> Vector:
         """See `Simulation.last_tool_force`."""
         self.update()
         return self._tools[tool][2].copy()
 
+    def fixed_peak(self, tool: int) -> float:
+        """See `Simulation.fixed_force_peak`."""
+        self.update()
+        peak = float(self._peaks[tool])
+        self._peaks[tool] = self._fixed[tool][1][0]
+        return peak
+
+    def reset(self) -> None:
+        """Forget the peaks."""
+        self._peaks[:] = 0.0
+
     def links_force(self) -> float:
         """See `Simulation.last_links_force`."""
         self.update()
         return float(self._links[0])
+
+
+def _total(values: Vector) -> float:
+    """Return the sum of the magnitudes of forces, given as one array (3 k,) [N]."""
+    forces = values.tolist()
+    # Scalars, because numpy takes several times the time for so few numbers.
+    return sum(map(hypot, forces[::3], forces[1::3], forces[2::3])) if any(forces) else 0.0
+
+
+def _views(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> Vector:
+    """Return the values of the sensors whose names are a prefix and a number, as one view."""
+    found = [
+        i
+        for i in range(model.nsensor)
+        if model.sensor(i).name.startswith(prefix) and model.sensor(i).name[len(prefix) :].isdigit()
+    ]
+    start = int(model.sensor_adr[found[0]]) if found else 0
+    view: Vector = data.sensordata[start : start + 3 * len(found)]
+    return view
 
 
 def _links_and_tools(spec: mujoco.MjSpec, robot: Robot) -> tuple[list[str], list[str]]:
@@ -130,7 +196,12 @@ def _carrier(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsBody:
 
 
 def _add(
-    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtObj, body: str, other: str | None = None
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mujoco.mjtObj,
+    body: str,
+    other: str | None = None,
+    other_kind: mujoco.mjtObj | None = None,
 ) -> None:
     sensor = spec.add_sensor(
         name=name,
@@ -140,4 +211,4 @@ def _add(
         intprm=_PARAMETERS,
     )
     if other is not None:
-        sensor.reftype, sensor.refname = kind, other
+        sensor.reftype, sensor.refname = kind if other_kind is None else other_kind, other

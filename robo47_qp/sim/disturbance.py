@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Annotated, Any
 
 import mujoco
@@ -17,9 +18,16 @@ from robo47_qp.model.mjcf import add_payload
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import ObjectCamera
+from robo47_qp.sim.compiled import CompiledWorld
 from robo47_qp.sim.delay import Delay
 from robo47_qp.sim.scene import BuildScene, free_bodies
-from robo47_qp.sim.sensing import ForceSensor, JointSensor, SensorErrors
+from robo47_qp.sim.sensing import (
+    MASS_TOLERANCE,
+    ForceSensor,
+    JointSensor,
+    SensorErrors,
+    figures,
+)
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.wrong_model import (
     change_inertias,
@@ -74,6 +82,9 @@ class Disturbance(SensorErrors):
     pushes: Sequence[Push] = ()
     object_mass_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
     """Mass and moments of every free body, relative to the model [-]."""
+    mass_tolerance: NotNegative | None = None
+    """What data sheets say of the objects' masses: by what part they may be off [-]; None for
+    as much as these are."""
     object_com_shift: Annotated[ArrayLike, Range()] = (0.0, 0.0, 0.0)
     """Shift of its centre of mass, along its axes and at most 0.7 of the way to its sides (3,) or
     (k, 3) [m]."""
@@ -126,7 +137,6 @@ class DisturbedSimulation(Simulation):
             ForceSensor(disturbance, disturbance.force_drift_time),
         )
         self._torque_delay = Delay(disturbance.torque_delay)
-        self._told: dict[Payload, Payload] = {}
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _changed(robot, build_scene, disturbance))
         self._seen_markers = () if goals_asked_for else self.markers
@@ -141,6 +151,11 @@ class DisturbedSimulation(Simulation):
             )
         self.reset()
 
+    def set_friction(self, name: str, friction: float) -> None:
+        """See `Simulation.set_friction`; the disturbance's friction of all contacts stays."""
+        if self.disturbance.friction is None:
+            super().set_friction(name, friction)
+
     def reset(self) -> None:
         """See `Simulation.reset`; the errors are the same again, and the arm was held so far."""
         super().reset()
@@ -154,6 +169,13 @@ class DisturbedSimulation(Simulation):
             self._force_sensor.start(self._force_noise)
         if self._camera is not None:
             self._camera.start(self.time, self._thing_pose)
+
+    @property
+    def compiled(self) -> CompiledWorld | None:
+        """See `Simulation.compiled`; only models may differ in it, and no sensor."""
+        ideal = self._joint_sensor.ideal and self._force_sensor.ideal and self._camera is None
+        late = ends(self.disturbance.torque_delay) != (0.0, 0.0)
+        return self._compiled if ideal and not (late or self.disturbance.pushes) else None
 
     def step(self, tau: Vector) -> None:
         """See `Simulation.step`; with the command that has arrived, and the pushes."""
@@ -184,17 +206,10 @@ class DisturbedSimulation(Simulation):
         """See `Simulation.true_state`."""
         return super().state()
 
-    def told_payload(self, payload: Payload) -> Payload:
-        """See `Simulation.told_payload`."""
-        factor = self.disturbance.payload_factor
-        if factor == 1.0:
-            return payload
-        if payload not in self._told:
-            moments = payload.inertia
-            inertia = (factor * moments[0], factor * moments[1], factor * moments[2])
-            wrong = replace(payload, mass=factor * payload.mass, inertia=inertia)
-            self._told[payload] = wrong
-        return self._told[payload]
+    @property
+    def payload_factor(self) -> float:
+        """See `Simulation.payload_factor`."""
+        return self.disturbance.payload_factor
 
     def seen_pose(self, name: str) -> SE3:
         """See `Simulation.seen_pose`; measured in the last frame that has arrived."""
@@ -211,24 +226,25 @@ class DisturbedSimulation(Simulation):
     def seen_time(self, name: str) -> float:
         """See `Simulation.seen_time`."""
         self._thing_pose(name)
-        return self.time if self._camera is None else self._camera.seen(name).time
+        if self._camera is None or name not in (*self.objects, *self._seen_markers):
+            return self.time
+        return self._camera.seen(name).time
 
     @property
-    def camera_noise(self) -> float:
-        """See `Simulation.camera_noise`."""
-        return self.disturbance.pose_noise
+    def noise_figures(self) -> dict[str, Any]:
+        """See `Simulation.noise_figures`."""
+        wrong = self.disturbance
+        drawn = float(np.abs(np.asarray(wrong.object_mass_factor) - 1.0).max(initial=0.0))
+        told = drawn if wrong.mass_tolerance is None else wrong.mass_tolerance
+        return {**figures(wrong), MASS_TOLERANCE: told}
 
     @property
-    def joint_data_sheet(self) -> tuple[float, float, float]:
-        """See `Simulation.joint_data_sheet`."""
+    def joint_data_sheet(self) -> tuple[float, float, float, float]:
+        """See `Simulation.joint_data_sheet`; a delay that varies does so uniformly."""
         wrong = self.disturbance
         state, command = (sum(ends(span)) / 2.0 for span in (wrong.state_delay, wrong.torque_delay))
-        return wrong.noise_q, state, command
-
-    @property
-    def weights_known(self) -> bool:
-        """See `Simulation.weights_known`."""
-        return bool(np.all(np.asarray(self.disturbance.object_mass_factor) == 1.0))
+        low, high = ends(wrong.state_delay)
+        return wrong.noise_q, state, command, (high - low) / sqrt(12.0)
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
         """See `Simulation.place_object`; the camera sees it there at once."""

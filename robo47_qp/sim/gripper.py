@@ -23,9 +23,10 @@ class SimulatedGripper:
         left, right = (model.joint(name) for name in gripper.joints)
         self._left, self._right = data.qpos[left.qposadr[0] :], data.qpos[right.qposadr[0] :]
         self._left_v, self._right_v = data.qvel[left.dofadr[0] :], data.qvel[right.dofadr[0] :]
-        self._servo = model.actuator(gripper.actuator).id
+        self.servo = int(model.actuator(gripper.actuator).id)
+        """Id of the actuator."""
         self._forces = [data.sensor(contact_sensor(finger)).data for finger in gripper.fingers]
-        servo = data.ctrl[self._servo : self._servo + 1]
+        servo = data.ctrl[self.servo : self.servo + 1]
         self.signals_now = {
             Signal(name=f"gripper/{label}fingers", labels=gripper.joints, unit="m", shown=False): (
                 self._left[:1],
@@ -59,17 +60,21 @@ class SimulatedGripper:
         # the fingers; to go on in its direction it stays, so that the force stays.
         width = self.width()
         if (self.width_command() - width) * (grip.width - width) <= 0.0:
-            self._data.ctrl[self._servo] = min(max(width, 0.0), gripper.width_max)
+            self._data.ctrl[self.servo] = min(max(width, 0.0), gripper.width_max)
         limit = grip.force * gripper.force_gain
-        self._model.actuator_forcerange[self._servo] = (-limit, limit)
+        self._model.actuator_forcerange[self.servo] = (-limit, limit)
 
     def move(self) -> None:
         """Move the setpoint of the servo towards the commanded width, for one period."""
-        ctrl, wanted = self._data.ctrl, self._grip.width
-        now = float(ctrl[self._servo])
+        ctrl, (wanted, step) = self._data.ctrl, self.course
+        now = float(ctrl[self.servo])
         if now != wanted:
-            step = min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
-            ctrl[self._servo] = min(max(wanted, now - step), now + step)
+            ctrl[self.servo] = min(max(wanted, now - step), now + step)
+
+    @property
+    def course(self) -> tuple[float, float]:
+        """Where the setpoint goes, and by how much in a period [m]."""
+        return self._grip.width, min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
 
     def width(self) -> float:
         """See `Simulation.width`."""
@@ -81,11 +86,11 @@ class SimulatedGripper:
 
     def width_command(self) -> float:
         """See `Simulation.width_command`."""
-        return float(self._data.ctrl[self._servo])
+        return float(self._data.ctrl[self.servo])
 
     def settled(self) -> bool:
         """See `Simulation.grip_settled`."""
-        force = float(self._data.actuator_force[self._servo]) / self.gripper.force_gain
+        force = float(self._data.actuator_force[self.servo]) / self.gripper.force_gain
         towards = force if self._grip.width > self.width() else -force
         there = self.width_command() == self._grip.width or towards > 0.99 * self._grip.force
         return there and abs(self.width_speed()) < 1e-3

@@ -9,6 +9,10 @@ from robo47_qp.errors import UnknownNameError
 from robo47_qp.sim.scene import free_bodies, mocap_bodies
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
+_TWIST = ("x", "y", "z", "wx", "wy", "wz")
+_PER_S, _PER_S2 = "m/s, rad/s", "m/s², rad/s²"
+"""Labels and units of an object's motion: linear in the world, angular in the body."""
+
 
 class SimulatedObjects:
     """Reads and places free bodies (objects) and mocap bodies (markers); part of `Simulation`."""
@@ -24,6 +28,17 @@ class SimulatedObjects:
         self.signals_now = {
             Signal(name=f"objects/{name}", labels=POSE, unit=POSE_UNIT): (pose,)
             for name, pose in self._poses.items()
+        }
+        self.signals_now |= {
+            Signal(name=f"motion/{name} velocity", labels=_TWIST, unit=_PER_S, shown=False): (v,)
+            for name, v in self._twists.items()
+        }
+        changes = {name: data.qacc[joint.dofadr[0] :][:6] for name, joint in joints.items()}
+        self.signals_last = {
+            Signal(name=f"motion/{name} acceleration", labels=_TWIST, unit=_PER_S2, shown=False): (
+                a,
+            )
+            for name, a in changes.items()
         }
 
     def pose(self, name: str) -> SE3:
@@ -42,6 +57,13 @@ class SimulatedObjects:
         pose[3:] = T_world_object.rotation().wxyz
         self._twists[name][:] = 0.0
         mujoco.mj_step1(self._model, self._data)
+
+    def set_friction(self, name: str, friction: float) -> None:
+        """See `Simulation.set_friction`."""
+        body = self._model.body(self._known(name)).id
+        m = self._model
+        # What has its own friction on anything, as foam has, has a priority.
+        m.geom_friction[(m.geom_bodyid == body) & (m.geom_priority == 0), 0] = friction
 
     def marker_pose(self, name: str) -> SE3:
         """See `Simulation.marker_pose`."""

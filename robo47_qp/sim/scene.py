@@ -6,10 +6,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mink import SE3, SO3
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.mjcf import robot_spec
+from robo47_qp.model.obstacle import SIZES, Obstacle, Shape
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.contact import add_contact_sensors
 
@@ -29,13 +31,15 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
     option = spec.option
     option.timestep = TIMESTEP
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # Grasps creep under MuJoCo's soft friction unless the cone is elliptic, impratio is
-    # high and slip is removed after the solver (github.com/google-deepmind/mujoco/issues/3328).
+    # Grasps creep under MuJoCo's soft friction (github.com/google-deepmind/mujoco/issues/3328):
+    # 0.5 kg between pads of µ 0.25 at 30 N by 1.7 mm/s with pyramids at impratio 100, 67 µm/s with
+    # elliptic cones at 10, 13 µm/s at 100, and no less at 1000, where it jitters. MuJoCo's solver
+    # without slip (noslip) is no part of real contacts: what slips is to slip.
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.noslip_iterations = 5
+    option.impratio = 100.0
+    own = {body.name for body in spec.bodies}
     build_scene(spec)
-    add_contact_sensors(spec, robot)
+    add_contact_sensors(spec, robot, _fixed(spec, own))
     model = spec.compile()
     for name, ids in (
         ("joints", [model.joint(joint).id for joint in robot.joints]),
@@ -49,6 +53,47 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
                 "they must follow each other, base to tip."
             )
     return model
+
+
+def _fixed(spec: mujoco.MjSpec, own: set[str]) -> list[str]:
+    """Return the names of the bodies that the robot can touch and that stand fixed.
+
+    These are the world, and what the scene adds to it without a joint, with geoms that collide.
+    Unnamed ones get names.
+    """
+    found = [spec.worldbody.name]
+    for i, body in enumerate(list(spec.worldbody.bodies)):
+        if body.name in own or any(one.joints for one in (body, *body.find_all("body"))):
+            continue
+        for k, part in enumerate((body, *body.find_all("body"))):
+            if any(geom.contype or geom.conaffinity for geom in part.geoms):
+                part.name = part.name or f"fixed body {i} {k}"
+                found.append(part.name)
+    return found
+
+
+def fixed_obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Obstacle:
+    """Return a geom that stands fixed as an obstacle, where it is.
+
+    Raises:
+        ModelError: Its shape is none of `Shape`.
+    """
+    kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_")
+    if kind not in Shape.__members__:
+        raise ModelError(
+            f"Geom {model.geom(geom).name!r} of the scene is a {kind.lower()}; what stands fixed "
+            f"must be one of {', '.join(shape.value for shape in Shape)}."
+        )
+    shape = Shape[kind]
+    pose = SE3.from_rotation_and_translation(
+        SO3.from_matrix(data.geom_xmat[geom].reshape(3, 3)), data.geom_xpos[geom]
+    )
+    return Obstacle(
+        name=model.geom(geom).name or f"geom {geom}",
+        shape=shape,
+        size=tuple(model.geom_size[geom, : SIZES[shape]].tolist()),
+        T_world_obstacle=pose,
+    )
 
 
 def free_bodies(model: mujoco.MjModel) -> tuple[str, ...]:

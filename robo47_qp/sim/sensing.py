@@ -1,8 +1,8 @@
 """Errors of the sensors and of the lines to the robot, and the sensors that make them."""
 
-from dataclasses import dataclass
-from math import exp, pi, sqrt
-from typing import Annotated, TypeAlias
+from dataclasses import dataclass, fields
+from math import exp, inf, pi, sqrt
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,28 @@ from robo47_qp.sim.delay import Delay
 VELOCITY_CUTOFF = 50.0
 """Cut-off of the velocities that are estimated from noisy positions, if none is chosen [1/s]."""
 
+MASS_TOLERANCE = "mass_tolerance"
+"""Figure of data sheets: by what part of the nominal mass objects may be off [-]."""
+
 Share: TypeAlias = Annotated[float, Range(at_least=0.0, below=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth:
+    """How an error grows level by level where it is alone, in the unit of its option."""
+
+    first: float
+    factor: float = 2.0
+    """From one level to the next; below 1 where less is worse."""
+    most: float = inf
+    """Where it ends."""
+    beside: tuple[tuple[str, float], ...] = ()
+    """Fields that it needs to be felt, and their values."""
+
+    def levels(self, count: int) -> list[float]:
+        """Return the values of the first levels, at most `count`."""
+        values = [self.first * self.factor**k for k in range(count)]
+        return [value for value in values if value <= self.most]
 
 
 @dataclass(frozen=True)
@@ -28,6 +49,8 @@ class About:
     """By default the name of the field."""
     scale: float = 1
     """Value of the field if the option is 1."""
+    growth: Growth | None = None
+    """None where it says nothing alone."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +66,7 @@ class SensorErrors(Checked):
             "Standard deviation of measured joint positions; with it, joint velocities are "
             "differences of the measured positions behind a first-order filter, else exact",
             "rad",
+            growth=Growth(first=5e-5),
         ),
     ] = 0.0
     velocity_cutoff: (
@@ -64,22 +88,33 @@ class SensorErrors(Checked):
             "control period",
             "ms",
             scale=1e-3,
+            growth=Growth(first=1.0),
         ),
     ] = 0.0
     torque_delay: Annotated[
         Span,
         Ends(at_least=0.0),
-        About("Time from a torque command to the motors, likewise", "ms", scale=1e-3),
+        About(
+            "Time from a torque command to the motors, likewise",
+            "ms",
+            scale=1e-3,
+            growth=Growth(first=1.0),
+        ),
     ] = 0.0
     noise_force: Annotated[
         NotNegative,
-        About("Standard deviation of the measured force at the wrist, per axis and period", "N"),
+        About(
+            "Standard deviation of the measured force at the wrist, per axis and period",
+            "N",
+            growth=Growth(first=0.3),
+        ),
     ] = 0.0
     force_drift: Annotated[
         NotNegative,
         About(
             "Standard deviation of the drift of the measured force, per axis, which changes slowly",
             "N",
+            growth=Growth(first=0.5),
         ),
     ] = 0.0
     pose_bias: Annotated[
@@ -88,6 +123,7 @@ class SensorErrors(Checked):
             "Standard deviation of the camera's calibration, per axis, the same for all things "
             "and constant in an episode",
             "m",
+            growth=Growth(first=1e-3),
         ),
     ] = 0.0
     rotation_bias: Annotated[
@@ -96,13 +132,18 @@ class SensorErrors(Checked):
             "Standard deviation of the camera's turn about each axis through the middle of the "
             "table, likewise",
             "rad",
+            growth=Growth(first=5e-3),
         ),
     ] = 0.0
     pose_noise: Annotated[
-        NotNegative, About("Standard deviation of the noise of seen coordinates", "m")
+        NotNegative,
+        About(
+            "Standard deviation of the noise of seen coordinates", "m", growth=Growth(first=1e-3)
+        ),
     ] = 0.0
     heading_noise: Annotated[
-        NotNegative, About("Standard deviation of the noise of seen headings", "rad")
+        NotNegative,
+        About("Standard deviation of the noise of seen headings", "rad", growth=Growth(first=0.02)),
     ] = 0.0
     pose_noise_time: Annotated[
         NotNegative,
@@ -110,11 +151,20 @@ class SensorErrors(Checked):
     ] = 0.0
     camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
     camera_latency: Annotated[
-        NotNegative, About("Time from a frame to its poses", "ms", scale=1e-3)
+        NotNegative,
+        About("Time from a frame to its poses", "ms", scale=1e-3, growth=Growth(first=50.0)),
     ] = 0.0
-    dropped_frames: Annotated[Share, About("Share of the frames that get lost", "-")] = 0.0
+    dropped_frames: Annotated[
+        Share,
+        About("Share of the frames that get lost", "-", growth=Growth(first=0.12, most=0.99)),
+    ] = 0.0
     outliers: Annotated[
-        Share, About("Share of the measured poses that are wrong altogether", "-")
+        Share,
+        About(
+            "Share of the measured poses that are wrong altogether",
+            "-",
+            growth=Growth(first=0.03, most=0.99),
+        ),
     ] = 0.0
     outlier_size: Annotated[
         NotNegative, About("How far such a pose is off, in any direction", "m")
@@ -139,6 +189,11 @@ class SensorErrors(Checked):
         bias, noise = self.pose_bias or self.rotation_bias, self.pose_noise or self.heading_noise
         late = self.camera_latency or self.dropped_frames or self.occlusion
         return bool(bias or noise or late or self.outliers)
+
+
+def figures(errors: SensorErrors) -> dict[str, Any]:
+    """Return the figures of sensors and lines alone, by the names of their fields."""
+    return {field.name: getattr(errors, field.name) for field in fields(SensorErrors)}
 
 
 class GaussMarkov:

@@ -1,22 +1,30 @@
 """Simulation: robot and objects in MuJoCo."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from mink import SE3
 
+from robo47_qp._core.library import backend
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import NoGripperError
 from robo47_qp.model.arm import JointState
 from robo47_qp.model.gripper import Grip, Gripper
-from robo47_qp.model.payload import Payload
+from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.columns import Columns, spans
+from robo47_qp.sim.compiled import CompiledWorld
 from robo47_qp.sim.contact import ContactSensing
+from robo47_qp.sim.friction_use import FrictionUse
 from robo47_qp.sim.gripper import SimulatedGripper
 from robo47_qp.sim.motors import SimulatedMotors
 from robo47_qp.sim.objects import SimulatedObjects
-from robo47_qp.sim.scene import BuildScene, compile_scene
+from robo47_qp.sim.scene import BuildScene, compile_scene, fixed_obstacle
+from robo47_qp.sim.sensing import MASS_TOLERANCE, SensorErrors, figures
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
+
+_EXACT = {**figures(SensorErrors()), MASS_TOLERANCE: 0.0}
 
 
 class Simulation:
@@ -44,6 +52,7 @@ class Simulation:
         m, d = self.model, self.data
         # The arrays of MjData keep their place: each view is taken once.
         joint_ids = [m.joint(name) for name in robot.joints]
+        self._free = ~m.jnt_limited[[joint.id for joint in joint_ids]].astype(bool)
         at_q = spans([int(joint.qposadr[0]) for joint in joint_ids])
         at_v = spans([int(joint.dofadr[0]) for joint in joint_ids])
         self._q, self._v, self._a = (
@@ -59,6 +68,12 @@ class Simulation:
             for label, tool in robot.tool_labels()
         ]
         hands = [hand for hand in self._hands if hand is not None]
+        self._beside = mujoco.MjData(m)
+        self._frictions = [
+            FrictionUse(tool.gripper, m, d, label)
+            for label, tool in robot.tool_labels()
+            if tool.gripper is not None
+        ]
         self._contact = ContactSensing(m, d, [label for label, _ in robot.tool_labels()])
         joints, unit = robot.joints, robot.unit
         self.signals_now: dict[Signal, tuple[Vector, ...]] = {
@@ -76,17 +91,26 @@ class Simulation:
             Signal(name="joints/a", labels=joints, unit=unit("rad/s²", "m/s²")): self._a.views,
             Signal(name="joints/tau", labels=joints, unit=unit("N·m", "N")): self._tau.views,
             **self._contact.signals_last,
+            **self._bodies.signals_last,
             **{signal: views for hand in hands for signal, views in hand.signals_last.items()},
+            **{signal: it for one in self._frictions for signal, it in one.signals_last.items()},
         }
         """Signals of the last period, likewise."""
         self._views_now = [view for views in self.signals_now.values() for view in views]
         self._views_last = [view for views in self.signals_last.values() for view in views]
         self._motors = SimulatedMotors(robot, self._ctrl.whole)
+        self._compiled: CompiledWorld | None = None
+        joints_in_one = [c.views[0] for c in (self._q, self._v, self._ctrl) if len(c.views) == 1]
+        if backend() == "compiled" and len(joints_in_one) == 3:
+            views = self._views_now, self._views_last
+            q_v_ctrl = joints_in_one[0], joints_in_one[1], joints_in_one[2]
+            self._compiled = CompiledWorld(robot, m, d, q_v_ctrl, hands, self._contact, views)
         self.reset()
 
     def reset(self) -> None:
         """Put the robot at home, held at rest, its gripper open, and the objects at their start."""
         mujoco.mj_resetData(self.model, self.data)
+        self._contact.reset()
         self._q.write(self.robot.home)
         for hand in self._hands:
             if hand is not None:
@@ -112,6 +136,21 @@ class Simulation:
                 hand.move()
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
+
+    def from_home(self) -> Vector:
+        """Return how far each joint is from home (n,) [rad or m].
+
+        Whole turns of a joint without limits count as none.
+        """
+        away = self.true_state().q - self.robot.home
+        turns = np.round(away / (2.0 * np.pi)) * self._free
+        distance: Vector = np.abs(away - 2.0 * np.pi * turns)
+        return distance
+
+    @property
+    def compiled(self) -> CompiledWorld | None:
+        """The same world in the compiled core; None where only Python can go on with it."""
+        return self._compiled if type(self) is Simulation else None
 
     @property
     def gripper(self) -> Gripper:
@@ -210,6 +249,14 @@ class Simulation:
         """Return `last_tool_force` as measured for controllers (3,) [N]: here, the true one."""
         return self._contact.tool_force(tool)
 
+    def fixed_force_peak(self, tool: int = 0) -> float:
+        """Return the largest contact force of a tool with what stands fixed, since the last call.
+
+        The sum of the magnitudes on table, belt, bins and the like [N]; what the tool holds does
+        not count as the tool.
+        """
+        return self._contact.fixed_peak(tool)
+
     def last_links_force(self) -> float:
         """Return the sum of contact force magnitudes on the links in the last period [N].
 
@@ -254,26 +301,23 @@ class Simulation:
         return self.time
 
     @property
-    def camera_noise(self) -> float:
-        """Standard deviation of a position in `seen_pose`, per axis and frame [m]: here, 0."""
-        return 0.0
-
-    def told_payload(self, payload: Payload) -> Payload:
-        """Return a payload as the controller is told of it: here, as it is."""
-        return payload
+    def payload_factor(self) -> float:
+        """Told mass and moments of payloads relative to the true ones [-]: here, 1."""
+        return 1.0
 
     @property
-    def joint_data_sheet(self) -> tuple[float, float, float]:
-        """What a data sheet says of the joints: noise, delay of state and of commands.
+    def joint_data_sheet(self) -> tuple[float, float, float, float]:
+        """What a data sheet says of the joints: noise, delay of state and of commands, jitter.
 
-        The standard deviation of measured positions [rad], and the mean delays [s]: here, 0.
+        The standard deviation of measured positions [rad], the mean delays [s], and the standard
+        deviation of the delay of the state [s]: here, 0.
         """
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
 
     @property
-    def weights_known(self) -> bool:
-        """True where objects have the mass of their models: here, always."""
-        return True
+    def noise_figures(self) -> dict[str, Any]:
+        """Figures of sensors, lines and objects by data sheets, as in `CellSheet`: here, exact."""
+        return dict(_EXACT)
 
     def object_twist(self, name: str) -> Vector:
         """Return the velocity (6,): linear in the world [m/s], angular in the body [rad/s].
@@ -290,6 +334,41 @@ class Simulation:
             UnknownNameError: No free body has this name.
         """
         self._bodies.place(name, T_world_object)
+
+    def look_at_friction(self) -> None:
+        """Bring the signals of the friction in use at the fingers up to date.
+
+        It solves for the contact forces once more, beside the simulation, and so is no part of
+        every period.
+        """
+        for friction in self._frictions:
+            friction.update(self._solved_beside)
+
+    def _solved_beside(self) -> mujoco.MjData:
+        mujoco.mj_copyData(self._beside, self.model, self.data)
+        mujoco.mj_forward(self.model, self._beside)
+        return self._beside
+
+    def fixed(self) -> tuple[Obstacle, ...]:
+        """Return what stands fixed and can be touched, where it is now.
+
+        Raises:
+            ModelError: A shape is none of `Shape`.
+        """
+        return tuple(
+            fixed_obstacle(self.model, self.data, geom) for geom in self._contact.fixed_geoms
+        )
+
+    def set_friction(self, name: str, friction: float) -> None:
+        """Set the coefficient of sliding friction of a free body's geoms [-].
+
+        A contact has the larger one of both geoms, so that an object's own counts on fingers,
+        table and belt, which have the smallest.
+
+        Raises:
+            UnknownNameError: No free body has this name.
+        """
+        self._bodies.set_friction(name, friction)
 
     def marker_pose(self, name: str) -> SE3:
         """Return T_world_marker of a mocap body, which only the program moves.

@@ -16,15 +16,23 @@ from robo47_qp.run.contact_steps import Unload
 from robo47_qp.run.failure import Cause, Condition, Failure
 from robo47_qp.run.steps import Move, Release, StepLike, Wait
 from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.carry_tray.tray import NAME, Tray, tilt
+from robo47_qp.tasks.carry_tray.tray import CUP, NAME, Tray
 from robo47_qp.tasks.goal import estimate_goal
-from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
+from robo47_qp.tasks.handling.hand import Hand, settled
 from robo47_qp.tasks.handling.item_handler import HOME
+from robo47_qp.tasks.handling.place_criterion import (
+    END,
+    Miss,
+    PlaceCriterion,
+    told,
+    unfinished,
+)
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
-from robo47_qp.tasks.heading import level, upright
+from robo47_qp.tasks.heading import level, raised, tilt, upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
-from robo47_qp.tasks.task_state import add_task_state, task_state
+from robo47_qp.tasks.task_state import task_state
 
 _START, _END, _WALL = (0.335, 0.36), (0.64, 0.66), (0.495, 0.505)
 """Ranges of x of random starts, goals and walls [m]."""
@@ -48,8 +56,6 @@ _LET_GO = 1e-3
 """Height from which the tray is let go: a table that takes its weight would push it aside [m]."""
 _LIFTED = 5e-3
 """Height above which the tray counts as carried [m]."""
-_STILL = 1e-3
-"""Speed below which the tray is at rest [m/s]."""
 _GOAL, _OBSTACLE = "goal", "wall"
 _TILT, _FORCE, _TOUCHED, _WENT = range(4)
 """Task state: largest tilt [rad], largest internal force [N], whether the wall was touched, and
@@ -65,7 +71,9 @@ class CarryTray(Task):
     dish and the cup stands, the grippers are open and the arms are home.
     """
 
+    default_robot: ClassVar[str] = "panda_pair"
     tools_needed: ClassVar[int] = 2
+    opening_needed: ClassVar[float | None] = 0.022
 
     start: tuple[float, float] = option((0.35, 0.0), "Start of the tray without a seed: x, y [m].")
     end: tuple[float, float] = option((0.65, 0.0), "Its goal without a seed: x, y [m].")
@@ -88,6 +96,26 @@ class CarryTray(Task):
         super().__post_init__()
         check_place("start", self.start)
         check_place("end", self.end)
+
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When the tray counts as placed."""
+        return PlaceCriterion(distance=self.place_tolerance)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        placed = self.placed
+        return (
+            f"the tray: its middle within {1e3 * placed.distance:g} mm of the goal in 3-D, its "
+            f"heading within {np.degrees(placed.turn):.3g}°, level within "
+            f"{np.degrees(placed.tilt):.3g}°",
+            f"tray and cup {placed.rest_words}",
+            f"on the way never tilted by more than {self.tilt_max:g}° nor squeezed or pulled by "
+            f"more than {self.squeeze_max:g} N; the tray was above the wall, which was not touched",
+            *self.tray.judged,
+            END,
+        )
 
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with a random tray and wall."""
@@ -121,7 +149,7 @@ class CarryTray(Task):
             contype=0,
             conaffinity=0,
         )
-        add_task_state(spec, 4)
+        PlaceCriterion.add_state(spec, 4)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -134,18 +162,18 @@ class CarryTray(Task):
         self.tray.place(simulation, upright([*start, TABLE_TOP], turns[0]))
         simulation.place_marker(_GOAL, upright([*end, TABLE_TOP], turns[1]))
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        tray = simulation.object_pose(NAME)
-        grasps, goal = self._grasps(tray), self._goal(simulation)
+        tray = sensed.seen_pose(NAME)
+        grasps, goal = self._grasps(tray), sensed.seen_pose(_GOAL)
         holding = grasps.each(lambda _, pose: tray.inverse() @ pose)
         return [(*self._approach(grasps), *self._way(tray, holding, goal)), HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        hands = self._hands(simulation)
-        goal = yield from estimate_goal(simulation)
-        tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
+        hands = self._hands(sensed)
+        goal = yield from estimate_goal(sensed)
+        tray = yield from estimate_pose(sensed, NAME, TABLE_TOP)
         above, down = self._approach(self._grasps(level(tray)))
         yield replace(above, onward=(down,))
         yield down
@@ -154,11 +182,11 @@ class CarryTray(Task):
         # What the hands were off the handles is not to be carried along as an internal force.
         for _ in range(_UNLOADS):
             yield Unload()
-        tray = yield from estimate_pose(simulation, NAME, TABLE_TOP)
+        tray = yield from estimate_pose(sensed, NAME, TABLE_TOP)
         tray = level(tray)
         poses = ToolPoses({hand.name: hand.pose() for hand in hands})
         holding = poses.each(lambda _, pose: tray.inverse() @ pose)
-        loads = yield from self._take_up(simulation, tray, holding)
+        loads = yield from self._take_up(sensed, tray, holding)
         for waypoint in self._way(tray, holding, level(goal)):
             yield self._carrying(hands, replace(waypoint, carried=loads))
         for hand in hands:
@@ -170,6 +198,7 @@ class CarryTray(Task):
 
     def monitor(self, simulation: Simulation) -> None:
         """See `Task.monitor`: note tilt, internal force and the wall while the tray is carried."""
+        self.placed.monitor(simulation, (NAME, CUP))
         tray, notes = simulation.object_pose(NAME), task_state(simulation)
         height = tray.translation()[2] - TABLE_TOP
         if height > _LIFTED:
@@ -193,39 +222,45 @@ class CarryTray(Task):
                 self.squeeze_max,
                 "the hands squeezed or pulled it with {:.1f} N; allowed are {:.1f} N",
             ),
-            (
-                "place_error_m",
-                self.place_tolerance,
-                "the tray is {:.4f} m from its goal; allowed are {:.4f} m",
-            ),
-            ("tray_speed_m_s", _STILL, "the tray moves at {:.4f} m/s; allowed are {:.4f} m/s"),
         ):
             if figures[name] > limit:
                 against.append(text.format(figures[name], limit))
+        against.append(self._against_end(simulation))
         if not notes[_WENT]:
             against.append("the tray was never above the wall")
         evidence = "; ".join(text for text in against if text is not None)
         if evidence:
             return Failure(cause=Cause.PLACE, evidence=evidence)
-        return hands_unfinished(simulation)
+        return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Return the tray's distance from its goal [m], speed [m/s], and largest tilt [°] and
-        internal force [N] on the way."""
-        off = simulation.object_pose(NAME).translation() - self._goal(simulation).translation()
-        notes = task_state(simulation)
+        """Return the errors of the tray's position [m] and heading [rad], and the largest tilt [°]
+        and internal force [N] on the way."""
+        off, notes = self._miss(simulation), task_state(simulation)
         return {
-            "place_error_m": float(np.linalg.norm(off)),
-            "tray_speed_m_s": float(np.linalg.norm(simulation.object_twist(NAME)[:3])),
+            "place_error_m": off.distance,
+            "place_turn_rad": off.turn,
             "tilt_max_deg": float(np.degrees(notes[_TILT])),
             "internal_force_N": float(notes[_FORCE]),
         }
 
+    def _miss(self, simulation: Simulation) -> Miss:
+        """Return how far the tray is from its goal; half a turn would swap dish and cup."""
+        tray, goal = simulation.object_pose(NAME), self._goal(simulation)
+        turn = (goal.inverse() @ tray).rotation().log()[2]
+        off = float(np.linalg.norm(tray.translation() - goal.translation()))
+        return Miss(distance=off, turn=abs(float(turn)), tilt=tilt(tray))
+
+    def _against_end(self, simulation: Simulation) -> str | None:
+        """Return why the tray is not placed at its goal; None if it is."""
+        reasons = self.placed.against_pose(self._miss(simulation))
+        return told("the tray", reasons) or self.placed.against_rest(simulation, (NAME, CUP))
+
     def _take_up(
-        self, simulation: Simulation, tray: SE3, holding: ToolPoses
+        self, sensed: Sensed, tray: SE3, holding: ToolPoses
     ) -> Generator[StepLike, None, dict[str, Payload]]:
         """Lift the tray a little, and return what each hand carries by its own sensor."""
-        hands = self._hands(simulation)
+        hands = self._hands(sensed)
         loads = {hand.name: _load(0.5 * self.tray.whole_mass) for hand in hands}
         up = replace(_line("take up", raised(tray, _TAKE_UP), holding), carried=loads)
         yield self._carrying(hands, up)
@@ -259,9 +294,9 @@ class CarryTray(Task):
     def _grasps(self, tray: SE3) -> ToolPoses:
         return ToolPoses({"left": self.tray.grasp(tray, 1.0), "right": self.tray.grasp(tray, -1.0)})
 
-    def _hands(self, simulation: Simulation) -> tuple[Hand, ...]:
-        tools = simulation.robot.tools[:2]
-        return tuple(Hand(simulation=simulation, name=tool.name) for tool in tools)
+    def _hands(self, sensed: Sensed) -> tuple[Hand, ...]:
+        tools = sensed.robot.tools[:2]
+        return tuple(Hand(sensed=sensed, name=tool.name) for tool in tools)
 
     def _goal(self, simulation: Simulation) -> SE3:
         return simulation.marker_pose(_GOAL)

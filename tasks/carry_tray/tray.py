@@ -8,7 +8,8 @@ from mink import SE3
 
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.heading import heading
+from robo47_qp.tasks.heading import heading, tilt
+from robo47_qp.tasks.item import SPINNING
 
 NAME, BALL, CUP = "tray", "ball", "cup"
 _PLATE = (0.10, 0.15, 0.004)
@@ -17,6 +18,7 @@ _HANDLE = (0.010, 0.035, 0.018)
 """Half lengths of a handle [m]."""
 _HANDLE_Y, _HANDLE_Z = 0.185, 0.019
 """Middle of a handle beside the middle of the plate, and above its lower side [m]."""
+_HANDLE_FRICTION = 0.6
 _GRIP_UP = 0.012
 """Height of the tool point above the middle of the handle [m]."""
 _DISH_Y, _DISH_RADIUS, _RIM = 0.07, 0.032, (0.003, 0.004)
@@ -26,6 +28,8 @@ _CUP_Y = -0.07
 _CUP = (0.024, 0.03)
 """Radius and half height of the cup [m]."""
 _BALL_RADIUS = 0.012
+_SLID, _LEANS = 0.02, float(np.radians(5.0))
+"""How far the cup may slide on the tray [m], and lean [rad]."""
 WOOD, STEEL, WHITE = (0.62, 0.44, 0.28, 1.0), (0.55, 0.57, 0.60, 1.0), (0.93, 0.93, 0.90, 1.0)
 RED = (0.85, 0.22, 0.18, 1.0)
 
@@ -71,6 +75,7 @@ class Tray:
                 pos=[0.0, side * _HANDLE_Y, _HANDLE_Z],
                 mass=0.5 * handles,
                 rgba=STEEL,
+                friction=[_HANDLE_FRICTION, *SPINNING],
             )
         self._add_rim(tray)
         top = z + 2.0 * _PLATE[2]
@@ -86,7 +91,7 @@ class Tray:
             rgba=RED,
             condim=6,
             # A ball on metal: it rolls almost freely.
-            friction=[0.5, 0.005, 0.0002],
+            friction=[0.5, 0.003, 0.0002],
         )
         cup = spec.worldbody.add_body(name=CUP, pos=[x - self.aside, y + _CUP_Y, top + _CUP[1]])
         cup.add_freejoint()
@@ -130,6 +135,14 @@ class Tray:
         point = T_world_tray.apply(np.array([0.0, side * _HANDLE_Y, _HANDLE_Z + _GRIP_UP]))
         return tool_down(point, heading(T_world_tray) + 0.5 * np.pi)
 
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """What `lost` demands, in words."""
+        return (
+            f"the ball in its dish, within {1e3 * _DISH_RADIUS:g} mm of the middle; the cup within "
+            f"{1e3 * _SLID:g} mm of its place on the tray and {np.degrees(_LEANS):.3g}° of upright",
+        )
+
     def lost(self, simulation: Simulation) -> str | None:
         """Return what is not as it was on the tray; None if ball and cup are where they were."""
         T_tray_world = simulation.object_pose(NAME).inverse()
@@ -141,12 +154,6 @@ class Tray:
         cup = T_tray_world @ simulation.object_pose(CUP)
         slid = float(np.linalg.norm(cup.translation()[:2] - [-self.aside, _CUP_Y]))
         leaning = tilt(cup)
-        if slid > 0.02 or leaning > np.radians(5.0):
+        if slid > _SLID or leaning > _LEANS:
             return f"the cup has slid {1e3 * slid:.0f} mm and leans {np.degrees(leaning):.1f}°"
         return None
-
-
-def tilt(pose: SE3) -> float:
-    """Return the angle between the z axis of a pose and the vertical [rad]."""
-    up = pose.rotation().as_matrix()[2]
-    return float(np.arctan2(np.hypot(up[0], up[1]), up[2]))

@@ -11,10 +11,12 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.follow_step import Follow
-from robo47_qp.run.steps import StepLike, Wait
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.run.steps import Move, StepLike, Wait
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
+from robo47_qp.tasks.handling.item_handler import HeldItem
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from robo47_qp.tasks.heading import raised
 from robo47_qp.tasks.item import Item
 
 _AHEAD = 1.8
@@ -40,7 +42,7 @@ Target = Callable[[float], SE3]
 class BeltPicker:
     """Picks an item that moves horizontally at a constant velocity, with the tool pointing down."""
 
-    simulation: Simulation
+    sensed: Sensed
     item: Item
     tracker: ObjectTracker
     rise: float
@@ -54,13 +56,13 @@ class BeltPicker:
 
     def meeting(self) -> SE3:
         """Return T_world_item at the earliest time at which the tool can be there."""
-        return self.tracker.at(self.simulation.time + _AHEAD)
+        return self.tracker.at(self.sensed.time + _AHEAD)
 
     def wait_above(self, T_world_item: SE3) -> Waypoint:
         """Return the waypoint above the pose at which the item will be met."""
-        return Waypoint(name="meet", target=_raised(self._grasp(T_world_item), self.rise))
+        return Waypoint(name="meet", target=raised(self._grasp(T_world_item), self.rise))
 
-    def catch(self, first: float) -> Generator[StepLike, None, None]:
+    def catch(self, first: float) -> Generator[StepLike, None, HeldItem]:
         """Meet the item, follow it, close the fingers on it and lift it.
 
         Fails with TIMEOUT if the tool does not keep up, with GRASP if the fingers do not hold the
@@ -71,13 +73,15 @@ class BeltPicker:
         """
         y, speed = self.meeting().translation()[1], float(self.tracker.velocity[1])
         late = _AHEAD + max(0.0, (first - y) / speed)
-        meet = self.simulation.time + late
-        yield self.wait_above(self.tracker.at(meet))
+        meet = self.sensed.time + late
+        waits = raised(self._grasp(self.tracker.at(meet)), self.rise)
+        above = Waypoint(name="meet", target=waits)
+        yield Move(waypoints=(above,), during=(self._tracked(),))
         yield Wait(name="wait", seconds=_LONGEST, until=self._comes(meet))
-        start = self.simulation.time
+        start = self.sensed.time
         end = start + 2.0 * max(meet - start, _LEAD)
-        yield self._follow("follow", self._setting_out(start, meet, end), end)
-        end = self.simulation.time + _WAY
+        yield self._follow("follow", self._setting_out(waits, start, meet, end), end)
+        end = self.sensed.time + _WAY
         yield self._follow("descend", self._eased(end, self.rise, 0.0), end)
         still = self._with_item(lambda _: 0.0)
         yield Follow(
@@ -87,38 +91,49 @@ class BeltPicker:
             until=self._held(Cause.GRASP),
             seconds=1.5,
         )
-        T_tcp_item = self._tool().inverse() @ self.simulation.seen_pose(self.item.name)
-        end = self.simulation.time + _WAY
+        tool = self._tool()
+        T_world_item = self.tracker.at(self.sensed.time)
+        T_tcp_item = tool.inverse() @ T_world_item
+        end = self.sensed.time + _WAY
         lift = self._follow("lift", self._eased(end, 0.0, self.rise), end)
         held = (self._held(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
+        height = float(T_world_item.translation()[2] - tool.translation()[2])
+        return HeldItem(above=height, mass=self.item.mass)
 
     def _follow(self, name: str, target: Target, end: float) -> Follow:
         """Return a step that follows a target, whose motion is steady from `end` on [s]."""
-        seconds = end - self.simulation.time + _PATIENCE
+        seconds = end - self.sensed.time + _PATIENCE
         return Follow(name=name, target=target, until=self._there(target, end), seconds=seconds)
 
     def _tool(self) -> SE3:
-        return self.simulation.tool_pose()
+        return self.sensed.tool_pose()
 
     def _grasp(self, T_world_item: SE3) -> SE3:
-        return self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        return self.item.grasp(T_world_item, self.sensed.gripper.width_max)
 
     def _with_item(self, height: Callable[[float], float]) -> Target:
         """Return T_world_tcp over time, at a height above the grasp of the moving item."""
-        return lambda time: _raised(self._grasp(self.tracker.at(time)), height(time))
+        return lambda time: raised(self._grasp(self.tracker.at(time)), height(time))
 
-    def _setting_out(self, start: float, meet: float, end: float) -> Target:
+    def _setting_out(self, waits: SE3, start: float, meet: float, end: float) -> Target:
         """Return T_world_tcp over time, from rest at the meeting point until it follows the item.
 
         The time at which the item's pose is taken runs from standstill to real time, by a
-        polynomial of degree 5 with continuous acceleration.
+        polynomial of degree 5 with continuous acceleration. By another one fades what the meeting
+        point, at which the tool `waits`, is off from where it is known to be by now.
         """
         clock = BPoly.from_derivatives([start, end], [[meet, 0.0, 0.0], [end, 1.0, 0.0]])
+        fade = BPoly.from_derivatives([start, end], [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        above = raised(self._grasp(self.tracker.at(meet)), self.rise)
+        off = (above.inverse() @ waits).log()
 
         def target(time: float) -> SE3:
-            when = float(clock(max(time, start))) if time < end else time
-            return _raised(self._grasp(self.tracker.at(when)), self.rise)
+            if time >= end:
+                return raised(self._grasp(self.tracker.at(time)), self.rise)
+            when, left = float(clock(max(time, start))), float(fade(max(time, start)))
+            there = raised(self._grasp(self.tracker.at(when)), self.rise)
+            return there @ SE3.exp(left * off)
 
         return target
 
@@ -127,20 +142,28 @@ class BeltPicker:
         course = BPoly.from_derivatives([end - _WAY, end], [[before, 0.0, 0.0], [after, 0.0, 0.0]])
         return self._with_item(lambda time: float(course(np.clip(time, end - _WAY, end))))
 
+    def _tracked(self) -> Condition:
+        """Return a condition that always holds, and improves the prediction meanwhile."""
+        return Condition(
+            name=f"the {self.item.name} is tracked",
+            cause=Cause.TIMEOUT,
+            against=self.tracker.update,
+        )
+
     def _comes(self, meet: float) -> Condition:
         def against() -> str | None:
             self.tracker.update()
-            left = meet - self.simulation.time
+            left = meet - self.sensed.time
             return None if left <= _LEAD else f"the {self.item.name} is {left:.2f} s away"
 
         return Condition(name="the item comes", cause=Cause.TIMEOUT, against=against)
 
     def _there(self, target: Target, end: float) -> Condition:
         def against() -> str | None:
-            left = end - self.simulation.time
+            left = end - self.sensed.time
             if left > 0.0:
                 return f"{left:.2f} s are left"
-            T = target(self.simulation.time).inverse() @ self._tool()
+            T = target(self.sensed.time).inverse() @ self._tool()
             off = float(np.linalg.norm(T.translation()))
             turned = float(np.linalg.norm(T.rotation().log()))
             if off <= _NEAR and turned <= _ALIGNED:
@@ -150,16 +173,12 @@ class BeltPicker:
         return Condition(name="the tool keeps up", cause=Cause.TIMEOUT, against=against)
 
     def _held(self, cause: Cause) -> Condition:
-        sim, item = self.simulation, self.item
+        sensed, item = self.sensed, self.item
         hold = GraspCheck(
-            simulation=sim,
+            sensed=sensed,
             item=item,
             force=self.force,
-            standing=lambda: sim.seen_pose(item.name),
+            standing=lambda: sensed.seen_pose(item.name),
             settled=True,
         )
         return hold.condition(cause)
-
-
-def _raised(T_world_tcp: SE3, height: float) -> SE3:
-    return SE3.from_translation(np.array([0.0, 0.0, height])) @ T_world_tcp

@@ -12,14 +12,16 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
-from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
+from robo47_qp.tasks.goal import Goal, add_goal, estimate_item_goal, goal_pose, place_goal
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import RED, Item
-from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
+from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP, add_table, check_place
 
 _BELT = (0.09, 0.60, 0.015)
 """Half lengths of the belt: across, along the y axis, and up [m]."""
@@ -61,6 +63,7 @@ class ConveyorPick(Task):
     force_max: Positive = 60.0
     """See `Task.force_max`."""
     name: str = "conveyor_pick"
+    opening_needed: ClassVar[float | None] = 0.05
     scene_stream: ClassVar[int | None] = 2
 
     def __post_init__(self) -> None:
@@ -69,6 +72,16 @@ class ConveyorPick(Task):
         check_place("goal", self.goal)
         if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
+
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When the item counts as placed."""
+        return PlaceCriterion(distance=self.place_tolerance)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return (f"the {self.item.name}: {self.placed.pose_words}", self.placed.rest_words, END)
 
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with a belt of a random speed in a random direction."""
@@ -83,12 +96,14 @@ class ConveyorPick(Task):
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=[_BELT_X, 0.0, TABLE_TOP + _BELT[2]],
             size=_BELT,
+            friction=SURFACE_FRICTION,
             rgba=[0.22, 0.24, 0.27, 1.0],
         )
         # Its surface runs and takes along by friction what lies on it; the geom stands still.
         belt.surfacevel = [0.0, self.speed, 0.0, 0.0, 0.0, 0.0]
         self.item.add(spec, self._on_belt(0.0))
         add_goal(spec, self.item)
+        PlaceCriterion.add_state(spec)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -100,15 +115,17 @@ class ConveyorPick(Task):
             turn_start, turn_goal = rng.uniform(-np.pi, np.pi, 2)
         simulation.place_object(self.item.name, upright(self._on_belt(lateral), turn_start))
         place_goal(simulation, goal, turn_goal)
+        if rng is not None:
+            self.item.draw_friction(simulation, rng)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        hand, goal = self._handling(simulation), self._goal(simulation).pose()
-        x, _, z = simulation.object_pose(self.item.name).translation()
+        hand, goal = self._handling(sensed), goal_pose(sensed, self.item)
+        x, _, z = sensed.seen_pose(self.item.name).translation()
         T_world_item = upright([x, 0.0, z], 0.0)
-        grasp = self.item.grasp(T_world_item, simulation.gripper.width_max)
+        grasp = self.item.grasp(T_world_item, sensed.gripper.width_max)
         return [
-            self._picker(simulation).wait_above(T_world_item),
+            self._picker(sensed).wait_above(T_world_item),
             hand.carry(grasp, T_world_item, goal),
             hand.lower(grasp, T_world_item, goal),
             Release(),
@@ -116,21 +133,21 @@ class ConveyorPick(Task):
             HOME,
         ]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        hand = self._handling(simulation)
+        hand = self._handling(sensed)
         yield Wait(name="the belt starts", seconds=_STARTS)
         for attempt in range(1 + self.retries):
-            picker = self._picker(simulation)
+            picker = self._picker(sensed)
             try:
                 yield from picker.watch()
                 gone = self._gone(picker)
                 if gone is not None:
                     yield HOME
                     return gone
-                yield from picker.catch(self._first)
-                goal = yield from self._goal(simulation).estimate()
-                yield from hand.place(goal)
+                held = yield from picker.catch(self._first)
+                goal = yield from estimate_item_goal(sensed, self.item)
+                yield from hand.place(goal, held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -140,32 +157,38 @@ class ConveyorPick(Task):
                     raise
             else:
                 break
-        yield hand.retreat(simulation.tool_pose())
+        yield hand.retreat(sensed.tool_pose())
         yield HOME
         return None
 
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self.placed.monitor(simulation, (self.item.name,))
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        missed = self._goal(simulation).missed(self.place_tolerance)
-        return missed or unfinished(simulation)
+        return self._goal(simulation).missed(self.placed) or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Return the distance of the item's centre from its goal, in 3-D [m]."""
-        return {"place_error_m": self._goal(simulation).error()}
+        """See `Goal.measures`."""
+        return self._goal(simulation).measures()
 
-    def _handling(self, simulation: Simulation) -> ItemHandler:
+    def _handling(self, sensed: Sensed) -> ItemHandler:
         above = TABLE_TOP + 2.0 * _BELT[2] + 0.5 * self.item.height + self.clearance
         return ItemHandler(
-            simulation=simulation, item=self.item, above=above, force=self.grip_force
+            sensed=sensed,
+            item=self.item,
+            above=above,
+            force=self.item.grip_force(self.grip_force),
         )
 
-    def _picker(self, simulation: Simulation) -> BeltPicker:
+    def _picker(self, sensed: Sensed) -> BeltPicker:
         return BeltPicker(
-            simulation=simulation,
+            sensed=sensed,
             item=self.item,
             rise=self.clearance,
-            force=self.grip_force,
-            tracker=ObjectTracker(simulation, self.item.name),
+            force=self.item.grip_force(self.grip_force),
+            tracker=ObjectTracker(sensed, self.item.name, self._on_belt(0.0)[2]),
         )
 
     @property

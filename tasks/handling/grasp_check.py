@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from mink import SE3
 
 from robo47_qp.run.failure import Cause, Condition
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.item import Item
 
 _WIDTH_TOLERANCE = 3e-3
@@ -19,7 +19,7 @@ _LEAST_SHARE = 0.1
 class GraspCheck:
     """Checks that an item is held: the opening width is the item's, and the fingers press on it."""
 
-    simulation: Simulation
+    sensed: Sensed
     item: Item
     force: float
     """Commanded force of one finger [N]."""
@@ -34,10 +34,10 @@ class GraspCheck:
         return Condition(name=name, cause=cause, against=self._against)
 
     def _against(self) -> str | None:
-        sim, name = self.simulation, self.item.name
-        width, forces = sim.width(), sim.last_finger_forces()
-        expected = self.item.width(sim.tool_pose(), self.standing())
-        closing = self.settled and not sim.grip_settled()
+        sensed, name = self.sensed, self.item.name
+        width, forces = sensed.width(), sensed.finger_forces()
+        expected = self.item.width(sensed.tool_pose(), self.standing())
+        closing = self.settled and not sensed.grip_settled()
         if abs(width - expected) > _WIDTH_TOLERANCE or closing:
             return (
                 f"the fingers are {1e3 * width:.1f} mm apart, "

@@ -9,8 +9,9 @@ from mink import SE3
 
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Motion, Waypoint
-from robo47_qp.run.failure import Cause, Condition, Failure
+from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import Grasp, StepLike, Wait
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 
 _WIDTH_TOLERANCE = 3e-3
@@ -28,17 +29,17 @@ _GRAVITY = 9.81
 class Hand:
     """One hand of a robot with several, by the name of its tool."""
 
-    simulation: Simulation
+    sensed: Sensed
     name: str
 
     @cached_property
     def place(self) -> int:
         """Its place among the robot's tools."""
-        return self.simulation.robot.tool_index(self.name)
+        return self.sensed.robot.tool_index(self.name)
 
     def pose(self) -> SE3:
         """Return T_world_tcp."""
-        return self.simulation.tool_pose(self.place)
+        return self.sensed.tool_pose(self.place)
 
     def target(self, T_world_tcp: SE3) -> ToolPoses:
         """Return the target of this hand alone."""
@@ -48,20 +49,15 @@ class Hand:
         """Return a waypoint that this hand alone reaches on a straight line."""
         return Waypoint(name=name, target=self.target(T_world_tcp), motion=Motion.LIN)
 
-    def closed_on(self, width: float, force: float) -> bool:
-        """Return whether the fingers press on something of a width [m], commanded a force [N]."""
-        return self.against(width, force) is None
-
     def against(self, width: float, force: float) -> str | None:
         """Return the evidence that something of a width [m] is not held; None if it is."""
-        opening = self.simulation.width(self.place)
+        opening, pressing = self.sensed.width(self.place), self.sensed.finger_forces(self.place)
         if abs(opening - width) > _WIDTH_TOLERANCE:
             return (
                 f"the fingers of the {self.name} hand are {1e3 * opening:.1f} mm apart, what it "
                 f"is to hold measures {1e3 * width:.1f} mm"
             )
-        pressing = self.simulation.last_finger_forces(self.place)
-        if pressing.min() < _LEAST_SHARE * force:
+        if not _presses(pressing, force):
             return (
                 f"the fingers of the {self.name} hand press with {pressing[0]:.1f} N and "
                 f"{pressing[1]:.1f} N, {force:.1f} N were asked for"
@@ -80,7 +76,7 @@ class Hand:
         """Close the fingers on something of a width [m], gently; fails with GRASP."""
         name = f"close {self.name} hand"
         near = width + _AROUND
-        if near < self.simulation.width(self.place):
+        if near < self.sensed.width(self.place):
             yield Grasp(name=name, tool=self.name, force=force, width=near)
         held = (self.holds(width, force, Cause.GRASP),)
         yield Grasp(name=name, tool=self.name, force=force, speed=_GENTLY, after=held)
@@ -91,12 +87,22 @@ class Hand:
         readings: list[float] = []
 
         def against() -> str | None:
-            readings.append(-float(self.simulation.felt_force(self.place)[2]) / _GRAVITY)
+            readings.append(-float(self.sensed.felt_force(self.place)[2]) / _GRAVITY)
             return None if len(readings) >= _READINGS else "not read often enough"
 
         read = Condition(name="the sensor is read", cause=Cause.TIMEOUT, against=against)
         yield Wait(name="weigh", seconds=1.0, until=read)
         return float(np.mean(readings))
+
+
+def closed_on(simulation: Simulation, tool: int, width: float, force: float) -> bool:
+    """Return whether fingers do press on something of a width [m], commanded a force [N]."""
+    near = abs(simulation.width(tool) - width) <= _WIDTH_TOLERANCE
+    return near and _presses(simulation.last_finger_forces(tool), force)
+
+
+def _presses(pressing: np.ndarray, force: float) -> bool:
+    return bool(pressing.min() >= _LEAST_SHARE * force)
 
 
 def settled(there: Waypoint) -> Generator[StepLike, None, None]:
@@ -107,22 +113,3 @@ def settled(there: Waypoint) -> Generator[StepLike, None, None]:
     """
     yield there
     yield Wait(name="settle", seconds=_STILL)
-
-
-def raised(pose: SE3, height: float) -> SE3:
-    """Return a pose that is higher by so much [m]."""
-    return SE3.from_translation(np.array([0.0, 0.0, height])) @ pose
-
-
-def hands_unfinished(simulation: Simulation) -> Failure | None:
-    """Return the failure that the arms are not home with their grippers open; None if they are."""
-    away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
-    closed = [
-        f"the {tool.name} hand is open {1e3 * simulation.width(i):.1f} mm"
-        for i, tool in enumerate(simulation.robot.tools)
-        if tool.gripper and simulation.width(i) < tool.gripper.width_max - 1e-3
-    ]
-    if away <= 0.01 and not closed:
-        return None
-    evidence = "; ".join([f"a joint is {away:.3f} rad from home (allowed are 0.01 rad)", *closed])
-    return Failure(cause=Cause.PLACE, evidence=evidence)

@@ -1,7 +1,7 @@
 """Hold criterion: whether the tool is held at a sequence of poses, one after the other."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import mujoco
@@ -9,11 +9,16 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.run.failure import Cause, Condition, Failure
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.task_state import add_task_state, hide_marker, is_visible, task_state
 
+STILL = 2e-3
+"""Joint speed below which an arm counts as at rest [rad/s]."""
 _HOME = 0.01
 """Largest distance of a joint from home at the end [rad]."""
+HOME_WORDS = f"every joint within {_HOME:g} rad of home (slides: m)"
+"""What the end of the motion must be, in words."""
 _ROUNDING = 1e-6
 """Tolerance for sums of control periods [s]."""
 
@@ -60,26 +65,40 @@ class HoldCriterion:
             hide_marker(simulation, marker)
             note[0] = 0.0
 
-    def condition(self, simulation: Simulation, marker: str) -> Condition:
-        """Return the condition that the tool is held at the pose of a marker.
+    def condition(self, sensed: Sensed, marker: str) -> Condition:
+        """Return the condition that the tool is at the pose of a marker, as far as is measured.
 
-        Once the marker is hidden, its last visible pose counts. It must be visible now.
+        Speeds do not count: those that are measured are noisy. Once the marker is hidden, the
+        pose was held.
         """
-        goal = simulation.marker_pose(marker)
+        still, unit = replace(self, speed=inf), sensed.robot.unit("mrad/s", "mm/s")
 
         def against() -> str | None:
-            nonlocal goal
-            if is_visible(simulation, marker):
-                goal = simulation.marker_pose(marker)
-            return self._against(simulation, marker, goal)
+            if sensed.is_hidden(marker):
+                return None
+            goal = sensed.seen_pose(marker)
+            return still._off(goal, sensed.tool_pose(), 0.0, marker, unit)
 
-        name = f"the tool is at rest at {marker}"
-        return Condition(name=name, cause=Cause.TRACK, against=against)
+        return Condition(name=f"the tool is at {marker}", cause=Cause.TRACK, against=against)
+
+    @staticmethod
+    def done(sensed: Sensed, marker: str) -> Condition:
+        """Return the condition that the pose of a marker was held: then the marker is hidden."""
+
+        def against() -> str | None:
+            return None if sensed.is_hidden(marker) else f"{marker} does not count as held yet"
+
+        return Condition(name=f"{marker} was held", cause=Cause.TRACK, against=against)
+
+    @property
+    def words(self) -> str:
+        """What holding a pose means, in words."""
+        return f"each pose in order for {self.seconds:g} s within {self._allowed}"
 
     def verdict(self, simulation: Simulation, markers: Sequence[str]) -> Failure | None:
         """Return why not all poses were held or the arm is not home; None on success."""
         measures = self.measures(simulation, markers)
-        left, away = round(measures["poses_left"]), float(_from_home(simulation).max())
+        left, away = round(measures["poses_left"]), float(simulation.from_home().max())
         against = []
         if left:
             against.append(
@@ -94,7 +113,7 @@ class HoldCriterion:
     def measures(self, simulation: Simulation, markers: Sequence[str]) -> dict[str, float]:
         """Return the number of remaining poses [-] and the largest distances from home: of a
         joint that turns [rad] and, where there is one, of a joint that slides [m]."""
-        units, away = np.array(simulation.robot.units), _from_home(simulation)
+        units, away = np.array(simulation.robot.units), simulation.from_home()
         found = {"poses_left": float(sum(is_visible(simulation, name) for name in markers))}
         for unit in dict.fromkeys(["rad", *units.tolist()]):
             found[f"home_error_{unit}"] = float(away[units == unit].max(initial=0.0))
@@ -108,11 +127,17 @@ class HoldCriterion:
         return self._against(simulation, "", goal) is None
 
     def _against(self, simulation: Simulation, marker: str, T_world_goal: SE3) -> str | None:
-        T_goal_tcp = T_world_goal.inverse() @ simulation.tool_pose()
-        off = float(np.linalg.norm(T_goal_tcp.translation()))
-        turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
         speed = float(np.abs(simulation.true_state().v).max())
         unit = simulation.robot.unit("mrad/s", "mm/s")
+        return self._off(T_world_goal, simulation.tool_pose(), speed, marker, unit)
+
+    def _off(
+        self, T_world_goal: SE3, T_world_tcp: SE3, speed: float, marker: str, unit: str
+    ) -> str | None:
+        """Return the evidence that a tool is not at a goal."""
+        T_goal_tcp = T_world_goal.inverse() @ T_world_tcp
+        off = float(np.linalg.norm(T_goal_tcp.translation()))
+        turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
         if off <= self.position_tolerance and turn <= self.turn_tolerance and speed <= self.speed:
             return None
         return (
@@ -128,9 +153,3 @@ class HoldCriterion:
         return (
             tolerances if self.speed == inf else f"{tolerances} and {1e3 * self.speed:.1f} mrad/s"
         )
-
-
-def _from_home(simulation: Simulation) -> np.ndarray:
-    """Return the distance of each joint from home (n,) [rad or m]."""
-    distance: np.ndarray = np.abs(simulation.true_state().q - simulation.robot.home)
-    return distance

@@ -8,20 +8,25 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
-from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.steps import Grasp, Move, Release, StepLike
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
 from robo47_qp.tasks.handling.mass_measurement import measure_mass
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
-from robo47_qp.tasks.heading import heading
+from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, camera_errs, estimate_pose
+from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.heading import heading, raised
 from robo47_qp.tasks.item import Item, turned_about_vertical
 
 LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
 """Causes of failure after which the item is looked for and picked again."""
 UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
 """Causes of failure before a step has started to move."""
+_ROUGH, _TO_GRASP = 4e-3, 1.5e-3
+"""Accepted standard deviations of a coordinate: on the way, and of what is to be grasped [m]."""
+_NEAR = 0.012
+"""Height above its goal at which a held item is looked at once more [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
 
@@ -39,7 +44,7 @@ class HeldItem:
 class ItemHandler:
     """Picks and places one item, with the tool pointing down."""
 
-    simulation: Simulation
+    sensed: Sensed
     item: Item
     above: float
     """Height of the tool before it descends and after it lifts, in the world [m]."""
@@ -55,14 +60,16 @@ class ItemHandler:
 
     def pick(self) -> Generator[StepLike, None, HeldItem]:
         """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift."""
-        T_world_item = yield from self._look(self.resting)
+        T_world_item = yield from self._look(self.resting, _TO_GRASP)
         yield from self.approach(T_world_item)
+        known = self.sensed.weights_known
+        free = None if known else (yield from read_free_wrist(self.sensed))
         held = (self._held(Cause.GRASP),)
         grasp = Grasp(name="close gripper", force=self.force, after=held)
-        yield from compliant_grasp(self.simulation, self.item, T_world_item, grasp)
-        height = float(self.simulation.tool_pose().translation()[2])
-        hand = yield from self._weighed()
-        yield hand.lift(self.simulation.tool_pose(), self._seen())
+        yield from compliant_grasp(self.sensed, self.item, T_world_item, grasp)
+        height = float(self.sensed.tool_pose().translation()[2])
+        hand = self if free is None else (yield from self._weighed(free))
+        yield hand.lift(self.sensed.tool_pose(), self._seen())
         above = None if self.resting is None else self.resting - height
         return HeldItem(above=above, mass=hand.item.mass)
 
@@ -79,56 +86,62 @@ class ItemHandler:
             T_world_goal: Pose of the item when it is released.
             held: What `pick` returned.
         """
-        hand = self.holding(held)
-        T_world_item = yield from self.look_held(held)
-        T_world_tcp = self.simulation.tool_pose()
+        hand, errs = self.holding(held), camera_errs(self.sensed)
+        T_world_item = yield from self.look_held(held, _ROUGH)
+        T_world_tcp = self.sensed.tool_pose()
         yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
         # It may have turned between the fingers on the way.
-        T_world_item = yield from self.look_held(held)
-        T_world_tcp = self.simulation.tool_pose()
-        lower = hand.lower(T_world_tcp, T_world_item, T_world_goal)
+        T_world_item = yield from self.look_held(held, _ROUGH if errs else GOOD_ENOUGH)
+        T_world_tcp = self.sensed.tool_pose()
+        near = raised(T_world_goal, _NEAR) if errs else T_world_goal
+        lower = hand.lower(T_world_tcp, T_world_item, near)
         try:
             yield lower
         except StepFailed as error:
             if error.failure.cause not in UNPLANNED:
                 raise
             # As it has turned, the line would leave a joint's limits: come down in another branch.
-            yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
+            yield hand.carry(T_world_tcp, T_world_item, near)
             yield lower
+        if errs:
+            # Beside its goal, both are seen with the same error of the camera's calibration.
+            T_world_item = yield from self.look_held(held)
+            yield hand.lower(self.sensed.tool_pose(), T_world_item, T_world_goal)
         yield self.release()
 
-    def look_held(self, held: HeldItem | None) -> Generator[StepLike, None, SE3]:
+    def look_held(
+        self, held: HeldItem | None, good_enough: float = GOOD_ENOUGH
+    ) -> Generator[StepLike, None, SE3]:
         """Return the pose of the held item, with z up; `held` as in `place`."""
         height = None
         if held is not None and held.above is not None:
-            height = float(self.simulation.tool_pose().translation()[2]) + held.above
-        T_world_item = yield from self._look(height)
+            height = float(self.sensed.tool_pose().translation()[2]) + held.above
+        T_world_item = yield from self._look(height, good_enough)
         return T_world_item
 
-    def _weighed(self) -> Generator[StepLike, None, Self]:
-        """Return the handler with the measured mass of the item, where the payload is not known."""
-        sim = self.simulation
-        if sim.weights_known:
-            return self
-        payload = self.item.payload(sim.tool_pose().inverse() @ self._seen())
-        mass = yield from measure_mass(sim, self.item.name, payload, self._held(Cause.GRASP))
+    def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
+        """Return the handler with the measured mass of the item."""
+        sensed = self.sensed
+        payload = self.item.payload(sensed.tool_pose().inverse() @ self._seen())
+        held = self._held(Cause.GRASP)
+        mass = yield from measure_mass(sensed, self.item.name, payload, held, free)
         return self.holding(HeldItem(above=None, mass=mass))
 
-    def _look(self, height: float | None) -> Generator[StepLike, None, SE3]:
-        T_world_item = yield from estimate_pose(self.simulation, self.item.name, height)
+    def _look(self, height: float | None, good_enough: float) -> Generator[StepLike, None, SE3]:
+        T_world_item = yield from estimate_pose(self.sensed, self.item.name, height, good_enough)
         return self.stood(T_world_item)
 
     def release(self) -> Release:
         """Return the step that releases the item."""
         if self.opening is None:
             return Release()
-        widest = self.simulation.gripper.width_max
-        return Release(width=min(self.simulation.width() + self.opening, widest))
+        widest = self.sensed.gripper.width_max
+        return Release(width=min(self.sensed.width() + self.opening, widest))
 
     def foreseen(self, T_world_item: SE3, T_world_goal: SE3) -> list[StepLike]:
         """Return the steps from above the item at one pose to above it at another."""
         *approach, descend = self.approach(T_world_item)
-        grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        grasp = self.item.grasp(T_world_item, self.sensed.gripper.width_max)
         return [
             *approach,
             descend,
@@ -145,12 +158,12 @@ class ItemHandler:
 
     def back_off(self) -> Generator[StepLike, None, None]:
         """Move up with the gripper open after a failure, for the next attempt."""
-        yield self._line("back off", self._up(self.simulation.tool_pose()))
+        yield self._line("back off", self._up(self.sensed.tool_pose()))
         yield Release(name="open gripper")
 
     def approach(self, T_world_item: SE3) -> list[Waypoint]:
         """Return the waypoints above the item and down to it."""
-        grasp = self.item.grasp(T_world_item, self.simulation.gripper.width_max)
+        grasp = self.item.grasp(T_world_item, self.sensed.gripper.width_max)
         descend, up = self._line("descend", grasp), self._up(grasp)
         # What leads down does not always lead up again: near a fold the way back may differ.
         onward = (descend, self._line("lift", up))
@@ -201,16 +214,14 @@ class ItemHandler:
         return T_world_item @ self.T_item_standing
 
     def _seen(self) -> SE3:
-        return self.stood(self.simulation.seen_pose(self.item.name))
+        return self.stood(self.sensed.seen_pose(self.item.name))
 
     def _carrying(self, waypoint: Waypoint) -> Move:
         held = (self._held(Cause.DROP),)
         return Move(waypoints=(waypoint,), before=held, during=held, after=held)
 
     def _held(self, cause: Cause) -> Condition:
-        hold = GraspCheck(
-            simulation=self.simulation, item=self.item, force=self.force, standing=self._seen
-        )
+        hold = GraspCheck(sensed=self.sensed, item=self.item, force=self.force, standing=self._seen)
         return hold.condition(cause)
 
     def _line(self, name: str, target: SE3) -> Waypoint:
@@ -221,17 +232,3 @@ class ItemHandler:
         return SE3.from_rotation_and_translation(
             T_world_tcp.rotation(), np.array([x, y, self.above])
         )
-
-
-def unfinished(simulation: Simulation) -> Failure | None:
-    """Return the failure that the arm is not home with its gripper open; None if it is."""
-    away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
-    open_width = simulation.gripper.width_max - 1e-3
-    if away > 0.01 or simulation.width() < open_width:
-        evidence = (
-            f"a joint is {away:.3f} rad from home, the gripper is open "
-            f"{1e3 * simulation.width():.1f} mm; allowed are 0.01 rad, "
-            f"at least {1e3 * open_width:.1f} mm"
-        )
-        return Failure(cause=Cause.PLACE, evidence=evidence)
-    return None

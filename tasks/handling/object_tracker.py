@@ -4,10 +4,13 @@ from collections.abc import Generator
 
 import numpy as np
 from mink import SE3, SO3
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.run.steps import StepLike, Wait
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
+from robo47_qp.tasks.handling.pose_estimate import camera_errs
 
 _FRAME = 1.0 / 30.0
 """Time between two images of the camera [s]."""
@@ -15,6 +18,8 @@ _FEWEST = 8
 """Least number of images before a prediction: a quarter of a second."""
 _GOOD_ENOUGH = 2e-3
 """Accepted standard deviation of a predicted position [m]."""
+_DEVIATIONS = 4.0
+"""Standard deviations of the noise from the line beyond which an image is left out, per axis."""
 
 
 class ObjectTracker:
@@ -23,19 +28,26 @@ class ObjectTracker:
     The line is fitted to the seen positions by least squares; each new frame improves it.
     """
 
-    def __init__(self, simulation: Simulation, name: str) -> None:
-        """Start without any image."""
-        self._simulation, self._name = simulation, name
+    def __init__(self, sensed: Sensed, name: str, height: float | None = None) -> None:
+        """Start without any image.
+
+        Args:
+            sensed: What is sensed.
+            name: Name of the object.
+            height: Known height of its frame [m]; None takes the camera's.
+        """
+        self._sensed, self._name, self._height = sensed, name, height
         self._times: list[float] = []
         self._seen: list[SE3] = []
 
     def watch(self) -> Generator[StepLike, None, None]:
-        """Observe the object for as long as the camera's noise requires.
+        """Observe the object for as long as the camera's noise requires at least.
 
         The line through n positions with independent errors σ is known to 2σ/√n at its end
-        (Draper and Smith, Applied Regression Analysis, 1998, section 1.4).
+        (Draper and Smith, Applied Regression Analysis, 1998, section 1.4). Errors that last longer
+        than an image call for more: call `update` while there is time.
         """
-        noise = 2.0 * self._simulation.camera_noise
+        noise = 2.0 * self._sensed.camera_noise
         frames = max(_FEWEST, int(np.ceil((noise / _GOOD_ENOUGH) ** 2)))
         self.update()
         while len(self._seen) < frames:
@@ -43,23 +55,43 @@ class ObjectTracker:
             self.update()
 
     def update(self) -> None:
-        """Add the camera's image if it is new."""
-        now = self._simulation.time
-        if self._times and now < self._times[-1] + 0.99 * _FRAME:
+        """Add the camera's image if it is new, as of the time at which it was taken."""
+        taken = self._sensed.seen_time(self._name)
+        if self._times and taken < self._times[-1] + 0.99 * _FRAME:
             return
-        self._times.append(now)
-        self._seen.append(self._simulation.seen_pose(self._name))
-        times = np.array(self._times)
+        self._times.append(taken)
+        self._seen.append(self._sensed.seen_pose(self._name))
+        self._fit(np.ones(len(self._seen), bool))
+        noise = _DEVIATIONS * self._sensed.camera_noise
+        off = np.abs(self._positions() - self._line(np.array(self._times))).max(axis=1)
+        far = off > max(noise, 3.0 * float(np.median(off)))
+        if far.any():
+            self._fit(~far)
+
+    def _fit(self, used: NDArray[np.bool_]) -> None:
+        """Fit the line to some of the images."""
+        times, points = np.array(self._times)[used], self._positions()[used]
         self._middle = float(times.mean())
         about = times - self._middle
-        points = np.array([pose.translation() for pose in self._seen])
         self._centre = points.mean(axis=0)
         spread = float(about @ about)
         self._speed = about @ points / spread if spread > 0.0 else np.zeros(3)
         self._speed[2] = 0.0
-        turns = [pose.rotation().wxyz for pose in self._seen]
+        if self._height is not None and camera_errs(self._sensed):
+            self._centre[2] = self._height
+        turns = np.array([pose.rotation().wxyz for pose in self._seen])[used]
         mean = Rotation.from_quat(turns, scalar_first=True).mean()
         self._turn = SO3(mean.as_quat(scalar_first=True))
+
+    def _positions(self) -> Matrix:
+        positions: Matrix = np.array([pose.translation() for pose in self._seen])
+        return positions
+
+    def _line(self, times: Vector) -> Matrix:
+        """Return positions on the fitted line at some times (k, 3); heights as they were seen."""
+        points: Matrix = self._centre + (times - self._middle)[:, None] * self._speed
+        points[:, 2] = self._positions()[:, 2]
+        return points
 
     @property
     def velocity(self) -> np.ndarray:

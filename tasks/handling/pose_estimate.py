@@ -1,70 +1,107 @@
-"""Pose of objects at rest, averaged over as many camera images as the noise requires."""
+"""Poses of objects at rest, from as many camera images as the noise requires."""
 
 from collections.abc import Generator, Sequence
+from math import ceil, exp
 
 import numpy as np
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.run.steps import StepLike, Wait
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
 
-_GOOD_ENOUGH = 1e-3
+GOOD_ENOUGH = 0.9e-3
 """Accepted standard deviation of a position [m]."""
-_FRAME = 1.0 / 30.0
-"""Time between two images of the camera [s]."""
+_DEVIATIONS = 4.0
+"""Standard deviations from the median beyond which an image is left out, per axis."""
+_LATE = 1.0
+"""Time beyond the expected one in which images have to arrive [s]."""
 
 
 def estimate_pose(
-    simulation: Simulation, name: str, height: float | None = None
+    sensed: Sensed,
+    name: str,
+    height: float | None = None,
+    good_enough: float = GOOD_ENOUGH,
 ) -> Generator[StepLike, None, SE3]:
     """Estimate the pose of an object at rest, or of a marker, while the arm stands still.
 
     Args:
-        simulation: The simulated world.
+        sensed: What is sensed.
         name: Name of the object or the marker.
-        height: Known height of its frame in the world; replaces the one of a noisy camera [m].
+        height: Known height of its frame in the world; replaces the one of a camera that errs [m].
+        good_enough: Accepted standard deviation of a coordinate, but for the calibration [m].
 
     Returns:
         T_world_object.
     """
-    seen = yield from estimate_poses(simulation, (name,))
+    seen = yield from estimate_poses(sensed, (name,), good_enough)
     T_world_object = seen[name]
-    if height is None or not simulation.camera_noise:
+    if height is None or not camera_errs(sensed):
         return T_world_object
     x, y, _ = T_world_object.translation()
     return SE3.from_rotation_and_translation(T_world_object.rotation(), np.array([x, y, height]))
 
 
 def estimate_poses(
-    simulation: Simulation, names: Sequence[str]
+    sensed: Sensed, names: Sequence[str], good_enough: float = GOOD_ENOUGH
 ) -> Generator[StepLike, None, dict[str, SE3]]:
-    """Estimate the poses of several objects or markers from the same images; see `look`.
+    """Estimate the poses of several objects or markers from the same images.
 
-    The mean of n images with independent errors σ has the error σ/√n.
+    Images that were taken before the call are not used, as the object may have moved in them;
+    nor are those far from the median, which are wrong altogether. What the error of the camera's
+    calibration makes wrong is the same in all images, and remains.
 
     Returns:
         T_world_object by name.
     """
-    frames = max(1, int(np.ceil((simulation.camera_noise / _GOOD_ENOUGH) ** 2)))
-    seen = [[_seen(simulation, name)] for name in names]
-    for _ in range(frames - 1 if names else 0):
-        yield Wait(name=f"look at {', '.join(names)}", seconds=_FRAME)
-        for poses, name in zip(seen, names, strict=True):
-            poses.append(_seen(simulation, name))
-    return {name: _mean(poses) for name, poses in zip(names, seen, strict=True)}
+    if not names:
+        return {}
+    start, period = sensed.time, 1.0 / float(sensed.sheet.noise["camera_rate"])
+    frames = frames_needed(sensed, good_enough)
+    end = start + 1.5 * frames * period + float(sensed.sheet.noise["camera_latency"]) + _LATE
+    taken: dict[str, dict[float, SE3]] = {name: {} for name in names}
+    while True:
+        for name, images in taken.items():
+            if sensed.seen_time(name) >= start - 1e-9:
+                images[sensed.seen_time(name)] = sensed.seen_pose(name)
+        if min(map(len, taken.values())) >= frames or sensed.time > end:
+            break
+        yield Wait(name=f"look at {', '.join(names)}", seconds=period)
+    # Of what is hidden from the camera, the last that it saw is known.
+    return {
+        name: _mean(list(images.values()) or [sensed.seen_pose(name)], sensed.camera_noise)
+        for name, images in taken.items()
+    }
 
 
-def _seen(simulation: Simulation, name: str) -> SE3:
-    if name in simulation.markers:
-        return simulation.seen_marker(name)
-    return simulation.seen_pose(name)
+def camera_errs(sensed: Sensed) -> bool:
+    """Return whether the data sheet tells of an error of seen positions."""
+    noise = sensed.sheet.noise
+    return any(noise[name] for name in ("pose_noise", "pose_bias", "rotation_bias"))
 
 
-def _mean(poses: Sequence[SE3]) -> SE3:
+def frames_needed(sensed: Sensed, good_enough: float) -> int:
+    """Return how many images give a mean coordinate of this standard deviation [m].
+
+    Errors σ of successive images have the correlation φ = exp(-T / τ), so that the mean of n has
+    the variance σ²/n (1 + φ)/(1 - φ), for many (Priestley, Spectral Analysis and Time Series,
+    1981, sec. 5.3.2).
+    """
+    noise = sensed.sheet.noise
+    tau = float(noise["pose_noise_time"])
+    kept = exp(-1.0 / (float(noise["camera_rate"]) * tau)) if tau else 0.0
+    alike = (1.0 + kept) / (1.0 - kept)
+    return max(1, ceil(alike * (sensed.camera_noise / good_enough) ** 2))
+
+
+def _mean(poses: Sequence[SE3], noise: float) -> SE3:
+    """Return the mean of poses without those that are far from the median."""
     if len(poses) == 1:
         return poses[0]
-    turns = Rotation.from_quat([pose.rotation().wxyz for pose in poses], scalar_first=True)
-    position = np.mean([pose.translation() for pose in poses], axis=0)
-    quaternion = turns.mean().as_quat(scalar_first=True)
-    return SE3.from_rotation_and_translation(SO3(quaternion), position)
+    positions = np.array([pose.translation() for pose in poses])
+    off = np.abs(positions - np.median(positions, axis=0)).max(axis=1)
+    near = off <= max(_DEVIATIONS * noise, float(np.median(off)))
+    wxyz = np.array([pose.rotation().wxyz for pose in poses])[near]
+    quaternion = Rotation.from_quat(wxyz, scalar_first=True).mean().as_quat(scalar_first=True)
+    return SE3.from_rotation_and_translation(SO3(quaternion), positions[near].mean(axis=0))

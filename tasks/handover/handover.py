@@ -15,15 +15,17 @@ from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Move, Release, StepLike
 from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import Goal, add_goal, place_goal
-from robo47_qp.tasks.handling.hand import Hand, hands_unfinished, raised, settled
+from robo47_qp.tasks.goal import Goal, add_goal, estimate_item_goal, place_goal
+from robo47_qp.tasks.handling.hand import Hand, closed_on, settled
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
-from robo47_qp.tasks.heading import heading, level, upright
+from robo47_qp.tasks.heading import heading, level, raised, upright
 from robo47_qp.tasks.item import BLUE, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
-from robo47_qp.tasks.task_state import add_task_state, task_state
+from robo47_qp.tasks.task_state import task_state
 
 _X, _Y = (0.40, 0.55), (0.18, 0.30)
 """Ranges of x and |y| of random starts, in front of the first arm, and goals [m]."""
@@ -53,11 +55,13 @@ class Handover(Task):
     above `height_min`, the grippers are open and the arms are home.
     """
 
+    default_robot: ClassVar[str] = "panda_pair"
     tools_needed: ClassVar[int] = 2
+    opening_needed: ClassVar[float | None] = 0.052
 
     start: tuple[float, float] = option((0.45, 0.24), "Start of the bar without a seed: x, y [m].")
     end: tuple[float, float] = option((0.45, -0.24), "Its goal without a seed: x, y [m].")
-    bar: Item = Item(name="bar", size=(0.03, 0.22, 0.03), mass=0.15, rgba=BLUE)
+    bar: Item = Item(name="bar", size=(0.03, 0.22, 0.03), mass=0.15, rgba=BLUE, friction=(0.5, 0.9))
     """The bar; it is held at both ends of its y axis."""
     grip_force: Positive = 40.0
     """Force of one finger on the bar [N]."""
@@ -82,6 +86,21 @@ class Handover(Task):
             expected = f"at most 0.07 m along x and at least {_LONG[0]} m along y"
             raise InvalidValueError("size of the bar", self.bar.size, expected)
 
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When the bar counts as placed."""
+        return PlaceCriterion(distance=self.place_tolerance)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return (
+            f"the {self.bar.name}: {self.placed.pose_words}",
+            self.placed.rest_words,
+            f"both hands held it at the same time, its centre above {self.height_min:g} m",
+            END,
+        )
+
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with a bar of a random size and mass."""
         x, z = rng.uniform(*_THICK, 2)
@@ -94,7 +113,7 @@ class Handover(Task):
         self.bar.add(spec, (*self.start, TABLE_TOP + 0.5 * self.bar.height))
         add_goal(spec, self.bar)
         _add_marker(spec, self.bar)
-        add_task_state(spec, 1)
+        PlaceCriterion.add_state(spec, 1)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -111,13 +130,13 @@ class Handover(Task):
         place_goal(simulation, end, turns[1])
         simulation.place_marker(_MEETING, upright([*air], turns[2]))
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        left, right = self._hands(simulation)
-        T_world_bar = simulation.object_pose(self.bar.name)
+        left, right = self._hands(sensed)
+        T_world_bar = sensed.seen_pose(self.bar.name)
         first, second = self._grasp(T_world_bar, 1.0), T_world_bar
         T_bar_left = T_world_bar.inverse() @ first
-        meeting = simulation.marker_pose(_MEETING)
+        meeting = sensed.seen_pose(_MEETING)
         second = self._grasp(meeting, -1.0)
         return [
             Waypoint(name="approach", target=left.target(raised(first, _ABOVE))),
@@ -128,15 +147,15 @@ class Handover(Task):
             HOME,
         ]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         for attempt in range(1 + self.retries):
             try:
-                yield from self._attempt(simulation)
+                yield from self._attempt(sensed)
             except StepFailed as error:
                 if error.failure.cause not in LOST or attempt == self.retries:
                     raise
-                yield from self._back_off(simulation)
+                yield from self._back_off(sensed)
             else:
                 break
         yield HOME
@@ -144,37 +163,37 @@ class Handover(Task):
 
     def monitor(self, simulation: Simulation) -> None:
         """See `Task.monitor`: note that both hands hold the bar in the air."""
+        self.placed.monitor(simulation, (self.bar.name,))
         high = simulation.object_pose(self.bar.name).translation()[2]
         if high > TABLE_TOP + self.height_min and all(
-            hand.closed_on(self.bar.size[0], self.grip_force) for hand in self._hands(simulation)
+            closed_on(simulation, tool, self.bar.size[0], self.grip_force) for tool in (0, 1)
         ):
             task_state(simulation)[0] = 1.0
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        missed = Goal(simulation=simulation, item=self.bar).missed(self.place_tolerance)
+        missed = Goal(simulation=simulation, item=self.bar).missed(self.placed)
         if missed is None and not task_state(simulation)[0]:
             evidence = f"the hands never held the bar together above {self.height_min:.2f} m"
             missed = Failure(cause=Cause.PLACE, evidence=evidence)
-        return missed or hands_unfinished(simulation)
+        return missed or unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Return the distance of the bar's centre from its goal [m], and whether it changed
-        hands."""
-        error = Goal(simulation=simulation, item=self.bar).error()
-        return {"place_error_m": error, "handed_over": float(task_state(simulation)[0])}
+        """Return the errors of the bar's pose, and whether it changed hands."""
+        errors = Goal(simulation=simulation, item=self.bar).measures()
+        return {**errors, "handed_over": float(task_state(simulation)[0])}
 
-    def _attempt(self, simulation: Simulation) -> Generator[StepLike, None, None]:
-        left, _ = self._hands(simulation)
-        goal = yield from Goal(simulation=simulation, item=self.bar).estimate()
-        bar = yield from self._pick(simulation, left)
-        yield from self._give(simulation, bar)
-        yield from self._put_down(simulation, bar, level(goal))
+    def _attempt(self, sensed: Sensed) -> Generator[StepLike, None, None]:
+        left, _ = self._hands(sensed)
+        goal = yield from estimate_item_goal(sensed, self.bar)
+        bar = yield from self._pick(sensed, left)
+        yield from self._give(sensed, bar)
+        yield from self._put_down(sensed, bar, level(goal))
 
-    def _pick(self, simulation: Simulation, left: Hand) -> Generator[StepLike, None, Item]:
+    def _pick(self, sensed: Sensed, left: Hand) -> Generator[StepLike, None, Item]:
         """Pick the bar with the left hand, and return it with the mass that was measured."""
         resting = TABLE_TOP + 0.5 * self.bar.height
-        T_world_bar = yield from estimate_pose(simulation, self.bar.name, resting)
+        T_world_bar = yield from estimate_pose(sensed, self.bar.name, resting)
         grasp = self._grasp(T_world_bar, 1.0)
         yield Waypoint(name="approach", target=left.target(raised(grasp, _ABOVE)))
         yield left.line("descend", grasp)
@@ -189,7 +208,7 @@ class Handover(Task):
             carried={left.name: bar.payload(T_tcp_bar)},
         )
         yield Move(waypoints=(up,), after=held)
-        if not simulation.weights_known:
+        if not sensed.weights_known:
             mass = yield from left.weigh()
             bar = replace(bar, mass=max(mass, 0.1 * bar.mass))
             yield from settled(replace(up, carried={left.name: bar.payload(T_tcp_bar)}))
@@ -198,20 +217,20 @@ class Handover(Task):
         yield Move(waypoints=(lift,), during=held, after=held)
         return bar
 
-    def _give(self, simulation: Simulation, bar: Item) -> Generator[StepLike, None, None]:
+    def _give(self, sensed: Sensed, bar: Item) -> Generator[StepLike, None, None]:
         """Bring the bar and the right hand together, and change hands."""
-        left, right = self._hands(simulation)
+        left, right = self._hands(sensed)
         width, force = bar.size[0], self.grip_force
         held = (left.holds(width, force, Cause.DROP),)
-        T_world_bar = yield from estimate_pose(simulation, bar.name)
+        T_world_bar = yield from estimate_pose(sensed, bar.name)
         T_bar_left = level(T_world_bar).inverse() @ left.pose()
         carried = {left.name: bar.payload(T_bar_left.inverse())}
-        meeting = simulation.marker_pose(_MEETING)
+        meeting = sensed.seen_pose(_MEETING)
         meet = replace(
             self._meet(meeting @ T_bar_left, self._grasp(meeting, -1.0)), carried=carried
         )
         yield Move(waypoints=(meet,), during=held, after=held)
-        T_world_bar = yield from estimate_pose(simulation, bar.name)
+        T_world_bar = yield from estimate_pose(sensed, bar.name)
         grasp = self._grasp(T_world_bar, -1.0)
         reach = replace(right.line("reach", grasp), carried=carried)
         yield Move(waypoints=(reach,), during=held)
@@ -223,11 +242,11 @@ class Handover(Task):
         yield Move(waypoints=(away,), before=taken, during=taken, after=taken)
 
     def _put_down(
-        self, simulation: Simulation, bar: Item, T_world_goal: SE3
+        self, sensed: Sensed, bar: Item, T_world_goal: SE3
     ) -> Generator[StepLike, None, None]:
         """Put the bar at its goal with the right hand; the left one goes home meanwhile."""
-        _, right = self._hands(simulation)
-        T_world_bar = yield from estimate_pose(simulation, bar.name)
+        _, right = self._hands(sensed)
+        T_world_bar = yield from estimate_pose(sensed, bar.name)
         T_bar_right = level(T_world_bar).inverse() @ right.pose()
         carried = {right.name: bar.payload(T_bar_right.inverse())}
         goal = T_world_goal @ T_bar_right
@@ -244,9 +263,9 @@ class Handover(Task):
         yield Release(name="put down", tool=right.name)
         yield right.line("retreat", raised(right.pose(), _ABOVE))
 
-    def _back_off(self, simulation: Simulation) -> Generator[StepLike, None, None]:
+    def _back_off(self, sensed: Sensed) -> Generator[StepLike, None, None]:
         """Open both hands and go up."""
-        hands = self._hands(simulation)
+        hands = self._hands(sensed)
         for hand in hands:
             yield Release(tool=hand.name)
         for hand in hands:
@@ -254,11 +273,11 @@ class Handover(Task):
                 yield hand.line("back off", raised(hand.pose(), _ABOVE))
         yield HOME
 
-    def _hands(self, simulation: Simulation) -> tuple[Hand, Hand]:
-        left, right = (tool.name for tool in simulation.robot.tools[:2])
+    def _hands(self, sensed: Sensed) -> tuple[Hand, Hand]:
+        left, right = (tool.name for tool in sensed.robot.tools[:2])
         return (
-            Hand(simulation=simulation, name=left),
-            Hand(simulation=simulation, name=right),
+            Hand(sensed=sensed, name=left),
+            Hand(sensed=sensed, name=right),
         )
 
     def _grasp(self, T_world_bar: SE3, side: float) -> SE3:

@@ -7,7 +7,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.motion.waypoint import tool_down
-from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.item import SPINNING, Item
 from robo47_qp.tasks.table import TABLE_TOP
 
 DIAMETER, LENGTH = 0.02, 0.06
@@ -27,7 +27,7 @@ _FACETS, _OUTER = 16, 0.04
 [m]."""
 _SOLREF, _SOLIMP = [3.3e-3, 1.0], [0.9, 0.9, 1e-4, 0.5, 2.0]
 """Contact parameters of peg and block: 20 N cause a penetration below 0.05 mm."""
-_FRICTION = [0.3, 0.005, 1e-4]
+_FRICTION = [0.3, *SPINNING]
 
 
 @dataclass(frozen=True, kw_only=True)

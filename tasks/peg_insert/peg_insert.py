@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -11,8 +12,10 @@ from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, unfinished
+from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, told, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.peg_insert.peg import (
@@ -29,6 +32,10 @@ from robo47_qp.tasks.peg_insert.peg import (
 from robo47_qp.tasks.peg_insert.peg_inserter import PITCH, PegInserter
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
+_DEPTH_LEAST, _ASIDE, _TILT = 0.9 * DEPTH, 1e-3, 0.03
+"""Least depth of the inserted peg and largest distance of its end from the hole's axis [m], and
+largest angle between them [rad]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PegInsert(Task):
@@ -37,6 +44,8 @@ class PegInsert(Task):
     The peg counts as inserted when at least 90 % of the depth is in the hole, it is upright and at
     rest, the gripper is open and the arm is home.
     """
+
+    opening_needed: ClassVar[float | None] = 0.021
 
     peg: Peg = field(
         default_factory=lambda: Peg(
@@ -47,7 +56,7 @@ class PegInsert(Task):
             rgba=(0.75, 0.62, 0.30, 1.0),
         )
     )
-    grip_force: Positive = 60.0
+    grip_force: Positive = 30.0
     """Force of one finger on the peg [N]."""
     search_force: Positive = 2.0
     """Force on the peg during the search for the hole [N]."""
@@ -62,10 +71,27 @@ class PegInsert(Task):
     """See `Task.force_max` [N]."""
     name: str = "peg_insert"
 
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When the peg counts as inserted, beside its depth: distance and tilt are in the hole."""
+        return PlaceCriterion(distance=_ASIDE, tilt=_TILT)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return (
+            f"the peg's end at least {1e3 * _DEPTH_LEAST:g} mm deep in a hole of "
+            f"{1e3 * DEPTH:g} mm, within {1e3 * _ASIDE:g} mm of its axis, and the peg within "
+            f"{np.degrees(_TILT):.3g}° of it, the right end down",
+            self.placed.rest_words,
+            END,
+        )
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
         set_exact_contacts(spec)
+        PlaceCriterion.add_state(spec)
         self.peg.add(spec, (0.40, 0.20, TABLE_TOP + 0.5 * LENGTH))
         add_block(spec.worldbody.add_body(name="hole", mocap=True))
         seen = spec.worldbody.add_body(name="hole seen", mocap=True)
@@ -97,18 +123,22 @@ class PegInsert(Task):
         simulation.place_marker("hole", hole)
         simulation.place_marker("hole seen", hole @ error)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def as_seen(self, name: str, T_world_thing: SE3) -> SE3 | None:
+        """See `Task.as_seen`: of the hole, only the less certain pose is told."""
+        return None if name == "hole" else T_world_thing
+
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        hand = self._inserter(simulation, simulation.marker_pose("hole seen"))
-        T_world_peg = simulation.object_pose(self.peg.name)
+        hand = self._inserter(sensed, sensed.seen_pose("hole seen"))
+        T_world_peg = sensed.seen_pose(self.peg.name)
         *approach, descend = hand.approach(T_world_peg)
-        grasp = self.peg.grasp(T_world_peg, simulation.gripper.width_max)
+        grasp = self.peg.grasp(T_world_peg, sensed.gripper.width_max)
         lift = hand.lift(grasp, T_world_peg)
         return [*approach, descend, lift, *hand.to_hole(np.zeros(2)), Release(), HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        hand = self._inserter(simulation, (yield from estimate_pose(simulation, "hole seen")))
+        hand = self._inserter(sensed, (yield from estimate_pose(sensed, "hole seen")))
         radius, pitch, offset = self.search_radius, PITCH, None
         for attempt in range(1 + self.retries):
             try:
@@ -133,23 +163,33 @@ class PegInsert(Task):
             else:
                 break
         yield Release()
-        yield hand.retreat(simulation.tool_pose())
+        yield hand.retreat(sensed.tool_pose())
         yield HOME
         return None
 
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self.placed.monitor(simulation, (self.peg.name,))
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        measures = self.measures(simulation)
-        depth, tilt = measures["depth_m"], measures["tilt_rad"]
-        aside = measures["aside_m"]
-        speed = float(np.linalg.norm(simulation.object_twist(self.peg.name)[:3]))
-        if depth < 0.9 * DEPTH or aside > 1e-3 or tilt > 0.03 or speed > 1e-3:
-            evidence = (
-                f"the peg is {1e3 * depth:.1f} mm deep, {1e3 * aside:.2f} mm beside the axis of "
-                f"the hole, tilted by {tilt:.3f} rad, and moves at {1e3 * speed:.1f} mm/s; "
-                f"allowed are at least {1e3 * 0.9 * DEPTH:.1f} mm, 1 mm, 0.03 rad, 1 mm/s"
+        measures, reasons = self.measures(simulation), []
+        depth, aside, tilt = (measures[name] for name in ("depth_m", "aside_m", "tilt_rad"))
+        if depth < _DEPTH_LEAST:
+            reasons.append(
+                f"is {1e3 * depth:.1f} mm deep (it must be at least {1e3 * _DEPTH_LEAST:.1f} mm)"
             )
-            return Failure(cause=Cause.PLACE, evidence=evidence)
+        if aside > _ASIDE:
+            reasons.append(
+                f"is {1e3 * aside:.2f} mm beside the axis of the hole "
+                f"(allowed are {1e3 * _ASIDE:g} mm)"
+            )
+        if tilt > _TILT:
+            reasons.append(f"is tilted by {tilt:.3f} rad (allowed are {_TILT:g} rad)")
+        against = told("the peg", reasons)
+        against = against or self.placed.against_rest(simulation, (self.peg.name,))
+        if against is not None:
+            return Failure(cause=Cause.PLACE, evidence=against)
         return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
@@ -163,9 +203,9 @@ class PegInsert(Task):
             "tilt_rad": float(np.arccos(np.clip(upwards, -1.0, 1.0))),
         }
 
-    def _inserter(self, simulation: Simulation, T_world_hole: SE3) -> "PegInserter":
+    def _inserter(self, sensed: Sensed, T_world_hole: SE3) -> "PegInserter":
         return PegInserter(
-            simulation=simulation,
+            sensed=sensed,
             item=self.peg,
             above=TOP + LENGTH + 0.06,
             force=self.grip_force,

@@ -46,8 +46,8 @@ class PegInserter(ItemHandler):
 
         It is seen along the tool's x; along y, the fingers have centred it.
         """
-        T_world_peg = yield from estimate_pose(self.simulation, self.item.name)
-        at = (self.simulation.tool_pose().inverse() @ T_world_peg).translation()
+        T_world_peg = yield from estimate_pose(self.sensed, self.item.name)
+        at = (self.sensed.tool_pose().inverse() @ T_world_peg).translation()
         return np.array([at[0], 0.0])
 
     def insert(
@@ -71,7 +71,7 @@ class PegInserter(ItemHandler):
             during=held,
             stay=True,
         )
-        touched = self.simulation.tool_pose()
+        touched = self.sensed.tool_pose()
         if not self._inside(offset):
             yield Comply(
                 name="search",
@@ -97,7 +97,7 @@ class PegInserter(ItemHandler):
 
     def draw_out(self) -> Generator[StepLike, None, None]:
         """Move straight up with a compliant tool."""
-        up = self._line("draw out", self._up(self.simulation.tool_pose()))
+        up = self._line("draw out", self._up(self.sensed.tool_pose()))
         springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))
         yield Comply(name="draw out", waypoints=(up,), compliance=springs)
 
@@ -131,7 +131,7 @@ class PegInserter(ItemHandler):
 
     def _height(self, offset: np.ndarray) -> float:
         """Return the height of the peg's end above the block, as far as that is known [m]."""
-        here, top = self.simulation.tool_pose(), self._tool_on_top(offset)
+        here, top = self.sensed.tool_pose(), self._tool_on_top(offset)
         return float((here.translation() - top.translation()).dot(self._axis))
 
     def _inside(self, offset: np.ndarray) -> bool:
@@ -158,7 +158,7 @@ class PegInserter(ItemHandler):
         def against() -> str | None:
             if self._inside(offset):
                 return None
-            force = float(self.simulation.felt_force().dot(self._axis))
+            force = float(self.sensed.felt_force().dot(self._axis))
             force += 9.81 * self.item.mass
             if force >= 0.5 * _TOUCH_FORCE:
                 return None
@@ -170,7 +170,7 @@ class PegInserter(ItemHandler):
         axis, start = self._axis, touched.translation()
 
         def against() -> str | None:
-            sunk = float((start - self.simulation.tool_pose().translation()).dot(axis))
+            sunk = float((start - self.sensed.tool_pose().translation()).dot(axis))
             if sunk >= _FALLEN:
                 return None
             return f"the peg has sunk by {1e3 * sunk:.1f} mm; {1e3 * _FALLEN:.1f} mm are the hole"
@@ -179,11 +179,11 @@ class PegInserter(ItemHandler):
 
     def _at_bottom(self, offset: np.ndarray) -> Condition:
         """Return the condition that the peg rests at the depth of the estimated hole."""
-        lowest, since = np.inf, self.simulation.time
+        lowest, since = np.inf, self.sensed.time
 
         def against() -> str | None:
             nonlocal lowest, since
-            height, now = self._height(offset), self.simulation.time
+            height, now = self._height(offset), self.sensed.time
             if height < lowest - 1e-4:
                 lowest, since = height, now
             if -height >= 0.9 * DEPTH - POSITION_ERROR and now - since >= 0.2:

@@ -14,17 +14,21 @@ from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
+from robo47_qp.tasks.handling.hold_criterion import HOME_WORDS, STILL, HoldCriterion
 from robo47_qp.tasks.handling.item_handler import HOME
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table, check_place
 
 _BOARD = (0.12, 0.18, 0.01)
 """Half lengths of the shelf's board: outwards, across and up [m]."""
-_LOOK, _LOOKS = 0.05, 6
+_LOOK, _LOOKS = 0.05, 10
 """Period [s] and number of the checks of a held tool."""
-_SETTLE = 0.1
+_PATIENCE = 2.0
+"""Longest time to wait until a pose counts as held, which it does at once if the arm is still [s].
+"""
+_SETTLE = 0.2
 """Time between a motion and the first check [s]."""
 
 
@@ -34,7 +38,7 @@ class ObstacleReach(Task):
 
     The positions of post and shelf are part of the scene; a seed draws the targets near them. A
     target is reached when the tool is held within `position_tolerance` and `turn_tolerance` of it
-    for `seconds`; its marker is then hidden.
+    for `seconds` at rest; its marker is then hidden.
     """
 
     post: tuple[float, float] = (0.38, -0.22)
@@ -53,7 +57,7 @@ class ObstacleReach(Task):
     """Largest position error of a held tool [m]."""
     turn_tolerance: Positive = np.radians(0.5)
     """Largest orientation error of a held tool [rad]."""
-    seconds: Positive = 0.25
+    seconds: Positive = 0.5
     """Time for which each target is held [s]."""
     force_max: Positive = 1.0
     """Largest contact force: nothing may be touched [N]."""
@@ -110,6 +114,11 @@ class ObstacleReach(Task):
             shelf_height=rng.uniform(0.45, 0.60),
         )
 
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return self._held.words, HOME_WORDS
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)
@@ -153,18 +162,19 @@ class ObstacleReach(Task):
         for name, pose in zip(self._targets, (down, under), strict=True):
             simulation.place_marker(name, pose)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        return [*(self._reach(simulation, name) for name in self._targets), HOME]
+        return [*(self._reach(sensed, name) for name in self._targets), HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         for name in self._targets:
-            there = self._held.condition(simulation, name)  # while the marker is there
-            yield self._reach(simulation, name)
+            there = self._held.condition(sensed, name)  # while the marker is there
+            yield self._reach(sensed, name)
             yield Wait(name=f"hold {name}", seconds=_SETTLE)
             for _ in range(_LOOKS):
                 yield Wait(name=f"hold {name}", seconds=_LOOK, after=(there,))
+            yield Wait(name=f"await {name}", seconds=_PATIENCE, until=self._held.done(sensed, name))
         yield HOME
         return None
 
@@ -187,14 +197,15 @@ class ObstacleReach(Task):
             position_tolerance=self.position_tolerance,
             turn_tolerance=self.turn_tolerance,
             seconds=self.seconds,
+            speed=STILL,
         )
 
     @property
     def _targets(self) -> tuple[str, str]:
         return "behind post", "under shelf"
 
-    def _reach(self, simulation: Simulation, name: str) -> Waypoint:
-        return Waypoint(name=f"reach {name}", target=simulation.marker_pose(name))
+    def _reach(self, sensed: Sensed, name: str) -> Waypoint:
+        return Waypoint(name=f"reach {name}", target=sensed.seen_pose(name))
 
 
 def _at(x: float, y: float, z: float) -> SE3:

@@ -16,8 +16,9 @@ from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
+from robo47_qp.tasks.handling.hold_criterion import HOME_WORDS, STILL, HoldCriterion
 from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table
 
 _DISTANCE = (0.35, 0.75)
@@ -33,8 +34,13 @@ _ROOM = (0.015, 0.010)
 clearance [m]."""
 _DRAWS = 100_000
 """Largest number of configurations drawn per pose; about one in a hundred is in the workspace."""
-_STILL = 2e-3
-"""Joint speed below which the arm counts as at rest [rad/s]."""
+_PATIENCE = 2.0
+"""Longest time to wait until a pose counts as held, which it does at once if the arm is still [s].
+"""
+_LOOKS = 10
+"""How often a held tool is checked."""
+_SETTLE = 0.2
+"""Time between a motion and the hold [s]."""
 _DEFAULT = (
     ((0.50, 0.25, 0.30), 0.4, 0.5),
     ((0.60, 0.00, 0.25), -0.3, -0.4),
@@ -63,7 +69,7 @@ class Reach(Task):
     """Largest position error of a held tool [m]."""
     angle_tolerance: Positive = float(np.deg2rad(0.5))
     """Largest orientation error of a held tool [rad]."""
-    seconds: Positive = 0.2
+    seconds: Positive = 0.5
     """Time for which each pose is held [s]."""
     force_max: float = 1.0
     """See `Task.force_max`; nothing is to be touched [N]."""
@@ -71,6 +77,11 @@ class Reach(Task):
     """All obstacles."""
     name: str = "reach"
     goals_asked_for: ClassVar[bool] = True
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return self._held.words, HOME_WORDS
 
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
@@ -102,13 +113,13 @@ class Reach(Task):
                 pose = _reachable(simulation, rng)
             simulation.place_marker(name, pose)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        return [step for step in self._steps(simulation) if isinstance(step, Move)]
+        return [step for step in self._steps(sensed) if isinstance(step, Move)]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        yield from self._steps(simulation)
+        yield from self._steps(sensed)
         return None
 
     def monitor(self, simulation: Simulation) -> None:
@@ -134,18 +145,19 @@ class Reach(Task):
             position_tolerance=self.position_tolerance,
             turn_tolerance=self.angle_tolerance,
             seconds=self.seconds,
-            speed=_STILL,
+            speed=STILL,
         )
 
-    def _steps(self, simulation: Simulation) -> list[Move | Wait]:
+    def _steps(self, sensed: Sensed) -> list[Move | Wait]:
         steps: list[Move | Wait] = []
         for name in self._poses:
-            target = simulation.marker_pose(name)
-            there = (self._held.condition(simulation, name),)
+            target = sensed.seen_pose(name)
+            there = (self._held.condition(sensed, name),)
             steps += [
                 Move(waypoints=(Waypoint(name=name, target=target),)),
-                Wait(name=f"settle at {name}", seconds=self.seconds, after=there),
-                Wait(name=f"hold {name}", seconds=self.seconds, after=there),
+                Wait(name=f"settle at {name}", seconds=_SETTLE, after=there),
+                *[Wait(name=f"hold {name}", seconds=self.seconds / _LOOKS, after=there)] * _LOOKS,
+                Wait(name=f"await {name}", seconds=_PATIENCE, until=self._held.done(sensed, name)),
                 Move(waypoints=(Waypoint(name="home", target=Place.HOME),)),
             ]
         return steps

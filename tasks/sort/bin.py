@@ -5,12 +5,16 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.tasks.table import TABLE_TOP
+from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP
 
 _WALL = 0.008
 """Thickness of the walls [m]."""
+_SQUEEZE = 1e-3
+"""How far an item that touches a wall may be inside it: contacts are not rigid [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +73,14 @@ class Bin:
                 ("y", [0.0, sign * (b + thin), half], [a, thin, half]),
             ):
                 name = f"{self.name} {side}{i}"
-                body.add_geom(name=name, type=box, pos=where, size=size, rgba=self.rgba)
+                body.add_geom(
+                    name=name,
+                    type=box,
+                    pos=where,
+                    size=size,
+                    rgba=self.rgba,
+                    friction=SURFACE_FRICTION,
+                )
         ground = [*self.rgba[:3], 0.4]
         body.add_geom(
             name=self.name, type=box, size=[a, b, 5e-4], rgba=ground, contype=0, conaffinity=0
@@ -79,6 +90,17 @@ class Bin:
         """Return True if a point is within the walls and below the rim."""
         x, y, z = position - np.array([*self.centre, TABLE_TOP])
         return bool(abs(x) < 0.5 * self.size[0] and abs(y) < 0.5 * self.size[1] and z < self.height)
+
+    def holds_all(self, item: Item, T_world_item: SE3) -> bool:
+        """Return True if all of an item is between the walls, and its centre below the rim."""
+        p, R = T_world_item.translation(), T_world_item.rotation().as_matrix()
+        half = np.abs(R) @ (0.5 * np.array(item.size))
+        if item.round:
+            # A cylinder reaches r |sin| beside its axis and h/2 |cos| along it, per direction.
+            radius, axis = 0.5 * item.size[0], R[:, 2]
+            half = radius * np.sqrt(np.maximum(0.0, 1.0 - axis**2)) + 0.5 * item.height * abs(axis)
+        room = 0.5 * np.array(self.size) + _SQUEEZE
+        return self.holds(p) and bool((np.abs(p[:2] - self.centre) + half[:2] <= room).all())
 
     def free_slot(self, others: Sequence[tuple[float, float]]) -> tuple[float, float]:
         """Return the slot that is furthest from all other items.

@@ -13,10 +13,18 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
+from robo47_qp.tasks.handling.place_criterion import (
+    END,
+    Miss,
+    PlaceCriterion,
+    told,
+    unfinished,
+)
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
-from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.heading import face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
@@ -40,8 +48,9 @@ _ON_TABLE = 0.01
 class Sort(Task):
     """Put each item into the bin of its colour; with a seed, items are at random positions.
 
-    An item is sorted when its centre is inside the bin's walls and below their rim; the task
-    succeeds when all are sorted and at rest, the gripper is open and the arm home.
+    An item is sorted when all of it is between the bin's walls, its centre below their rim, and it
+    lies on a face and leans on nothing; the task succeeds when all are sorted and at rest, the
+    gripper is open and the arm home.
     """
 
     items: tuple[Item, ...] = (
@@ -61,7 +70,7 @@ class Sort(Task):
     drop: Positive = 8e-3
     """Height above the table at which an item is released into its bin [m]."""
     grip_force: Positive = 30.0
-    """Force of one finger [N]."""
+    """Largest force of one finger; see `Item.grip_force` [N]."""
     above: Positive = 0.16
     """Height of the tool above the table before it descends and after it lifts [m]."""
     retries: CountOrZero = 4
@@ -69,6 +78,7 @@ class Sort(Task):
     force_max: float = 40.0
     """See `Task.force_max`; the hand touches no wall [N]."""
     name: str = "sort"
+    opening_needed: ClassVar[float | None] = 0.046
     scene_stream: ClassVar[int | None] = 1
 
     def __post_init__(self) -> None:
@@ -89,6 +99,22 @@ class Sort(Task):
             if count > len(place.slots):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
 
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When an item in its bin counts as at rest, and as lying on a face."""
+        return PlaceCriterion()
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        rim = 1e3 * min(place.height for place in self.bins)
+        return (
+            "each item: all of it between the walls of the bin of its colour, its centre below "
+            f"the rim ({rim:g} mm), and a face level within {np.degrees(self.placed.tilt):.3g}°",
+            f"all {self.placed.rest_words}",
+            END,
+        )
+
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with boxes and cylinders of random sizes and masses."""
         items = []
@@ -106,6 +132,7 @@ class Sort(Task):
             place.add(spec)
         for item, (x, y) in zip(self.items, _START, strict=False):
             item.add(spec, (x, y, TABLE_TOP + 0.5 * item.height))
+        PlaceCriterion.add_state(spec)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -116,34 +143,36 @@ class Sort(Task):
         for item, (x, y), turn in zip(self.items, places, turns, strict=True):
             pose = upright([x, y, TABLE_TOP + 0.5 * item.height], turn)
             simulation.place_object(item.name, pose)
+            if rng is not None:
+                item.draw_friction(simulation, rng)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
         steps: list[StepLike] = []
         taken: list[tuple[float, float]] = []
         for item in self.items:
-            T_world_item = simulation.object_pose(item.name)
-            hand = self._hand(simulation, item, T_world_item)
+            T_world_item = sensed.seen_pose(item.name)
+            hand = self._hand(sensed, item, T_world_item)
             slot = self._bin(item).free_slot(taken)
             taken.append(slot)
-            grasp = item.grasp(T_world_item, simulation.gripper.width_max)
+            grasp = item.grasp(T_world_item, sensed.gripper.width_max)
             steps += hand.foreseen(T_world_item, self._dropped(item, slot, grasp, T_world_item))
         return [*steps, HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         left = len(self.items) + self.retries
         while left:
-            seen = yield from estimate_poses(simulation, [item.name for item in self.items])
+            seen = yield from estimate_poses(sensed, [item.name for item in self.items])
             loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
             if not loose:
                 break
             left -= 1
             item = loose[0]
-            hand = self._hand(simulation, item, seen[item.name])
+            hand = self._hand(sensed, item, seen[item.name])
             others = [seen[other.name] for other in self.items if other is not item]
             try:
-                yield from self._sort(hand, simulation, others)
+                yield from self._sort(hand, sensed, others)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -152,24 +181,36 @@ class Sort(Task):
                     yield HOME
                     raise
             else:
-                yield hand.retreat(simulation.tool_pose())
+                yield hand.retreat(sensed.tool_pose())
                 yield Release(name="open gripper")
         yield HOME
         return None
 
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self.placed.monitor(simulation, [item.name for item in self.items])
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        for item in self.items:
-            pose, home = simulation.object_pose(item.name), self._bin(item)
-            speed = float(np.linalg.norm(simulation.object_twist(item.name)[:3]))
-            if not home.holds(pose.translation()) or speed > 1e-3:
-                x, y, z = pose.translation()
-                return Failure(
-                    cause=Cause.PLACE,
-                    evidence=f"the {item.name} is at ({x:.3f}, {y:.3f}, {z:.3f}) m, moving at "
-                    f"{1e3 * speed:.1f} mm/s; it belongs at rest into the {home.name}: {home.room}",
-                )
+        against = [self._against(simulation, item) for item in self.items]
+        against.append(self.placed.against_rest(simulation, [item.name for item in self.items]))
+        evidence = next((reason for reason in against if reason is not None), None)
+        if evidence is not None:
+            return Failure(cause=Cause.PLACE, evidence=evidence)
         return unfinished(simulation)
+
+    def _against(self, simulation: Simulation, item: Item) -> str | None:
+        """Return why an item does not lie in its bin; None if it does."""
+        pose, home = simulation.object_pose(item.name), self._bin(item)
+        reasons = []
+        if not home.holds_all(item, pose):
+            x, y, z = pose.translation()
+            reasons.append(
+                f"is at ({x:.3f}, {y:.3f}, {z:.3f}) m, and not all of it is in the "
+                f"{home.name}: {home.room}"
+            )
+        off = Miss(distance=0.0, turn=0.0, tilt=face_tilt(pose))
+        return told(f"the {item.name}", [*reasons, *self.placed.against_pose(off)])
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Return the number of items in their bins."""
@@ -177,14 +218,14 @@ class Sort(Task):
         return {"sorted": float(sum(sorted_))}
 
     def _sort(
-        self, hand: ItemHandler, simulation: Simulation, others: Sequence[SE3]
+        self, hand: ItemHandler, sensed: Sensed, others: Sequence[SE3]
     ) -> Generator[StepLike, None, None]:
         """Pick an item and release it over a free slot of its bin."""
         held = yield from hand.pick()
         T_world_item = yield from hand.look_held(held)
         taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
         slot = self._bin(hand.item).free_slot(taken)
-        goal = self._dropped(hand.item, slot, simulation.tool_pose(), T_world_item)
+        goal = self._dropped(hand.item, slot, sensed.tool_pose(), T_world_item)
         yield from hand.place(goal, held)
 
     def _is_in(self, item: Item, T_world_item: SE3) -> bool:
@@ -193,15 +234,15 @@ class Sort(Task):
     def _bin(self, item: Item) -> Bin:
         return next(place for place in self.bins if place.rgba == item.rgba)
 
-    def _hand(self, simulation: Simulation, item: Item, T_world_item: SE3) -> ItemHandler:
+    def _hand(self, sensed: Sensed, item: Item, T_world_item: SE3) -> ItemHandler:
         item, turn = upright_item(item, T_world_item)
         on_table = TABLE_TOP + 0.5 * item.height
         stands = abs(T_world_item.translation()[2] - on_table) < _ON_TABLE
         return ItemHandler(
-            simulation=simulation,
+            sensed=sensed,
             item=item,
             above=TABLE_TOP + self.above,
-            force=self.grip_force,
+            force=item.grip_force(self.grip_force),
             opening=_LET_GO,
             resting=on_table if stands else None,
             T_item_standing=turn,

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -13,11 +13,19 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import YELLOW, add_goal, estimate_goal, marked_goal, place_goal
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler, unfinished
+from robo47_qp.tasks.goal import YELLOW, add_goal, estimate_goal, marked_goal, place_goal, seen_goal
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
+from robo47_qp.tasks.handling.place_criterion import (
+    END,
+    Miss,
+    PlaceCriterion,
+    told,
+    unfinished,
+)
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
-from robo47_qp.tasks.heading import heading, upright
+from robo47_qp.tasks.heading import face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
@@ -42,9 +50,9 @@ _EDGES = (0.035, 0.05)
 class Stack(Task):
     """Stack cubes on top of each other; with a seed, they and the goal are drawn at random.
 
-    Any cube may be at any level. The tower stands when every level has a cube whose centre is
-    within `tolerance` of the goal's vertical and of its own height, all at rest, the gripper open
-    and the arm home.
+    Any cube may be at any level, on any of its faces. The tower stands when every level has a cube
+    whose centre is within `tolerance` of the goal's vertical and of its own height, which is level
+    and has the heading of the goal, all at rest, the gripper open and the arm home.
     """
 
     cubes: tuple[Item, ...] = tuple(
@@ -60,13 +68,14 @@ class Stack(Task):
     height_tolerance: Positive = 2e-3
     """Largest error of the height of each centre [m]."""
     grip_force: Positive = 30.0
-    """Force of one finger [N]."""
+    """Largest force of one finger; see `Item.grip_force` [N]."""
     clearance: Positive = 0.06
     """Clearance between the tower and a cube that is carried over it [m]."""
     retries: CountOrZero = 4
     """Further attempts after a cube was missed, lost or knocked down."""
     force_max: float = 60.0
     """See `Task.force_max` [N]."""
+    opening_needed: ClassVar[float | None] = 0.051
     name: str = "stack"
 
     def __post_init__(self) -> None:
@@ -88,6 +97,24 @@ class Stack(Task):
         """Edge length of the cubes [m]."""
         return self.cubes[0].height
 
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When a cube counts as placed; positions are judged by the tolerances of the tower."""
+        return PlaceCriterion(distance=self.tolerance)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        placed = self.placed
+        return (
+            f"each cube: its centre within {1e3 * self.tolerance:g} mm of the goal's vertical and "
+            f"{1e3 * self.height_tolerance:g} mm of its height, its heading within "
+            f"{np.degrees(placed.turn):.3g}° of the goal's by quarter turns, and a face level "
+            f"within {np.degrees(placed.tilt):.3g}°, whichever it is",
+            f"all {placed.rest_words}",
+            END,
+        )
+
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with cubes of a random edge and mass."""
         edge, mass = rng.uniform(*_EDGES), rng.uniform(*_MASSES)
@@ -100,6 +127,7 @@ class Stack(Task):
         for cube, where in zip(self.cubes, _START, strict=False):
             cube.add(spec, (*where, TABLE_TOP + 0.5 * self.edge))
         add_goal(spec, self.cubes[0], YELLOW)
+        PlaceCriterion.add_state(spec)
 
     def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
         """See `Task.reset`."""
@@ -113,29 +141,31 @@ class Stack(Task):
         for cube, (x, y), turn in zip(self.cubes, places, turns, strict=False):
             height = TABLE_TOP + 0.5 * self.edge
             simulation.place_object(cube.name, upright([x, y, height], turn))
+            if rng is not None:
+                cube.draw_friction(simulation, rng)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
         steps: list[StepLike] = []
-        tower = self._tower(marked_goal(simulation))
+        tower = self._tower(seen_goal(sensed))
         for level, cube in enumerate(self.cubes):
-            T_world_cube = simulation.object_pose(cube.name)
-            hand = self._hand(simulation, tower, cube, T_world_cube)
+            T_world_cube = sensed.seen_pose(cube.name)
+            hand = self._hand(sensed, tower, cube, T_world_cube)
             steps += hand.foreseen(T_world_cube, tower.level(level))
         return [*steps, HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        tower = self._tower((yield from estimate_goal(simulation)))
+        tower = self._tower((yield from estimate_goal(sensed)))
         left = len(self.cubes) + self.retries
         while left:
-            seen = yield from estimate_poses(simulation, [cube.name for cube in self.cubes])
+            seen = yield from estimate_poses(sensed, [cube.name for cube in self.cubes])
             loose = tower.loose(seen)
             if not loose:
                 break
             left -= 1
             cube = next(cube for cube in self.cubes if cube.name == loose[0])
-            hand = self._hand(simulation, tower, cube, seen[cube.name])
+            hand = self._hand(sensed, tower, cube, seen[cube.name])
             try:
                 yield from self._add(hand, tower, seen)
             except StepFailed as error:
@@ -146,33 +176,60 @@ class Stack(Task):
                     yield HOME
                     raise
             else:
-                yield hand.retreat(simulation.tool_pose())
+                yield hand.retreat(sensed.tool_pose())
         yield HOME
         return None
 
+    def monitor(self, simulation: Simulation) -> None:
+        """See `Task.monitor`."""
+        self.placed.monitor(simulation, [cube.name for cube in self.cubes])
+
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        goal = marked_goal(simulation).translation()
         order = sorted(self.cubes, key=lambda c: simulation.object_pose(c.name).translation()[2])
-        for level, cube in enumerate(order):
-            x, y, z = simulation.object_pose(cube.name).translation() - goal
-            off, rise = float(np.hypot(x, y)), float(z - (level + 0.5) * self.edge)
-            speed = float(np.linalg.norm(simulation.object_twist(cube.name)[:3]))
-            if off > self.tolerance or abs(rise) > self.height_tolerance or speed > 1e-3:
-                return Failure(
-                    cause=Cause.PLACE,
-                    evidence=f"the {cube.name}, number {level + 1} from below, is "
-                    f"{1e3 * off:.1f} mm beside the goal and {1e3 * rise:+.1f} mm off its height, "
-                    f"moving at {1e3 * speed:.1f} mm/s; allowed are {1e3 * self.tolerance:.1f} mm, "
-                    f"{1e3 * self.height_tolerance:.1f} mm, 1 mm/s",
-                )
+        against = [self._against(simulation, cube, level) for level, cube in enumerate(order)]
+        against.append(self.placed.against_rest(simulation, [cube.name for cube in order]))
+        evidence = next((reason for reason in against if reason is not None), None)
+        if evidence is not None:
+            return Failure(cause=Cause.PLACE, evidence=evidence)
         return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Return the largest horizontal distance of a cube from the goal's vertical [m]."""
-        goal = marked_goal(simulation).translation()
-        off = [simulation.object_pose(cube.name).translation() - goal for cube in self.cubes]
-        return {"stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off))}
+        """Return the largest horizontal distance of a cube from the goal's vertical [m], and the
+        largest heading error and tilt of a cube [rad]."""
+        goal = marked_goal(simulation)
+        poses = [simulation.object_pose(cube.name) for cube in self.cubes]
+        off = [pose.translation() - goal.translation() for pose in poses]
+        return {
+            "stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off)),
+            "stack_turn_rad": max(self._turn(pose, goal) for pose in poses),
+            "stack_tilt_rad": max(face_tilt(pose) for pose in poses),
+        }
+
+    def _against(self, simulation: Simulation, cube: Item, level: int) -> str | None:
+        """Return why a cube is not in its place at a level of the tower; None if it is."""
+        goal, pose = marked_goal(simulation), simulation.object_pose(cube.name)
+        x, y, z = pose.translation() - goal.translation()
+        off, rise = float(np.hypot(x, y)), float(z - (level + 0.5) * self.edge)
+        reasons = []
+        if off > self.tolerance:
+            reasons.append(
+                f"is {1e3 * off:.1f} mm beside the goal (allowed are {1e3 * self.tolerance:g} mm)"
+            )
+        if abs(rise) > self.height_tolerance:
+            reasons.append(
+                f"is {1e3 * rise:+.1f} mm off its height "
+                f"(allowed are {1e3 * self.height_tolerance:g} mm)"
+            )
+        turned = Miss(distance=0.0, turn=self._turn(pose, goal), tilt=face_tilt(pose))
+        reasons += self.placed.against_pose(turned)
+        return told(f"the {cube.name}, number {level + 1} from below,", reasons)
+
+    def _turn(self, T_world_cube: SE3, T_world_goal: SE3) -> float:
+        """Return the heading error of a cube on any of its faces [rad]."""
+        cube, standing = upright_item(self.cubes[0], T_world_cube)
+        turn = heading(T_world_cube @ standing) - heading(T_world_goal)
+        return abs(cube.same_heading(turn))
 
     def _add(
         self, hand: ItemHandler, tower: Tower, seen: dict[str, SE3]
@@ -180,7 +237,7 @@ class Stack(Task):
         """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
         held = yield from hand.pick()
         before = tower.standing(seen)
-        now = yield from estimate_poses(hand.simulation, before)
+        now = yield from estimate_poses(hand.sensed, before)
         goal = tower.level(len(before))
         if tower.standing(now) != before:
             T_world_cube = hand.stood(seen[hand.item.name])
@@ -188,16 +245,14 @@ class Stack(Task):
             goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
         yield from hand.place(goal, held)
 
-    def _hand(
-        self, simulation: Simulation, tower: Tower, cube: Item, T_world_cube: SE3
-    ) -> ItemHandler:
+    def _hand(self, sensed: Sensed, tower: Tower, cube: Item, T_world_cube: SE3) -> ItemHandler:
         top = tower.height(len(self.cubes) - 1)
         item, turn = upright_item(cube, T_world_cube)
         return ItemHandler(
-            simulation=simulation,
+            sensed=sensed,
             item=item,
             above=top + self.clearance,
-            force=self.grip_force,
+            force=item.grip_force(self.grip_force),
             resting=tower.height(tower.storey(T_world_cube)),
             T_item_standing=turn,
         )

@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Checked, Positive
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.place_criterion import PlaceCriterion
 from robo47_qp.tasks.table import TABLE_TOP
-from robo47_qp.tasks.task_state import add_task_state, hide_marker, task_state
+from robo47_qp.tasks.task_state import hide_marker, task_state
 from robo47_qp.tasks.wipe.sponge import Sponge
 
 SURFACE = TABLE_TOP + 0.03
@@ -21,6 +23,8 @@ DIRTY = (0.065, 0.085)
 """Largest distances of marks from the board's centre, along its x and y [m]."""
 MARKS = 8
 """Number of marks."""
+OUTSIDE = 0.01
+"""Largest share of the time of sliding with a force outside its band [-]."""
 _SLIDING = 5e-3
 """Speed above which the sponge counts as sliding [m/s]."""
 _TOUCHING = 2e-3
@@ -48,7 +52,7 @@ class WipeSettings(Checked):
 
 def add_board(spec: mujoco.MjSpec) -> None:
     """Add the board, a body that the task places, its frame at the centre of its surface."""
-    add_task_state(spec, 4)
+    PlaceCriterion.add_state(spec, 4)
     box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     board = spec.worldbody.add_body(name="board", mocap=True)
     x, y = BOARD
@@ -106,12 +110,13 @@ class WipeMonitor:
         slid, outside, worst, _ = task_state(self._simulation)
         if slid == 0.0:
             return "the sponge has not been led over the board"
-        if outside <= 0.01 * slid:
+        if outside <= OUTSIDE * slid:
             return None
         return (
             f"the force was off by more than {100 * self._settings.band:.0f} % for "
             f"{100 * outside / slid:.1f} % of the time of sliding, "
-            f"{self._settings.force + worst:.2f} N at worst; allowed is 1 %"
+            f"{self._settings.force + worst:.2f} N at worst; allowed is "
+            f"{100 * OUTSIDE:g} %"
         )
 
     def _slides(self) -> bool:
@@ -146,6 +151,11 @@ def mark(i: int) -> str:
 def marks_left(simulation: Simulation) -> list[int]:
     """Return the indices of the marks on the board; those wiped off are below the floor."""
     return [int(i) for i in np.flatnonzero(_positions(simulation)[:, 2] > 0.0)]
+
+
+def marks_seen(sensed: Sensed) -> list[int]:
+    """Return the indices of the marks that the camera sees on the board."""
+    return [i for i in range(MARKS) if not sensed.is_hidden(mark(i))]
 
 
 def _positions(simulation: Simulation) -> np.ndarray:

@@ -13,7 +13,7 @@ from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import Move, StepLike
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.heading import heading
-from robo47_qp.tasks.wipe.board import SURFACE, WipeMonitor, WipeSettings
+from robo47_qp.tasks.wipe.board import SURFACE, WipeSettings
 
 _STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
 """Half the length of a stroke along the board's y, and the positions of the strokes along its x
@@ -32,7 +32,6 @@ class BoardWiper(ItemHandler):
     """Picks the sponge, wipes the board with it and puts it back."""
 
     settings: WipeSettings
-    monitor: WipeMonitor
     T_world_board: SE3
     """Estimated pose of the board, but for its height."""
 
@@ -71,13 +70,13 @@ class BoardWiper(ItemHandler):
         yield Comply(
             name="wipe",
             # Level, at the height at which the tool is now.
-            waypoints=self.strokes(self.simulation.tool_pose().translation()[2]),
+            waypoints=self.strokes(self.sensed.tool_pose().translation()[2]),
             compliance=pressing,
             renew=True,
             speed=self.settings.speed,
             during=held,
         )
-        off = self._line("lift off", self._up(self.simulation.tool_pose()))
+        off = self._line("lift off", self._up(self.sensed.tool_pose()))
         yield Comply(
             name="lift off", waypoints=(off,), compliance=Compliance(stiffness=_FIRM), during=held
         )
@@ -134,13 +133,17 @@ class BoardWiper(ItemHandler):
         """Return the direction of the strokes (3,) [-]."""
         return self.T_world_board.rotation().as_matrix()[:, 1]
 
+    def _force(self) -> float:
+        """Return the force of the sponge on the board, as measured without its weight [N]."""
+        return float(self.sensed.felt_force()[2]) + 9.81 * self.item.mass
+
     def _pressed(self) -> Condition:
         """Return the condition that the force has been close to its set value for a while."""
-        since = self.simulation.time
+        since = self.sensed.time
 
         def against() -> str | None:
             nonlocal since
-            now, force = self.simulation.time, self.monitor.pressed()
+            now, force = self.sensed.time, self._force()
             if abs(force - self.settings.force) > 0.02 * self.settings.force:
                 since = now
             if now - since >= _STEADY:
@@ -153,7 +156,7 @@ class BoardWiper(ItemHandler):
 
     def _in_contact(self) -> Condition:
         def against() -> str | None:
-            force = self.monitor.pressed()
+            force = self._force()
             if force >= 0.5 * self.settings.force:
                 return None
             return (

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.item import SPINNING, Item
 
 _SOFT = [-700.0, -12.0]
 """Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: for its
@@ -40,6 +40,7 @@ class Sponge(Item):
             size=[0.5 * x, 0.5 * y, 0.5 * (z - deep)],
             mass=self.mass - soft,
             rgba=self.rgba,
+            friction=[sum(self.friction) / 2.0, *SPINNING],
         )
         body.add_geom(
             name="foam",
@@ -48,7 +49,7 @@ class Sponge(Item):
             size=[0.5 * self.foam[0], 0.5 * self.foam[1], 0.5 * deep],
             mass=soft,
             rgba=[0.95, 0.80, 0.25, 1.0],
-            friction=[self.foam_friction, 0.005, 1e-4],
+            friction=[self.foam_friction, *SPINNING],
             # Its own softness and friction hold, whatever it touches.
             priority=1,
             solref=_SOFT,

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -11,9 +12,11 @@ from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
+from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import estimate_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, miss, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table
@@ -22,12 +25,14 @@ from robo47_qp.tasks.wipe.board import (
     DIRTY,
     HEIGHT_ERROR,
     MARKS,
+    OUTSIDE,
     SURFACE,
     WipeMonitor,
     WipeSettings,
     add_board,
     mark,
     marks_left,
+    marks_seen,
 )
 from robo47_qp.tasks.wipe.board_wiper import BoardWiper
 from robo47_qp.tasks.wipe.sponge import Sponge
@@ -50,8 +55,13 @@ class Wipe(Task):
             name="sponge", size=_SPONGE, mass=0.04, rgba=(0.20, 0.45, 0.30, 1.0)
         )
     )
+    grip_force: Positive = 30.0
+    """Force of one finger on the sponge [N]."""
+    place_tolerance: Positive = 0.01
+    """Largest distance of the sponge from its place at the end [m]."""
     retries: CountOrZero = 2
     """Further attempts after a lost sponge or marks that were missed."""
+    opening_needed: ClassVar[float | None] = 0.041
     name: str = "wipe"
 
     @property
@@ -87,25 +97,36 @@ class Wipe(Task):
         simulation.place_marker("place of the sponge", start)
         up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
         simulation.place_object(self.sponge.name, start @ up)
+        if rng is not None:
+            self.sponge.draw_friction(simulation, rng)
         for i, (x, y) in enumerate(marks):
             place = SE3.from_translation(np.array([x, y, 0.0]))
             simulation.place_marker(mark(i), board @ place)
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:
+    def as_seen(self, name: str, T_world_thing: SE3) -> SE3:
+        """See `Task.as_seen`: the height of the board and its marks is the nominal one."""
+        x, y, z = T_world_thing.translation()
+        if z < HIDDEN_BELOW or (name != "board" and name not in map(mark, range(MARKS))):
+            return T_world_thing
+        return SE3.from_rotation_and_translation(
+            T_world_thing.rotation(), np.array([x, y, SURFACE])
+        )
+
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
-        hand = self._wiper(simulation, simulation.marker_pose("board"))
-        T_world_sponge = simulation.object_pose(self.sponge.name)
+        hand = self._wiper(sensed, sensed.seen_pose("board"))
+        T_world_sponge = sensed.seen_pose(self.sponge.name)
         *approach, descend = hand.approach(T_world_sponge)
-        grasp = self.sponge.grasp(T_world_sponge, simulation.gripper.width_max)
+        grasp = self.sponge.grasp(T_world_sponge, sensed.gripper.width_max)
         lift = hand.lift(grasp, T_world_sponge)
         above, hover = hand.to_board()
         return [*approach, descend, lift, above, hover, above.onward[1:], HOME]
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        hand = self._wiper(simulation, (yield from estimate_pose(simulation, "board")))
+        hand = self._wiper(sensed, (yield from estimate_pose(sensed, "board")))
         home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
-        back = (yield from estimate_goal(simulation, "place of the sponge")) @ home
+        back = (yield from estimate_goal(sensed, "place of the sponge")) @ home
         held = False
         for attempt in range(1 + self.retries):
             try:
@@ -113,7 +134,7 @@ class Wipe(Task):
                     hand = hand.holding((yield from hand.pick()))
                     held = True
                 yield from hand.wipe()
-                if marks_left(simulation) and attempt < self.retries:
+                if marks_seen(sensed) and attempt < self.retries:
                     continue
                 yield from hand.place(back)
             except StepFailed as error:
@@ -126,54 +147,76 @@ class Wipe(Task):
                     raise
             else:
                 break
-        yield hand.retreat(simulation.tool_pose())
+        yield hand.retreat(sensed.tool_pose())
         yield HOME
         return None
 
+    @property
+    def placed(self) -> PlaceCriterion:
+        """When the sponge counts as back in its place."""
+        return PlaceCriterion(distance=self.place_tolerance)
+
+    @property
+    def judged(self) -> Sequence[str]:
+        """See `Task.judged`."""
+        return (
+            f"no mark is left; the sponge wipes one off that it touches with at least "
+            f"{self.settings.force_least:g} N",
+            self._settings_words,
+            f"the sponge: {self.placed.pose_words}",
+            self.placed.rest_words,
+            END,
+        )
+
+    @property
+    def _settings_words(self) -> str:
+        return (
+            f"while the sponge slides on the board, its force within "
+            f"{100 * self.settings.band:g} % of {self.force:g} N for {100 * (1 - OUTSIDE):g} % of "
+            "the time"
+        )
+
     def monitor(self, simulation: Simulation) -> None:
         """See `Task.monitor`."""
+        self.placed.monitor(simulation, (self.sponge.name,))
         self._monitor(simulation).update()
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
-        against = self._against_end(simulation) or self._monitor(simulation).against_force()
-        return None if against is None else Failure(cause=Cause.PLACE, evidence=against)
-
-    def _against_end(self, simulation: Simulation) -> str | None:
-        """Return why the goal state is not reached; None if it is."""
-        measures = self.measures(simulation)
-        left, off = round(measures["marks_left"]), measures["sponge_error_m"]
-        away = float(np.abs(simulation.true_state().q - simulation.robot.home).max())
-        width, open_width = simulation.width(), simulation.gripper.width_max - 1e-3
-        speed = float(np.linalg.norm(simulation.object_twist(self.sponge.name)[:3]))
-        if left or off > 0.01 or speed > 1e-3 or away > 0.01 or width < open_width:
-            return (
-                f"{left} of {MARKS} marks are left, the sponge is {1e3 * off:.1f} mm from its "
-                f"place and moves at {1e3 * speed:.1f} mm/s, a joint is {away:.3f} rad from home, "
-                f"the gripper is open {1e3 * width:.1f} mm; allowed are 0, 10.0 mm, 1 mm/s, "
-                f"0.01 rad, at least {1e3 * open_width:.1f} mm"
-            )
-        return None
+        left = len(marks_left(simulation))
+        against = f"{left} of {MARKS} marks are left; allowed is none" if left else None
+        place = self._place(simulation)
+        against = against or self.placed.against(simulation, self.sponge, place)
+        against = against or self._monitor(simulation).against_force()
+        if against is not None:
+            return Failure(cause=Cause.PLACE, evidence=against)
+        return unfinished(simulation)
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
-        """Return the number of remaining marks [-] and the sponge's distance from its place [m]."""
-        place = simulation.marker_pose("place of the sponge").translation()
-        up = np.array([0.0, 0.0, 0.5 * self.sponge.height])
-        sponge = simulation.object_pose(self.sponge.name).translation()
+        """Return the number of remaining marks [-], and the errors of the sponge's position [m],
+        heading and tilt [rad]."""
+        pose = simulation.object_pose(self.sponge.name)
+        off = miss(self.sponge, pose, self._place(simulation))
         return {
             "marks_left": float(len(marks_left(simulation))),
-            "sponge_error_m": float(np.linalg.norm(sponge - place - up)),
+            "sponge_error_m": off.distance,
+            "sponge_turn_rad": off.turn,
+            "sponge_tilt_rad": off.tilt,
         }
 
-    def _wiper(self, simulation: Simulation, T_world_board: SE3) -> "BoardWiper":
+    def _place(self, simulation: Simulation) -> SE3:
+        """Return T_world_sponge of the sponge in its place."""
+        up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
+        return simulation.marker_pose("place of the sponge") @ up
+
+    def _wiper(self, sensed: Sensed, T_world_board: SE3) -> "BoardWiper":
         above = SURFACE + 0.10 + self.sponge.height
         return BoardWiper(
-            simulation=simulation,
+            sensed=sensed,
             item=self.sponge,
             above=above,
-            force=40.0,
+            force=self.grip_force,
             settings=self.settings,
-            monitor=self._monitor(simulation),
             T_world_board=T_world_board,
         )
 

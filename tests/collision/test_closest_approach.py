@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mink import SE3, SO3
 
+from robo47_qp._core.library import using
 from robo47_qp.collision.closest_approach import RESOLUTION, ClosestApproach
 from robo47_qp.errors import ModelError
 from robo47_qp.model.arm import Arm
@@ -33,6 +35,37 @@ def test_nothing_closer_is_missed(seed: int) -> None:
     assert every.min() - 1e-12 <= found.distance <= every.min() + RESOLUTION
     assert every[found.row] == pytest.approx(found.distance, abs=1e-12)
     assert found.obstacle in {obstacle.name for obstacle in obstacles}
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_the_core_finds_the_same_to_the_bit(monkeypatch: pytest.MonkeyPatch, own: bool) -> None:
+    q = wandering(np.random.default_rng(90_022), 700)
+    crossings: list[int] = []
+    # Through the arm and around it: capsules cross boxes, which MuJoCo gets wrong.
+    turned = SE3.from_rotation(SO3.exp(np.array([0.9, -0.7, 0.6])))
+    boxes = [
+        Obstacle(
+            name=f"box {x}", shape=Shape.BOX, size=size, T_world_obstacle=at(x, 0, 0.5) @ turned
+        )
+        for x, size in ((0.3, (0.02, 0.3, 0.08)), (0.7, (0.02, 0.4, 0.1)), (1.5, (0.1, 0.2, 0.1)))
+    ]
+    core = ClosestApproach(PANDA, boxes, own=own)
+    with using("numpy"):
+        plain = ClosestApproach(PANDA, boxes, own=own)
+        far = ClosestApproach(PANDA, boxes[2:])
+    between = core._between
+
+    def counted(pair: int) -> float:
+        crossings.append(pair)
+        return between(pair)
+
+    monkeypatch.setattr(core, "_between", counted)
+    for rows in (q, q[::50], q[:1]):
+        assert core.along(rows) == plain.along(rows)
+    for row in q[::10]:
+        assert core._distances(row) == plain._distances(row)
+    assert len(crossings) > 10
+    assert ClosestApproach(PANDA, boxes[2:]).along(q) == far.along(q)
 
 
 def test_a_moment_too_close_is_not_overlooked() -> None:

@@ -124,7 +124,19 @@ def test_friction_is_learned_and_later_reversals_are_met_with_it() -> None:
         if name == "learned":
             assert active.observed is not None
             assert active.observed.friction == pytest.approx(FRICTION, rel=0.15)
+            asked: list[Vector] = []
+            turns_at_once(sim, active, asked)
+            # A torque that turned at once would change by twice the friction: by 1 N m in 1 ms.
+            assert (np.abs(np.diff(asked, axis=0)) < 0.5 * PANDA.tau_rate_max * DT).all()
     assert errors["learned"] < 0.6 * errors["not"]
+
+
+def turns_at_once(sim: DisturbedSimulation, active: ActiveController, asked: list[Vector]) -> None:
+    """Lead all joints back by 1 mrad within 10 ms, one update of the friction."""
+    for k in range(40):
+        back = 1e-4 * np.clip(k - 20, 0, 10)
+        sim.step(active.torque(at_rest(PANDA.home - back), sim.state()))
+        asked.append(active.commanded.copy())
 
 
 def loop(delay: int, mass: float, arm: Arm, observer: DisturbanceObserver) -> np.ndarray:
@@ -193,7 +205,10 @@ def test_noise_of_the_positions_keeps_the_torque_rate(rng: np.random.Generator) 
     arm, noise = Arm(PANDA), 1e-4
     sim = DisturbedSimulation(PANDA, no_objects, Disturbance(noise_q=noise), rng)
     active = ActiveController(
-        ComputedTorque(), arm, dt=DT, observer=DisturbanceObserver().in_cell(noise, 0.0, 0.0, DT)
+        ComputedTorque(),
+        arm,
+        dt=DT,
+        observer=DisturbanceObserver().in_cell(noise, 0.0, 0.0, 0.0, DT),
     )
     way = plan_ptp(arm.home, arm.home + 0.4, PANDA.profile, DT)
     asked = []

@@ -29,6 +29,7 @@ from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, com
 from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.evaluation.workers.worker import run_guarded
+from robo47_qp.files import claimed
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
@@ -188,13 +189,31 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
     odd = tmp_path / "odd.json"
     for content, match in (
         ('{"settings": {}}', "a report of an evaluation; found .*odd.json without 'entries'"),
-        ('{"settings": {}, "entries": []}', "a result of the same task"),
+        ('{"settings": {}, "entries": []}', "a report of an evaluation; found .*odd.json without"),
     ):
         odd.write_text(content)
         refused(InvalidValueError, f"--against must be {match}", against=odd)
     assert {path.name for path in tmp_path.iterdir()} == {"odd.json"}
     with pytest.raises(UnknownNameError, match=r"No task is called 'fly'; known: (.*)pick_place"):
         evaluate_chosen(options(tmp_path, task="fly"), QUIET)
+
+
+@pytest.mark.parametrize("chosen", [{}, {"resume": True}])
+def test_a_second_evaluation_with_the_same_files_is_refused(
+    chosen: dict[str, Any], tmp_path: Path
+) -> None:
+    for ending in (".json", ".md", ".png", ".rrd", ".jsonl"):
+        (tmp_path / f"eval{ending}").write_text("of the first")
+    with (
+        claimed(tmp_path / "eval.rrd"),
+        pytest.raises(RecordingError, match=r"eval\.rrd is being written by another process"),
+    ):
+        evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
+    left = sorted(tmp_path.iterdir())
+    assert [path.name for path in left] == [
+        f"eval{e}" for e in (".json", ".jsonl", ".md", ".png", ".rrd")
+    ]
+    assert {path.read_text() for path in left} == {"of the first"}
 
 
 def test_a_policy_from_elsewhere_is_evaluated(tmp_path: Path) -> None:
@@ -286,10 +305,12 @@ def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
 ) -> None:
     monkeypatch.setattr(InProcess, "interrupted_after", 1)
     screen = StringIO()
+    for ending in (".json", ".md", ".png", ".rrd"):
+        (tmp_path / f"eval{ending}").write_text("of an earlier evaluation")
     assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
     assert "continue with --resume" in screen.getvalue()
     assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
-    assert not (tmp_path / "eval.json").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["eval.jsonl"]
 
 
 def entries(won: str) -> list[EpisodeResult]:

@@ -219,6 +219,26 @@ def test_every_line_is_on_the_disk_before_the_next_episode_counts(
     journal.close()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+def test_a_full_disk_is_told_once_and_what_was_written_is_kept(tmp_path: Path) -> None:
+    import resource
+
+    path = tmp_path / "eval.jsonl"
+    evaluated(path, Here(), episodes=2)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 50, hard))
+    try:
+        with pytest.raises(
+            RecordingError, match=r"File too large\. It holds 2 episodes; make room"
+        ):
+            evaluated(path, Here(), episodes=4, resume=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    rest = Here()
+    evaluated(path, rest, episodes=4, resume=True)
+    assert len(rest.ran) == 2
+
+
 def test_the_progress_is_shown_from_the_start(tmp_path: Path) -> None:
     path, shown = tmp_path / "eval.jsonl", []
     evaluated(path, Here(), episodes=2)

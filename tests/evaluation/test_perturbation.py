@@ -25,7 +25,6 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.tasks.table import add_table
-from tests.controlled import LOAD
 from tests.runs import Reach
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -280,7 +279,6 @@ def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
         goal = world.seen_marker("goal").wxyz_xyz
         seen[-1] = np.concatenate([seen[-1], said.v - true.v, felt, goal, [age]])
     rows, m = np.round(seen, 6), world.model
-    told = world.told_payload(LOAD)
     dofs, links = slice(0, 7), slice(1, 12)
     return {
         "seen position": rows[:, :3],
@@ -295,7 +293,7 @@ def observed(perturbation: Perturbation) -> dict[str, NDArray[np.float64]]:
         "size": m.geom("brick").size.copy(),
         "links": np.c_[m.body_mass, m.body_inertia, m.body_ipos][links],
         "joints": np.c_[m.dof_frictionloss, m.dof_damping, m.dof_armature][dofs],
-        "payload told": np.array([told.mass, *told.inertia]),
+        "payload told": np.array(world.payload_factor),
         "mass": np.array([*m.body("brick").mass, *m.body("brick").ipos]),
         "friction": m.geom_friction.copy(),
     }

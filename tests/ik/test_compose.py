@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.ik.damping import Damping
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
@@ -150,10 +151,27 @@ def test_reasons_speak_of_what_is_asked_for() -> None:
     assert pointing.converged
 
 
-@pytest.mark.parametrize("kind", [QpIk, DlsIk])
-def test_solvers_of_whole_poses_refuse_other_demands(kind: Callable[..., Any]) -> None:
+def test_a_solver_of_whole_poses_refuses_other_demands() -> None:
     with pytest.raises(InvalidValueError, match="demand must be FULL with"):
-        kind(tolerance=Tolerance(demand=POSITION))
+        QpIk(tolerance=Tolerance(demand=POSITION))
+
+
+@pytest.mark.parametrize("demand", [FreeAxis(), Direction(), POSITION])
+def test_dls_reaches_what_is_demanded_by_the_step_that_lm_takes(demand: ToolDemand) -> None:
+    rng = np.random.default_rng(6)
+    asked, law = Tolerance(demand=demand), Damping(constant=0.1)
+    reached = 0
+    for _ in range(8):
+        target = ARM.pose(np.clip(ARM.home + rng.uniform(-0.6, 0.6, 7), ARM.q_min, ARM.q_max))
+        dls = DlsIk(tolerance=asked, clip=False, damping=law, max_iterations=1)
+        lm = LmIk(tolerance=asked, within_limits=False, damping=law, max_iterations=1)
+        a, b = (one.solve(ARM, target, ARM.home).q for one in (dls, lm))
+        np.testing.assert_allclose(a, b, atol=1e-5)
+        found = DlsIk(tolerance=asked).solve(ARM, target, ARM.home)
+        reached += found.converged
+        if found.converged:
+            assert max(demand.distance(ARM, target, found.q)) < 1.1e-6
+    assert reached >= 6
 
 
 # Objectives -------------------------------------------------------------------------------------

@@ -1,18 +1,21 @@
 """mink in the path: the fused solvers step for step, the main job, and mink's own exceptions."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 import mink
 import numpy as np
 import pytest
 import qpsolvers
-from mink import SE3
-from mink.tasks import BaseTask
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.ik.lm import LmIk
+from robo47_qp.arrays import Vector
+from robo47_qp.evaluation.benchmarks.ik.same_step import (
+    OBJECTIVES,
+    State,
+    differences,
+    states,
+    step_of,
+)
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
@@ -31,51 +34,6 @@ from tests.plain_arm import PlainArm
 STATES = 300
 SAME = 1e-9
 """Steps closer than this are one [rad]."""
-
-
-class RotationVector(mink.Task):
-    """Displacement and rotation vector of the tool: what LmIk steps on."""
-
-    def __init__(self, arm: Arm, target: SE3, rows: int, damping: float) -> None:
-        super().__init__(np.ones(rows), lm_damping=damping)
-        self.arm, self.target, self.rows = arm, target, rows
-
-    def compute_error(self, configuration: mink.Configuration) -> Vector:
-        error: Vector = -self.arm.pose_error(self.target, configuration.q)[: self.rows]
-        return error
-
-    def compute_jacobian(self, configuration: mink.Configuration) -> Matrix:
-        return self.arm.jacobian(configuration.q)[: self.rows]
-
-
-def states(arm: Arm, count: int) -> list[tuple[Vector, Vector, SE3]]:
-    """Configuration, seed and target: inside the limits and on them, near and far."""
-    rng, found = np.random.default_rng(4), []
-    for i in range(count):
-        q, q_seed = rng.uniform(arm.q_min, arm.q_max, (2, arm.n))
-        if i % 2:
-            on = rng.random(arm.n) < 0.3
-            q[on] = np.where(rng.random(arm.n) < 0.5, arm.q_min, arm.q_max)[on]
-        way = rng.uniform(-1.0, 1.0, arm.n) * 10.0 ** -rng.uniform(0.0, 4.0)
-        found.append((q, q_seed, arm.pose(q + way)))
-    return found
-
-
-def plain_step(configuration: mink.Configuration, tasks: Sequence[BaseTask]) -> Vector:
-    """mink's own objects, made anew."""
-    limits = [mink.ConfigurationLimit(configuration.model, gain=1.0)]
-    return mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=1e-9, limits=limits)
-
-
-def step_of(solver: MinkIk | QpIk | LmIk, arm: Arm, state: tuple[Vector, Vector, SE3]) -> Vector:
-    q, q_seed, target = state
-    stepper = solver._search(arm).stepper
-    stepper.aim(target, q_seed)
-    distance2, angle2, _ = stepper.move(q)
-    turns = not getattr(solver, "position_only", False)
-    step = stepper.step(q, distance2 + (angle2 if turns else 0.0), None)
-    assert step is not None
-    return step
 
 
 def test_fused_and_mink_make_the_same_step(arm: Arm) -> None:
@@ -103,23 +61,53 @@ def test_its_objects_are_those_of_mink(arm: Arm) -> None:
         size = float(np.linalg.norm(tool.compute_error(configuration)))
         posture = mink.PostureTask(arm.model, cost=1e-2 * size)
         posture.set_target(q_seed)
-        expected = plain_step(configuration, [tool, posture])
+        limits = [mink.ConfigurationLimit(arm.model, gain=1.0)]
+        expected = mink.solve_ik(
+            configuration,
+            [tool, posture],
+            1.0,
+            "daqp",
+            damping=1e-9,
+            limits=limits,
+            primal_tol=1e-9,
+        )
         assert np.abs(step_of(MinkIk(), arm, state) - expected).max() < SAME
     assert compared > STATES // 3
 
 
-@pytest.mark.parametrize("position_only", [False, True])
-def test_the_step_of_lm_is_that_of_mink_with_a_task_of_rotation_vectors(
-    arm: Arm, plain: PlainArm, position_only: bool
-) -> None:
-    solver, rows = LmIk(position_only=position_only), 3 if position_only else 6
-    for state in states(arm, STATES // 3):
-        q, _, target = state
-        task = RotationVector(arm, target, rows, solver.damping)
+@pytest.mark.parametrize("name", [*OBJECTIVES])
+def test_steps_are_exact_and_those_of_mink(arm: Arm, name: str) -> None:
+    """Beside the minimum in 50 digits, and beside `mink.solve_ik`, which rounds more."""
+    found = np.array([differences(name, arm, one) for one in states(arm, STATES // 3)])
+    assert found[:, 0].max() < (SAME if name == "mink" else 0.1 * SAME)
+    assert found[:, 2].max() < SAME
+    assert 0.1 < (found[:, 3] > 0).mean() < 0.95
+
+
+def test_the_pose_error_of_lm_is_that_of_another_arm(arm: Arm, plain: PlainArm) -> None:
+    for q, _, target in states(arm, 30):
         # That of the plain arm is one of differences.
         assert arm.jacobian(q) == pytest.approx(plain.jacobian(q), abs=1e-7)
-        expected = plain_step(mink.Configuration(arm.model, q=q), [task])
-        assert np.abs(step_of(solver, arm, state) - expected).max() < SAME
+        position, angle = plain.errors(q, target)
+        e = arm.pose_error(target, q)
+        assert (np.linalg.norm(e[:3]), np.linalg.norm(e[3:])) == pytest.approx((position, angle))
+
+
+def test_a_step_where_doubles_lose_digits_is_exact() -> None:
+    """The elbow at its limit, nearly singular, the target 0.1 mm away: the worst of 10,000."""
+    arm = Arm(PANDA)
+    state = next(islice(states(arm, 10_000), 2549, None))
+    found = differences("lm", arm, state)
+    assert found.solver_exact < 0.1 * SAME
+    assert found.mink_exact > 0.1 * SAME  # else the state would show nothing
+
+
+def test_bounds_are_kept_closer_than_daqp_keeps_them_by_itself() -> None:
+    """States of 10,000 in which its own tolerance of 1e-6 gives a wrong step."""
+    arm, chosen = Arm(PANDA), (3315, 3921, 4015, 4605)
+    found = [state for i, state in enumerate(states(arm, 4606)) if i in chosen]
+    for name, far in (("qp", SAME), ("lm", SAME), ("mink", 1e-8)):
+        assert max(differences(name, arm, state).solver_exact for state in found) < far
 
 
 def test_whole_searches_end_in_the_same_place(arm: Arm) -> None:
@@ -157,9 +145,9 @@ def test_half_a_turn_is_half_a_turn(arm: Arm, axis: int) -> None:
     """mink's own logarithm of it is zero, and the target counted as reached."""
     pose = arm.pose(arm.home)
     target = turned(pose, axis, np.pi)
-    step = step_of(MinkIk(), arm, (arm.home, arm.home, target))
+    step = step_of(MinkIk(), arm, State(arm.home, arm.home, target))
     assert np.abs(step).max() > 0.1
-    assert np.abs(step - step_of(QpIk(), arm, (arm.home, arm.home, target))).max() < SAME
+    assert np.abs(step - step_of(QpIk(), arm, State(arm.home, arm.home, target))).max() < SAME
 
 
 def test_the_last_steps_are_quadratic(arm: Arm) -> None:
@@ -168,7 +156,7 @@ def test_the_last_steps_are_quadratic(arm: Arm) -> None:
     target, errors = arm.pose(arm.home), list[float]()
     for _ in range(4):
         errors.append(sum(arm.pose_distance(target, q)))
-        q = q + step_of(MinkIk(), arm, (q, q, target))
+        q = q + step_of(MinkIk(), arm, State(q, q, target))
     assert all(b < 30.0 * a**2 + 1e-13 for a, b in pairwise(errors))
 
 

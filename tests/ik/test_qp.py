@@ -97,7 +97,8 @@ def step_of_mink(arm: Arm, target: SE3, q_seed: Vector, q: Vector, solver: QpIk)
     posture.set_target(q_seed)
     limits = [mink.ConfigurationLimit(arm.model, gain=1.0)]
     problem = mink.build_ik(configuration, [frame, posture], 1.0, damping=1e-9, limits=limits)
-    step: Vector | None = qpsolvers.solve_problem(problem, solver="daqp").x
+    # By itself DAQP leaves bounds by up to 1e-6.
+    step: Vector | None = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-9).x
     assert step is not None
     return step
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import rerun as rr
 
 from robo47_qp.control.joint_impedance import JointImpedance
-from robo47_qp.errors import NoGripperError
+from robo47_qp.errors import InvalidValueError, NoGripperError
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.arm import Arm, JointReference
@@ -23,6 +24,7 @@ from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.run_plot import plot_run
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -207,8 +209,8 @@ BARE = replace(PANDA, name="bare", gripper=None)
 class Snatch(Reach):
     """A grip that nobody foresees."""
 
-    def program(self, simulation: Simulation) -> Program:
-        up = self.preview(simulation)[0]
+    def program(self, sensed: Sensed) -> Program:
+        up = self.preview(sensed)[0]
         yield replace(up, grip=Grip(width=0.0, force=1.0))
         return None
 
@@ -230,8 +232,17 @@ def test_what_only_a_gripper_tells_is_refused_without_one(name: str) -> None:
         simulation.command_grip(Grip(width=0.0, force=1.0))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Careless(PickPlace):
+    """Does not tell that it needs a gripper."""
+
+    opening_needed: ClassVar[float | None] = None
+
+
 def test_a_task_with_grips_is_refused_before_anything_moves() -> None:
-    task = PickPlace()
+    with pytest.raises(InvalidValueError, match="found bare, without a gripper"):
+        ClassicalStack().scenario(BARE, PickPlace())
+    task = Careless()
     simulation = Simulation(BARE, task.build_scene)
     runner = Runner(ClassicalStack().scenario(BARE, task), simulation)
     with pytest.raises(NoGripperError, match="Choose a robot with a gripper"):

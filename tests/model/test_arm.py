@@ -432,12 +432,14 @@ def test_a_joint_named_twice_is_refused(robot: Robot) -> None:
         Arm(replace(robot, joints=doubled))
 
 
-def test_a_joint_without_a_range_is_refused(robot: Robot, tmp_path: Path) -> None:
-    old = f'<joint name="{robot.joints[1]}" range='
-    free = edited(robot, tmp_path, old, f'<joint name="{robot.joints[1]}" limited="false" range=')
-    message = rf"Robot '{robot.name}' has joints without a range: \['{robot.joints[1]}'\]"
+def test_a_joint_that_slides_without_a_range_is_refused(robot: Robot, tmp_path: Path) -> None:
+    old = f'<joint name="{robot.slides[0]}" class="slide"'
+    free = edited(robot, tmp_path, old, f'{old} limited="false"')
+    message = (
+        rf"Robot '{robot.name}' has joints that slide without a range: \['{robot.slides[0]}'\]"
+    )
     with pytest.raises(ModelError, match=message):
-        Arm(free)
+        Arm(replace(free, tool=None))
 
 
 _MADE: dict[tuple[str, bool], tuple[Arm, PlainArm]] = {}

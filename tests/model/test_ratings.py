@@ -1,5 +1,7 @@
 """Defaults keep an arm within what its own masses and motors allow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,14 +47,31 @@ def test_speeds_cross_the_range_in_the_time_named_and_are_capped_by_kind(arm: Ar
         assert v == pytest.approx(min(cap, (high - low) / 1.5))
 
 
-def test_a_gentle_profile_keeps_the_speed_and_never_exceeds_what_is_rated() -> None:
+def test_a_joint_that_damping_would_stall_is_slower() -> None:
+    """Of a twentieth of the Panda's torque, half of what gravity leaves goes to damping."""
+    arm = Arm(replace(PANDA, home=np.array([0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.0])))
+    tau_max = np.array([2.0, 200.0, 200.0, 200.0, 20.0, 20.0, 0.4])
+    slow = defaults.rated_profile(arm, tau_max)
+    assert slow.v_max[0] == pytest.approx(0.5 * 2.0 / 1.0, rel=0.02)  # damping 1, no gravity
+    assert slow.v_max[6] < 0.3
+    assert slow.v_max[1] == defaults.rated_profile(arm, 2.0 * tau_max).v_max[1]
+
+
+def test_a_wrist_without_rotors_does_not_slow_the_shoulder_down() -> None:
+    """Of an arm with light wrists, capped before all joints are slowed together."""
+    arm = Arm(replace(PANDA, armature=np.array([0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0])))
+    with_rotors = defaults.rated_profile(Arm(PANDA), PANDA.tau_max).a_max
+    assert (defaults.rated_profile(arm, PANDA.tau_max).a_max[:4] > 0.7 * with_rotors[:4]).all()
+
+
+def test_a_gentle_profile_stays_below_what_is_rated() -> None:
     rated = MotionProfile(
         v_max=np.array([1.0, 2.0]), a_max=np.array([0.5, 100.0]), j_max=np.array([0.1, 1e4])
     )
     gentle = defaults.default_profile(rated)
-    assert gentle.v_max.tolist() == [1.0, 2.0]
-    assert gentle.a_max.tolist() == [0.5, 4.0]
-    assert gentle.j_max.tolist() == [0.1, 16.0]
+    np.testing.assert_allclose(gentle.v_max, [0.9, 1.8])
+    np.testing.assert_allclose(gentle.a_max, [0.45, 3.6])
+    np.testing.assert_allclose(gentle.j_max, [0.1, 14.4])
 
 
 def test_the_default_stiffness_is_stable_all_over_the_workspace(arm: Arm) -> None:

@@ -12,7 +12,7 @@ import pytest
 from mink import SE3
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.errors import InvalidValueError, MissingExtraError, PlanError, RefusalReason
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.lm import LmIk
@@ -20,7 +20,6 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model import obstacle
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion import detour as module
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.planner import Leg, Planner
@@ -214,11 +213,3 @@ def test_numbers_that_are_not_positive_are_refused(name: str) -> None:
         InvalidValueError, match=rf"{name} must be .*(above 0|1 or more).*; found 0"
     ):
         replace(detour(), **{name: 0})  # type: ignore[arg-type]
-
-
-def test_without_ompl_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ompl.base", None)
-    module._ompl.cache_clear()
-    with pytest.raises(MissingExtraError, match=r"ompl.*not installed.*robo47_qp\[planning\]"):
-        detour()
-    module._ompl.cache_clear()

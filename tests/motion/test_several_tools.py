@@ -100,9 +100,12 @@ def test_arcs_of_both_are_run_together(pair: Arm, planner: Planner, q_both: Vect
 def test_tools_that_hold_a_body_keep_their_relative_pose(
     pair: Arm, planner: Planner, q_both: Vector, motion: Motion
 ) -> None:
-    T_world_body = SE3.from_translation(0.5 * (LEFT + RIGHT))
+    # Tilted, so that what holds it is no half turn, which would be its own inverse.
+    middle, turned = 0.5 * (LEFT + RIGHT), SO3.from_x_radians(0.2)
+    T_world_body = SE3.from_rotation_and_translation(turned, middle)
     holding = BOTH.each(lambda _, pose: T_world_body.inverse() @ pose)
-    goal = SE3.from_rotation_and_translation(SO3.from_z_radians(0.4), np.array([0.5, 0.05, 0.36]))
+    rotation = SO3.from_z_radians(0.4) @ turned
+    goal = SE3.from_rotation_and_translation(rotation, np.array([0.5, 0.05, 0.36]))
     through = None if motion is Motion.LIN else np.array([0.54, 0.02, 0.34])
     waypoint = Waypoint(name="turn", target=goal, holding=holding, motion=motion, through=through)
     leg = planner.plan(pair, waypoint, q_both, DT)
@@ -209,11 +212,12 @@ def test_arcs_of_several_tools_have_a_point_for_each() -> None:
         Waypoint(name="arc", target=BOTH, motion=Motion.CIRC)
     with pytest.raises(InvalidValueError, match="LIN"):
         Waypoint(name="line", target=BOTH, motion=Motion.LIN, through_each={"left": LEFT})
-    waypoint = Waypoint(
-        name="arc", target=BOTH, motion=Motion.CIRC, through_each={"left": LEFT + 0.1}
-    )
-    with pytest.raises(PlanError, match="one each"):
-        waypoint.path(BOTH, BOTH)
+    for each, told in (
+        ({"left": LEFT + 0.1}, "one each"),
+        ({"left": LEFT + 0.1, "right": RIGHT[:2]}, "point of 'right'"),
+    ):
+        with pytest.raises(InvalidValueError, match=told):
+            Waypoint(name="arc", target=BOTH, motion=Motion.CIRC, through_each=each)
 
 
 def test_a_body_that_is_held_has_one_target() -> None:

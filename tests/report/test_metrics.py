@@ -47,6 +47,7 @@ def test_figures_of_made_up_rows() -> None:
     assert figures == pytest.approx(
         {
             "place_error_m": 0.125,
+            "failed_steps": 0.0,
             "max_joint_error_rad": 0.7,
             "max_tool_error_m": 4.0,
             "settle_time_s": 0.005,

@@ -11,10 +11,11 @@ import pytest
 from mink import SE3
 
 import robo47_qp
+from robo47_qp.files import plain
 from robo47_qp.ik.solver import Tolerance
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
-from robo47_qp.report.run_report import plain, report, summary_markdown, versions
+from robo47_qp.report.run_report import report, summary_markdown, versions
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.scenario import Run
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -52,7 +53,8 @@ def test_it_has_what_a_reader_looks_for(summary: dict[str, Any]) -> None:
         )
         assert finding["ok"] is True
         slack = 1e-6 * abs(finding["limit"])
-        if " q lower (" in finding["signal"]:
+        least = (" q lower (", "clearance (", "distance (")
+        if any(name in finding["signal"] for name in least):
             assert finding["extreme"] >= finding["limit"] - slack
         else:
             assert finding["extreme"] <= finding["limit"] + slack
@@ -101,6 +103,7 @@ def test_every_leg_is_told(summary: dict[str, Any]) -> None:
 def test_versions_are_those_installed(summary: dict[str, Any]) -> None:
     found = summary["versions"]
     assert found == versions()
+    assert found["backend"] == "compiled"
     assert found["python"] == platform.python_version()
     assert found["robo47_qp"] == robo47_qp.__version__
     for package in ("mujoco", "mink", "qpsolvers", "daqp", "ruckig", "numpy", "rerun-sdk"):

@@ -1,6 +1,9 @@
 """What a run says in the terminal."""
 
 import io
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +12,8 @@ from rich.console import Console
 
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
-from robo47_qp.report.terminal import ProgressBar, print_summary
+from robo47_qp.report.rerun.viewer import view_command
+from robo47_qp.report.terminal import ProgressBar, print_files, print_summary
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.scenario import Run
 from tests.runs import Reach, carry_out, picked_and_placed
@@ -33,7 +37,7 @@ def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) 
         assert f"{leg.trajectory.duration:.2f}" in line
     for finding in audit(run):
         line = next(x for x in text.splitlines() if finding.signal in x)
-        assert line.rstrip().endswith("yes")
+        assert line.split()[-2] == "yes"
     assert "\nsuccess\n" in text
     assert f"place error      {1e3 * figures['place_error_m']:.2f} mm" in text
     assert f"cycle time       {figures['cycle_time_s']:.2f} s" in text
@@ -45,7 +49,7 @@ def test_the_summary_tells_outcome_waypoints_promises_and_files(tmp_path: Path) 
     assert f"audit            {len(audit(run))} of {len(audit(run))} limits kept" in text
     assert "violation" not in text
     # Paths are not broken: they are there to be copied.
-    assert f"rerun {long}\n" in text
+    assert f"robo47 view {long}\n" in text
     assert f"{tmp_path / 'run.json'}\n" in text
 
 
@@ -63,7 +67,7 @@ def test_the_summary_tells_a_failure_and_a_broken_promise(tmp_path: Path) -> Non
     assert f"audit            0 of {len(findings)} limits kept" in text
     for finding in findings:
         assert f"violation  {finding}" in " ".join(text.split("\n"))
-    assert "rerun" not in text
+    assert "Open the recording" not in text
 
 
 def test_a_task_without_a_place_has_no_place_error(tmp_path: Path) -> None:
@@ -99,3 +103,32 @@ def test_any_expectation_will_do(expected: float) -> None:
     bar = ProgressBar(Console(file=io.StringIO()), expected)
     carry_out(Reach(), observers=[bar])
     bar.close()
+
+
+def test_a_path_is_printed_as_it_is(tmp_path: Path) -> None:
+    console = Console(file=io.StringIO(), width=40)
+    path = tmp_path / "[old] a long name of a folder" / "run [1].rrd"
+    print_files(console, {"recording": path})
+    assert console.file.getvalue() == f"  recording  {path}\n"  # type: ignore[attr-defined]
+
+
+def test_the_command_that_opens_a_recording_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path("my logs") / "it's [1].rrd"
+    (tmp_path / path.parent).mkdir()
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path / "robo47"
+    program.write_text('#!/bin/sh\nprintf "%s|" "$@"\n')
+    program.chmod(0o755)
+    for known in (f"{tmp_path}:{os.environ['PATH']}", "/usr/bin:/bin"):
+        monkeypatch.setenv("PATH", known)
+        monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+        said = subprocess.run(
+            ["/bin/sh", "-c", view_command(path)],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={"PATH": known},
+        )
+        assert said.stdout == f"view|{path}|"

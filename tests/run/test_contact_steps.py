@@ -20,6 +20,7 @@ from robo47_qp.run.contact_steps import Comply, Guarded
 from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from tests.examples import shifted
 from tests.runs import Reach, carry_out
@@ -27,7 +28,7 @@ from tests.runs import Reach, carry_out
 PLATE = 0.05
 """How far a soft plate is below the fingertips at home [m]."""
 DOWN = np.array([0.0, 0.0, -1.0])
-Writes = Callable[[Simulation], Program]
+Writes = Callable[[Sensed], Program]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,19 +55,19 @@ class Bench(Reach):
         at = shifted(simulation.marker_pose("plate"), fingertips - [0.55, 0.0, PLATE])
         simulation.place_marker("plate", at)
 
-    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, sensed: Sensed) -> Sequence[Waypoint]:
         return []
 
-    def program(self, simulation: Simulation) -> Program:
-        return self.writes(simulation)
+    def program(self, sensed: Sensed) -> Program:
+        return self.writes(sensed)
 
 
 def run_program(writes: Writes) -> Run:
     return carry_out(Bench(writes=writes))
 
 
-def line(simulation: Simulation, by: Sequence[float], name: str = "line") -> Waypoint:
-    target = shifted(simulation.tool_pose(), np.array(by))
+def line(sensed: Sensed, by: Sequence[float], name: str = "line") -> Waypoint:
+    target = shifted(sensed.tool_pose(), np.array(by))
     return Waypoint(name=name, target=target, motion=Motion.LIN)
 
 
@@ -88,8 +89,8 @@ def pressing(**changes: object) -> Compliance:
 
 @cache
 def guarded(force: float = 2.0, speed: float = 0.02) -> Run:
-    def program(simulation: Simulation) -> Program:
-        yield Guarded(waypoint=line(simulation, [0, 0, -0.08]), force=force, speed=speed)
+    def program(sensed: Sensed) -> Program:
+        yield Guarded(waypoint=line(sensed, [0, 0, -0.08]), force=force, speed=speed)
         return None
 
     return run_program(program)
@@ -115,10 +116,8 @@ def test_a_guarded_motion_keeps_its_speed() -> None:
 
 @pytest.mark.parametrize("missing", [Cause.TIMEOUT, Cause.PLACE, None])
 def test_where_nothing_is_touched_it_fails_as_asked(missing: Cause | None) -> None:
-    def program(simulation: Simulation) -> Program:
-        yield Guarded(
-            waypoint=line(simulation, [0, 0, -0.02]), force=2.0, speed=0.1, missing=missing
-        )
+    def program(sensed: Sensed) -> Program:
+        yield Guarded(waypoint=line(sensed, [0, 0, -0.02]), force=2.0, speed=0.1, missing=missing)
         return None
 
     run = run_program(program)
@@ -130,9 +129,9 @@ def test_where_nothing_is_touched_it_fails_as_asked(missing: Cause | None) -> No
     assert "nothing was touched on the way; 2.0 N were expected" in run.failure.evidence
 
 
-def touched(simulation: Simulation, force: float, cause: Cause = Cause.TIMEOUT) -> Condition:
+def touched(sensed: Sensed, force: float, cause: Cause = Cause.TIMEOUT) -> Condition:
     def against() -> str | None:
-        felt = float(simulation.felt_force()[2])
+        felt = float(sensed.felt_force()[2])
         return None if felt >= force else f"{felt:.1f} N"
 
     return Condition(name="touched", cause=cause, against=against)
@@ -146,23 +145,23 @@ def pressed() -> tuple[Run, dict[str, float]]:
     def look() -> None:
         seen["looks"] += 1.0
 
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         press = pressing()
         waiting = Comply(
-            waypoints=(), compliance=press, seconds=3.0, until=touched(simulation, 4.0), stay=True
+            waypoints=(), compliance=press, seconds=3.0, until=touched(sensed, 4.0), stay=True
         )
         yield replace(waiting, name="down")
-        seen["down"] = simulation.time
+        seen["down"] = sensed.time
         yield Comply(waypoints=(), compliance=press, seconds=2.0, stay=True, name="steady")
         yield Comply(
-            waypoints=(line(simulation, [0.0, 0.06, 0.0], "slide"),),
+            waypoints=(line(sensed, [0.0, 0.06, 0.0], "slide"),),
             compliance=press,
             speed=0.03,
             renew=True,
             observe=look,
         )
-        seen["slid"] = simulation.time
-        up = line(simulation, [0.0, 0.0, 0.03], "up")
+        seen["slid"] = sensed.time
+        up = line(sensed, [0.0, 0.0, 0.03], "up")
         yield Comply(waypoints=(up,), compliance=Compliance())
         yield Waypoint(name="home", target=Place.HOME)
         return None
@@ -208,9 +207,9 @@ def test_the_torque_goes_over_smoothly_from_step_to_step() -> None:
 
 
 def test_an_arm_that_was_left_yielding_is_stiff_at_the_next_step_and_at_the_end() -> None:
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         yield Comply(waypoints=(), compliance=Compliance(), seconds=0.1, stay=True)
-        yield line(simulation, [0.0, 0.0, 0.02], "stiff")
+        yield line(sensed, [0.0, 0.0, 0.02], "stiff")
         yield Comply(waypoints=(), compliance=Compliance(), seconds=0.1, stay=True)
         return None
 
@@ -222,9 +221,9 @@ def test_an_arm_that_was_left_yielding_is_stiff_at_the_next_step_and_at_the_end(
 
 
 def test_springs_give_way_to_what_is_in_the_way() -> None:
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         soft = Compliance(stiffness=np.array([400.0] * 3 + [40.0] * 3))
-        down = line(simulation, [0.0, 0.0, -PLATE - 0.02], "down")
+        down = line(sensed, [0.0, 0.0, -PLATE - 0.02], "down")
         yield Comply(waypoints=(down,), compliance=soft, speed=0.05, seconds=0.5, stay=True)
         return None
 
@@ -237,17 +236,17 @@ def test_springs_that_lose_their_load_do_it_without_a_jump_of_the_torque() -> No
     """Both where they begin anew where the arm is, and where the arm is stiff again."""
     soft = Compliance(stiffness=np.array([400.0] * 3 + [40.0] * 3))
 
-    def loaded(simulation: Simulation, name: str, by: float) -> Comply:
-        down = line(simulation, [0.0, 0.0, by], name)
+    def loaded(sensed: Sensed, name: str, by: float) -> Comply:
+        down = line(sensed, [0.0, 0.0, by], name)
         return Comply(
             waypoints=(down,), compliance=soft, speed=0.05, seconds=0.3, stay=True, renew=True
         )
 
-    def program(simulation: Simulation) -> Program:
-        yield loaded(simulation, "down", -PLATE - 0.02)
+    def program(sensed: Sensed) -> Program:
+        yield loaded(sensed, "down", -PLATE - 0.02)
         # The load of the springs is gone once, and built up again.
-        yield replace(loaded(simulation, "again", -0.02), name="still")
-        yield line(simulation, [0.0, 0.0, 0.02], "stiff")
+        yield replace(loaded(sensed, "again", -0.02), name="still")
+        yield line(sensed, [0.0, 0.0, 0.02], "stiff")
         return None
 
     run = run_program(program)
@@ -266,7 +265,7 @@ def test_what_the_tool_is_told_to_hold_is_held_up() -> None:
     """Nothing is there: so the springs are pulled up by the weight."""
     load = Payload(mass=0.5, inertia=(1e-4,) * 3, T_tcp_com=SE3.identity())
 
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         springs = Compliance()
         yield Comply(waypoints=(), compliance=springs, carried=load, seconds=0.8, stay=True)
         yield Comply(waypoints=(), compliance=springs, seconds=0.1)
@@ -279,23 +278,23 @@ def test_what_the_tool_is_told_to_hold_is_held_up() -> None:
 def test_what_breaks_on_the_way_stops_the_arm_and_is_told() -> None:
     caught: list[StepFailed] = []
 
-    def program(simulation: Simulation) -> Program:
-        start = simulation.time
+    def program(sensed: Sensed) -> Program:
+        start = sensed.time
         late = Condition(
             name="early",
             cause=Cause.DROP,
-            against=lambda: "0.2 s are over" if simulation.time - start > 0.2 else None,
+            against=lambda: "0.2 s are over" if sensed.time - start > 0.2 else None,
         )
         try:
             yield Comply(
-                waypoints=(line(simulation, [0.0, 0.1, 0.0]),),
+                waypoints=(line(sensed, [0.0, 0.1, 0.0]),),
                 compliance=Compliance(),
                 during=(late,),
                 stay=True,
             )
         except StepFailed as error:
             caught.append(error)
-        yield line(simulation, [0.0, 0.0, 0.01], "stiff")
+        yield line(sensed, [0.0, 0.0, 0.01], "stiff")
         return None
 
     run = run_program(program)
@@ -307,12 +306,12 @@ def test_what_breaks_on_the_way_stops_the_arm_and_is_told() -> None:
 
 
 def test_what_does_not_come_about_fails_with_its_cause() -> None:
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         yield Comply(
             waypoints=(),
             compliance=Compliance(),
             seconds=0.2,
-            until=touched(simulation, 4.0, Cause.PLACE),
+            until=touched(sensed, 4.0, Cause.PLACE),
         )
         return None
 

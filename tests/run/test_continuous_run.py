@@ -11,7 +11,7 @@ from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
 from tests.examples import shifted
 from tests.runs import Reach, carry_out
 
@@ -22,8 +22,8 @@ class Round(Reach):
 
     name: str = "round"
 
-    def preview(self, simulation: Simulation) -> Sequence[StepLike]:  # type: ignore[override]
-        start = simulation.tool_pose()
+    def preview(self, sensed: Sensed) -> Sequence[StepLike]:  # type: ignore[override]
+        start = sensed.tool_pose()
 
         def at(x: float, y: float, z: float) -> SE3:
             return shifted(start, np.array([x, y, z]))
@@ -42,8 +42,8 @@ class Round(Reach):
         )
         return [(there, round_, down), Waypoint(name="home", target=Place.HOME), alone]
 
-    def program(self, simulation: Simulation) -> Program:
-        yield from self.preview(simulation)
+    def program(self, sensed: Sensed) -> Program:
+        yield from self.preview(sensed)
         return None
 
 

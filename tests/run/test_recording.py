@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import RecordingError, UnknownNameError
-from robo47_qp.run.recording import Recording, Rows, slices
+from robo47_qp.run.control_loop import BLOCK_END
+from robo47_qp.run.recording import CHUNK_ROWS, Recording, Rows, slices
 from robo47_qp.sim.signal import Signal
 
 SIGNALS = (
@@ -44,7 +45,8 @@ def fill(recording: Recording, count: int, first: int) -> Matrix:
     while done < count:
         n = min(recording.room, count - done)
         recording.open_rows(n)[:] = values[done : done + n]
-        recording.close_rows(n)
+        recording.count[0] += n
+        recording.close_rows()
         done += n
     return values
 
@@ -81,13 +83,15 @@ def test_room_shrinks_with_every_row_and_is_whole_again_after_a_chunk() -> None:
     assert room == [5, 4, 3, 2, 1, 5, 4, 3, 2, 1, 5]
 
 
-def test_a_chunk_is_less_than_half_a_second_unless_asked_otherwise() -> None:
+def test_chunks_end_where_blocks_end() -> None:
+    """So that a run is the same whatever is recorded of it."""
+    assert CHUNK_ROWS % BLOCK_END == 0
     keeper = Keeper()
     recording = Recording(SIGNALS, sinks=[keeper])
-    fill(recording, 399, 0)
+    fill(recording, CHUNK_ROWS - 1, 0)
     assert not keeper.given
-    fill(recording, 1, 399)
-    assert [len(rows) for rows in keeper.given] == [400]
+    fill(recording, 1, CHUNK_ROWS - 1)
+    assert [len(rows) for rows in keeper.given] == [CHUNK_ROWS]
 
 
 def test_rows_that_were_opened_but_not_closed_do_not_count() -> None:
@@ -146,3 +150,27 @@ def test_a_signal_is_a_view() -> None:
 def test_an_unknown_signal_is_named() -> None:
     with pytest.raises(UnknownNameError, match=r"No signal is called 'd'; known: time, a/b, c\."):
         Rows(SIGNALS, np.zeros((2, WIDTH)))["d"]
+
+
+def test_a_flush_hands_on_what_is_left_and_nothing_twice() -> None:
+    keeper = Keeper()
+    recording = Recording(SIGNALS, chunk_rows=4, sinks=[keeper])
+    written = fill(recording, 3, 0)
+    recording.flush()
+    recording.flush()
+    written = np.concatenate([written, fill(recording, 3, 3)])
+    recording.flush()
+    assert [len(rows) for rows in keeper.given] == [3, 1, 2]
+    np.testing.assert_array_equal(np.concatenate(keeper.copies), written)
+
+
+def test_rows_count_as_they_are_filled() -> None:
+    """A writer that is broken off leaves those before."""
+    recording = Recording(SIGNALS, chunk_rows=4)
+    rows = recording.open_rows(4)
+    rows[0] = 1.0
+    recording.count[0] += 1
+    rows[1] = 2.0
+    recording.close_rows()
+    assert len(recording) == 1
+    assert recording.room == 3

@@ -16,9 +16,12 @@ from robo47_qp.motion.waypoint import Motion, Place
 from robo47_qp.run.control_loop import PAYLOAD_RAMP, TICK_ROWS
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.observers import Observer
-from robo47_qp.run.recording import Rows
+from robo47_qp.run.recording import CHUNK_ROWS, Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import Step, StepExecutor
+from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -242,7 +245,7 @@ def test_observers_hear_of_phases_legs_and_events_when_they_happen(
             np.testing.assert_allclose(path[k], expected, atol=1e-12)
     texts = [text for _, text, _ in witness.notes]
     assert texts[0].startswith("close gripper: 39.")
-    assert "fingers 30.0 N" in texts[0]
+    assert "fingers 10.0 N" in texts[0]
     assert texts[1].startswith("release: 80.0 mm")
     assert texts[2:] == ["program done", "success"]
     assert {level for _, _, level in witness.notes} == {"INFO"}
@@ -265,7 +268,7 @@ def test_sinks_get_the_rows_of_the_run(
 ) -> None:
     run, _, _, keeper = witnessed
     np.testing.assert_array_equal(np.concatenate(keeper.blocks), run.rows.values)
-    assert max(len(block) for block in keeper.blocks) * TIMESTEP <= 0.5
+    assert max(len(block) for block in keeper.blocks) <= CHUNK_ROWS
 
 
 def test_an_error_of_a_sink_ends_the_run() -> None:
@@ -327,6 +330,65 @@ def test_a_rehearsal_plans_what_the_run_then_does() -> None:
         assert plan.trajectory.duration == pytest.approx(leg.trajectory.duration, abs=0.02)
     assert rehearsed[-1].waypoint.target is Place.HOME
     assert {leg.waypoint.motion for leg in rehearsed} == {Motion.PTP, Motion.LIN}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dash(Step):
+    """Leaves the reference on its way out of the limits of joint 2, too fast to brake."""
+
+    @property
+    def name(self) -> str:
+        return "dash"
+
+    def carry_out(self, executor: StepExecutor) -> None:
+        q, v = executor.loop.reference.q.copy(), np.zeros_like(executor.loop.reference.q)
+        q[1], v[1] = executor.loop.arm.q_max[1] - 1e-3, 1.5
+        executor.loop.take_over(JointReference(q, v, np.zeros_like(q)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dashing(Reach):
+    """Asks for so many dashes, one after the other."""
+
+    dashes: int = 1
+
+    def program(self, sensed: Sensed) -> Program:
+        for _ in range(self.dashes):
+            yield Dash()
+        return self.ending
+
+
+@pytest.mark.parametrize("dashes", [1, 2])
+def test_an_arm_that_cannot_stop_is_a_failure_and_what_was_recorded_is_kept(dashes: int) -> None:
+    """At the end of the program, and before its next step."""
+    witness = Witness()
+    run = carry_out(Dashing(dashes=dashes), observers=[witness])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.LIMIT
+    assert "the arm cannot stop: joint2 leaves its limits after 0." in run.failure.evidence
+    assert witness.notes[-1][1].startswith("failed (limit)")
+
+
+def test_why_a_program_gave_up_stays_the_failure_where_the_arm_cannot_stop() -> None:
+    given = Failure(cause=Cause.GRASP, evidence="nothing between the fingers")
+    run = carry_out(Dashing(ending=given))
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.evidence) == (given.cause, given.evidence)
+
+
+@pytest.mark.parametrize("given", [None, Failure(cause=Cause.GRASP, evidence="nothing held")])
+def test_an_arm_too_fast_when_it_is_made_stiff_again_is_a_failure(
+    given: Failure | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused() -> None:
+        raise PlanError("stop", "joint2 leaves its limits")
+
+    runner = make_runner(Dashing(dashes=0, ending=given))[0]
+    monkeypatch.setattr(runner.executor.compliance, "stiffen", refused)
+    failure = runner.run().failure
+    assert failure is not None
+    limit = "the arm cannot stop: joint2 leaves its limits"
+    assert failure.evidence == (limit if given is None else given.evidence)
 
 
 def test_a_rehearsal_changes_nothing() -> None:

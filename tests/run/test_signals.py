@@ -8,8 +8,12 @@ from hypothesis import strategies as st
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
+from robo47_qp._core.library import using
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
+from robo47_qp.model.payload import Payload
+from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.rerun.reading import read_recording
@@ -178,7 +182,11 @@ def test_what_is_written_for_now_is_what_the_model_says_by_name(busy: Simulation
         body = data.body(name)
         np.testing.assert_allclose(rows[f"objects/{name}"][0, :3], body.xpos, atol=1e-12)
         np.testing.assert_allclose(rows[f"objects/{name}"][0, 3:], body.xquat, atol=1e-12)
-    assert len(np.unique(row)) > len(row) - 4
+        joint = busy.model.body(name).jntadr[0]
+        moving = data.qvel[busy.model.jnt_dofadr[joint] :][:6]
+        np.testing.assert_array_equal(rows[f"motion/{name} velocity"][0], moving)
+    # One of the objects is at rest.
+    assert len(np.unique(row)) > len(row) - 10
 
 
 def test_what_is_written_for_the_last_period_is_what_the_model_says_by_name(
@@ -212,6 +220,27 @@ def test_the_order_of_a_row_is_reference_now_command_last_derived(busy: Simulati
     assert parts == ALL
 
 
+@pytest.mark.parametrize("name", ["panda", "panda_pair"])
+def test_reference_columns_are_the_same_to_the_bit_from_the_core(name: str) -> None:
+    robot = load_robot(name)
+    T_tcp_com = SE3.from_translation(np.array([0.0, 0.01, 0.02]))
+    payload = Payload(mass=0.7, T_tcp_com=T_tcp_com, inertia=(1e-3, 1e-3, 1e-3))
+    arm, rng = Arm(robot, payload), np.random.default_rng(90_021)
+    # Columns of a larger array: samples need not lie in one piece.
+    q, v, a = rng.normal(size=(3, 20, 2 * arm.n))[:, :, ::2]
+    with using("numpy"):
+        expected = signals.reference_rows(arm, (q, v, a))
+    last = arm.scratch.qfrc_inverse.copy()
+    arm.inverse_dynamics(*np.zeros((3, arm.n)))
+    arm.evaluated = False
+    with using("compiled"):
+        found = signals.reference_rows(arm, (q, v, a))
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(arm.scratch.qfrc_inverse, last)
+    assert arm.evaluated
+    assert found.shape == (20, sum(len(signal.labels) for signal in signals.references(robot)))
+
+
 # The contract of every signal.
 
 
@@ -222,8 +251,10 @@ def test_every_recorded_column_is_known_by_name_and_place() -> None:
         *("time", "phase"),
         *("joints/q_ref", "joints/v_ref", "joints/a_ref", "joints/tau_ref", "tool/pose_ref"),
         *("joints/q", "joints/v", "tool/pose", "gripper/fingers", "gripper/width_command"),
-        *("objects/cube", "objects/die", "joints/tau_command", "joints/a", "joints/tau"),
-        *("contact/tool", "contact/links"),
+        *("objects/cube", "objects/die", "motion/cube velocity", "motion/die velocity"),
+        *("joints/tau_command", "joints/a", "joints/tau"),
+        *("contact/tool", "contact/links", "contact/fixed"),
+        *("motion/cube acceleration", "motion/die acceleration"),
         *("gripper/left_finger_contact", "gripper/right_finger_contact"),
         *("errors/q", "errors/tool_position", "errors/tool_angle", "joints/saturated"),
         *("gripper/width", "gripper/force"),
@@ -233,6 +264,7 @@ def test_every_recorded_column_is_known_by_name_and_place() -> None:
 WORLD = Simulation(PANDA, PickPlace().build_scene)
 UNITS = {"rad", "m", "s", "N", "N·m", "count"}
 UNITS |= {f"rad/{time}" for time in ("s", "s²")} | {POSE_UNIT}
+UNITS |= {"m/s, rad/s", "m/s², rad/s²"}
 
 
 @pytest.fixture(scope="module")
@@ -264,6 +296,6 @@ def test_every_signal_of_a_run_is_finite_and_has_its_shape(signal: Signal, recor
     if signal.shown:
         assert signal in recorded.signals
         np.testing.assert_array_equal(recorded[signal.name], values)
-    # No link touches anything, and no motor is at its limit.
-    if signal.name not in ("contact/links", "joints/saturated"):
+    # Neither links nor the hand touch what is fixed, and no motor is at its limit.
+    if signal.name not in ("contact/links", "contact/fixed", "joints/saturated"):
         assert len(np.unique(values)) > 1, "it is never filled"

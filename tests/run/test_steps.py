@@ -18,11 +18,11 @@ from robo47_qp.run.follow_step import Follow
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait, as_step
 from robo47_qp.run.task import Program
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.sim.sensed import Sensed
 from tests.examples import shifted
 from tests.runs import Reach, Witness, carry_out
 
-Writes = Callable[[Simulation], Program]
+Writes = Callable[[Sensed], Program]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,19 +32,19 @@ class Written(Reach):
     writes: Writes
     name: str = "written"
 
-    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, sensed: Sensed) -> Sequence[Waypoint]:
         return []
 
-    def program(self, simulation: Simulation) -> Program:
-        return self.writes(simulation)
+    def program(self, sensed: Sensed) -> Program:
+        return self.writes(sensed)
 
 
 def run_program(writes: Writes) -> Run:
     return carry_out(Written(writes=writes))
 
 
-def up(simulation: Simulation, height: float = 0.05, name: str = "up") -> Waypoint:
-    target = shifted(simulation.tool_pose(), np.array([0.0, 0.0, height]))
+def up(sensed: Sensed, height: float = 0.05, name: str = "up") -> Waypoint:
+    target = shifted(sensed.tool_pose(), np.array([0.0, 0.0, height]))
     return Waypoint(name=name, target=target, motion=Motion.LIN)
 
 
@@ -72,8 +72,8 @@ class Told:
 def test_a_condition_before_a_step_keeps_it_from_beginning() -> None:
     told = Told(["not now"])
 
-    def program(simulation: Simulation) -> Program:
-        yield Move(waypoints=(up(simulation),), before=(told.condition(),))
+    def program(sensed: Sensed) -> Program:
+        yield Move(waypoints=(up(sensed),), before=(told.condition(),))
         return None
 
     run = run_program(program)
@@ -86,15 +86,15 @@ def test_a_condition_before_a_step_keeps_it_from_beginning() -> None:
 def test_a_condition_after_a_step_is_looked_at_once_it_is_done() -> None:
     heights: list[float] = []
 
-    def program(simulation: Simulation) -> Program:
-        start = simulation.tool_pose().translation()[2]
+    def program(sensed: Sensed) -> Program:
+        start = sensed.tool_pose().translation()[2]
 
         def against() -> str:
-            heights.append(simulation.tool_pose().translation()[2] - start)
+            heights.append(sensed.tool_pose().translation()[2] - start)
             return "too high"
 
         high = Condition(name="low", cause=Cause.PLACE, against=against)
-        yield Move(waypoints=(up(simulation),), after=(high,))
+        yield Move(waypoints=(up(sensed),), after=(high,))
         return None
 
     run = run_program(program)
@@ -107,8 +107,8 @@ def test_a_condition_after_a_step_is_looked_at_once_it_is_done() -> None:
 def test_a_condition_during_a_motion_stops_it_within_the_limits() -> None:
     told = Told([None] * 10 + ["gone"], cause=Cause.DROP)
 
-    def program(simulation: Simulation) -> Program:
-        yield Move(waypoints=(up(simulation, 0.1),), during=(told.condition(),))
+    def program(sensed: Sensed) -> Program:
+        yield Move(waypoints=(up(sensed, 0.1),), during=(told.condition(),))
         return None
 
     run = run_program(program)
@@ -125,9 +125,9 @@ def test_a_condition_during_a_motion_stops_it_within_the_limits() -> None:
 def test_a_program_may_catch_a_failure_and_go_on() -> None:
     told, caught = Told(["no"]), list[Failure]()
 
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         try:
-            yield Move(waypoints=(up(simulation, name="first"),), after=(told.condition(),))
+            yield Move(waypoints=(up(sensed, name="first"),), after=(told.condition(),))
         except StepFailed as error:
             caught.append(error.failure)
             yield Waypoint(name="home", target=Place.HOME)
@@ -143,9 +143,9 @@ def test_a_program_may_catch_a_failure_and_go_on() -> None:
 def test_a_waypoint_out_of_reach_and_a_way_that_is_blocked_have_their_own_causes() -> None:
     failures: list[Failure] = []
 
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         far = SE3.from_translation(np.array([3.0, 0.0, 0.5]))
-        turned = simulation.tool_pose() @ SE3.from_rotation(SO3.from_z_radians(3.1))
+        turned = sensed.tool_pose() @ SE3.from_rotation(SO3.from_z_radians(3.1))
         for waypoint in (
             Waypoint(name="far", target=far),
             Waypoint(name="turned", target=turned, motion=Motion.LIN),
@@ -163,9 +163,9 @@ def test_a_waypoint_out_of_reach_and_a_way_that_is_blocked_have_their_own_causes
 
 
 def test_waiting_ends_as_soon_as_the_condition_holds() -> None:
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         def against() -> str | None:
-            return None if simulation.time >= 0.1 - 1e-9 else "too early"
+            return None if sensed.time >= 0.1 - 1e-9 else "too early"
 
         late = Condition(name="late", cause=Cause.TIMEOUT, against=against)
         yield Wait(seconds=5.0, until=late)
@@ -177,7 +177,7 @@ def test_waiting_ends_as_soon_as_the_condition_holds() -> None:
 
 
 def test_waiting_in_vain_fails_with_the_cause_of_the_condition() -> None:
-    def program(_: Simulation) -> Program:
+    def program(_: Sensed) -> Program:
         never = Told(["still nothing"], cause=Cause.TIMEOUT).condition()
         yield Wait(name="patience", seconds=0.25, until=never)
         return None
@@ -192,7 +192,7 @@ def test_waiting_in_vain_fails_with_the_cause_of_the_condition() -> None:
 
 @pytest.mark.parametrize("seconds", [0.013, 0.3])
 def test_waiting_for_nothing_takes_the_time_asked_for(seconds: float) -> None:
-    def program(_: Simulation) -> Program:
+    def program(_: Sensed) -> Program:
         yield Wait(seconds=seconds)
         return None
 
@@ -203,22 +203,22 @@ def test_waiting_for_nothing_takes_the_time_asked_for(seconds: float) -> None:
 def test_the_fingers_close_and_open() -> None:
     widths: list[float] = []
 
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         yield Grasp(force=20.0, width=0.03)
-        widths.append(simulation.width())
+        widths.append(sensed.width())
         yield Release(width=0.05)
-        widths.append(simulation.width())
+        widths.append(sensed.width())
         yield Release()
-        widths.append(simulation.width())
+        widths.append(sensed.width())
         return None
 
     assert run_program(program).failure is None
     assert widths == pytest.approx([0.03, 0.05, 0.08], abs=1e-3)
 
 
-def circling(simulation: Simulation) -> Callable[[float], SE3]:
+def circling(sensed: Sensed) -> Callable[[float], SE3]:
     """A target on a circle of 5 cm at 0.1 m/s that starts at the tool, from rest."""
-    start, begun = simulation.tool_pose(), simulation.time
+    start, begun = sensed.tool_pose(), sensed.time
 
     def target(time: float) -> SE3:
         t = time - begun
@@ -228,19 +228,19 @@ def circling(simulation: Simulation) -> Callable[[float], SE3]:
     return target
 
 
-def at_time(simulation: Simulation, time: float) -> Condition:
+def at_time(sensed: Sensed, time: float) -> Condition:
     return Condition(
         name=f"{time} s are over",
         cause=Cause.TIMEOUT,
-        against=lambda: None if simulation.time >= time else f"only {simulation.time:.2f} s",
+        against=lambda: None if sensed.time >= time else f"only {sensed.time:.2f} s",
     )
 
 
 def test_a_moving_target_is_followed_and_the_arm_comes_to_rest_after_it() -> None:
-    def program(simulation: Simulation) -> Program:
-        target = circling(simulation)
-        yield Follow(target=target, until=at_time(simulation, 1.0), seconds=2.0)
-        yield Follow(target=target, until=at_time(simulation, 2.0), seconds=2.0, name="on")
+    def program(sensed: Sensed) -> Program:
+        target = circling(sensed)
+        yield Follow(target=target, until=at_time(sensed, 1.0), seconds=2.0)
+        yield Follow(target=target, until=at_time(sensed, 2.0), seconds=2.0, name="on")
         yield Wait(seconds=0.1)
         return None
 
@@ -267,9 +267,9 @@ def test_a_moving_target_is_followed_and_the_arm_comes_to_rest_after_it() -> Non
 
 
 def test_following_in_vain_fails_in_time() -> None:
-    def program(simulation: Simulation) -> Program:
+    def program(sensed: Sensed) -> Program:
         never = Told(["not there"], cause=Cause.TIMEOUT).condition()
-        yield Follow(target=circling(simulation), until=never, seconds=0.2, name="chase")
+        yield Follow(target=circling(sensed), until=never, seconds=0.2, name="chase")
         return None
 
     run = run_program(program)
@@ -280,10 +280,10 @@ def test_following_in_vain_fails_in_time() -> None:
 
 
 def test_no_target_brakes_the_arm() -> None:
-    def program(simulation: Simulation) -> Program:
-        target = circling(simulation)
-        yield Follow(target=target, until=at_time(simulation, 1.0), seconds=2.0)
-        yield Follow(target=lambda _: None, until=at_time(simulation, 1.5), seconds=2.0)
+    def program(sensed: Sensed) -> Program:
+        target = circling(sensed)
+        yield Follow(target=target, until=at_time(sensed, 1.0), seconds=2.0)
+        yield Follow(target=lambda _: None, until=at_time(sensed, 1.5), seconds=2.0)
         return None
 
     run = run_program(program)
@@ -293,8 +293,8 @@ def test_no_target_brakes_the_arm() -> None:
 def test_the_observers_are_told_of_a_step_that_failed() -> None:
     witness = Witness()
 
-    def program(simulation: Simulation) -> Program:
-        yield Move(waypoints=(up(simulation),), before=(Told(["no way"]).condition(),))
+    def program(sensed: Sensed) -> Program:
+        yield Move(waypoints=(up(sensed),), before=(Told(["no way"]).condition(),))
         return None
 
     carry_out(Written(writes=program), observers=[witness])

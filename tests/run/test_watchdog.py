@@ -11,10 +11,13 @@ from mink import SE3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.waypoint import Place, Waypoint
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
+from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.runner import Runner
+from robo47_qp.run.task import Program
 from robo47_qp.run.watchdog import Watchdog
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from tests.examples import shifted
@@ -81,13 +84,60 @@ class Past(Reach):
             body = spec.worldbody.add_body(name="post", pos=self.where, mocap=True)
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0.1, 0.0])
 
-    def preview(self, simulation: Simulation) -> list[Waypoint]:
-        aside = shifted(simulation.tool_pose(), np.array([-0.1, 0.35, 0.0]))
+    def preview(self, sensed: Sensed) -> list[Waypoint]:
+        aside = shifted(sensed.tool_pose(), np.array([-0.1, 0.35, 0.0]))
         assert isinstance(aside, SE3)
         return [
             Waypoint(name="aside", target=aside),
             Waypoint(name="home", target=Place.HOME),
         ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Press(Reach):
+    """Down onto the table, with the hand itself or with something under it."""
+
+    held: bool = False
+    depth: float = 0.0
+    name: str = "press"
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        super().build_scene(spec)
+        if self.held:
+            body = spec.worldbody.add_body(name="block", pos=[0.45, 0.0, 0.03])
+            body.add_freejoint()
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.05, 0.05, 0.03], mass=0.3)
+
+    def program(self, sensed: Sensed) -> Program:
+        at = [0.45, 0.0, 0.06 if self.held else 0.0]
+        down = tool_down([*at[:2], at[2] + 0.009 - self.depth])
+        yield Waypoint(name="above", target=tool_down([*at[:2], at[2] + 0.03]))
+        yield Waypoint(name="down", target=down, motion=Motion.LIN)
+        yield Waypoint(name="up", target=tool_down([*at[:2], 0.2]), motion=Motion.LIN)
+        return None
+
+
+@pytest.mark.parametrize(
+    ("held", "depth", "limit"), [(False, 0.0, None), (False, 4e-3, 10.0), (True, 4e-3, None)]
+)
+def test_the_hand_itself_has_a_limit_of_its_own_on_the_table(
+    held: bool, depth: float, limit: float | None
+) -> None:
+    run = carry_out(Press(held=held, depth=depth))
+    pressed = run.rows["contact/fixed"][:, 0]
+    if limit is None:
+        assert run.failure is None
+        assert pressed.max() == 0.0
+        assert (np.linalg.norm(run.rows["contact/tool"], axis=1).max() > 10.0) == held
+        return
+    assert run.failure is not None
+    assert run.failure.cause is Cause.COLLISION
+    assert "the tool itself touched the table" in run.failure.evidence
+    assert limit < pressed.max()
+    assert f"{pressed.max():.1f} N" in run.failure.evidence
+    (told,) = [f for f in audit(run) if f.signal == "tool contact with what is fixed"]
+    assert (told.ok, told.limit) == (False, limit)
+    assert told.extreme == pressed.max()
 
 
 def test_a_free_way_is_no_collision() -> None:

@@ -12,7 +12,12 @@ from rich.console import Console
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
-from robo47_qp.evaluation.benchmarks.ik.command import CompareOptions, chosen, compare
+from robo47_qp.evaluation.benchmarks.ik.command import (
+    CompareOptions,
+    chosen,
+    compare,
+    compare_chosen,
+)
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.targets import uniform
@@ -84,7 +89,7 @@ def test_the_same_seed_gives_the_same_answers_in_another_process(
     done: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
     choice = ("--solvers", "lm", "fast", "--targets", "tabletop", "hostile")
-    again = run_script("--n", "5", "--json", *choice, cwd=tmp_path, script=SCRIPT, terminal=True)
+    again = run_here("--n", "5", "--json", *choice, cwd=tmp_path, script=SCRIPT, terminal=True)
     assert again.returncode == 0, again.stderr
     second: dict[str, Any] = json.loads(again.stdout)
     first = json.loads((done[1] / "ik.json").read_text(encoding="utf-8"))
@@ -159,3 +164,31 @@ def test_names_are_chosen_in_the_order_of_all() -> None:
     assert list(chosen("solver", known, ("c", "a"))) == ["a", "c"]
     with pytest.raises(UnknownNameError, match="No solver is called 'd'; known: a, b, c"):
         chosen("solver", known, ("d",))
+
+
+def test_without_choices_one_screen_answers_whether_dls_or_the_qp_is_better(
+    tmp_path: Path,
+) -> None:
+    console = Console(file=StringIO(), width=80)
+    assert compare_chosen(CompareOptions(n=4, log=tmp_path / "ik.rrd"), console) == 0
+    assert isinstance(console.file, StringIO)
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) <= 24
+    text = " ".join(lines)
+    assert "…" not in text
+    assert "wider" not in text
+    report = json.loads((tmp_path / "ik.json").read_text(encoding="utf-8"))
+    for row in report["rows"]:
+        (line,) = (line for line in lines if line.split()[0] == row["solver"])
+        low, high = (f"{100 * bound:.1f}" for bound in row["interval"])
+        assert f"{100 * row['success']:.1f} ({low} – {high})" in line
+        if row["targets"] == "uniform":
+            assert line.split()[-2:] == [f"{row['median_ms']:.2f}", f"{row['p99_ms']:.2f}"]
+    for how, a, b in (
+        ("From one start", "dls-clip", "qp-daqp"),
+        ("With restarts", "dls-clip-multi", "qp-daqp-multi"),
+    ):
+        told = text.partition(how)[2]
+        for test in report["paired"]:
+            if (test["a"], test["b"]) == (a, b):
+                assert f"{test['only_b']} to {test['only_a']} on {test['targets']}" in told

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from robo47_qp.errors import UnknownNameError
+from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
 from scenarios import check_motions, compare_profiles
 
 QUIET = Console(quiet=True)
@@ -14,7 +14,7 @@ def test_random_motions_keep_their_promises_and_refusals_hold(tmp_path: Path) ->
     out = tmp_path / "check.json"
     options = check_motions.CheckOptions(n=2, ptp=10, seed=3, out=out)
     assert check_motions.run(options, QUIET) == 0
-    summary = json.loads(out.read_text())
+    summary = json.loads(out.read_text())["figures"]
     assert set(summary) == {f"panda {kind}" for kind in check_motions.KINDS}
     for kind in ("LIN", "CIRC", "blended", "via"):
         found = summary[f"panda {kind}"]
@@ -51,3 +51,20 @@ def test_at_equal_time_none_is_slower_than_another(tmp_path: Path) -> None:
     compare_profiles.run(options, QUIET)
     times = [row["duration_s"] for row in json.loads(out.read_text()).values()]
     assert max(times) - min(times) < 5e-3
+
+
+def test_profiles_refuse_files_and_paces_before_anything_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare_profiles, "tried", None)
+    with pytest.raises(InvalidValueError, match=r"--out must be a file that ends with \.json"):
+        compare_profiles.ProfileOptions(out=tmp_path / "figures.txt")
+    with pytest.raises(InvalidValueError, match="--speed must be above 0 and at most 1; found 7"):
+        compare_profiles.ProfileOptions(speed=7.0)
+    for taken in ("figures.json", "figures.png"):
+        (tmp_path / taken).mkdir()
+        with pytest.raises(RecordingError, match=rf"{taken} cannot be written"):
+            compare_profiles.run(
+                compare_profiles.ProfileOptions(out=tmp_path / "figures.json"), QUIET
+            )
+        (tmp_path / taken).rmdir()

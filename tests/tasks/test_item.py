@@ -1,5 +1,7 @@
 """Items: how they are held, what looks alike, and how they lie."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -101,3 +103,58 @@ def test_what_is_no_item_is_refused(
 ) -> None:
     with pytest.raises(InvalidValueError, match=message):
         Item(name="x", size=size, round=round_, mass=mass)
+
+
+def test_the_grip_follows_the_data_sheet_between_what_is_gentle_and_what_is_most() -> None:
+    item = Item(name="it", size=(0.04, 0.04, 0.04), mass=0.5, friction=(0.3, 0.8))
+    # 1.5 times its weight, lifted with 2 m/s², on two fingers of the least friction.
+    assert item.grip_force(70.0) == pytest.approx(1.5 * 0.5 * 11.81 / 0.6)
+    assert replace(item, mass=1.0).grip_force(70.0) == pytest.approx(2.0 * item.grip_force(70.0))
+    assert replace(item, friction=(0.6, 0.8), mass=0.1).grip_force(70.0) == 10.0
+    assert replace(item, mass=2.0).grip_force(30.0) == 30.0
+    off = replace(item, com=(0.004, 0.003, 0.01))
+    assert off.grip_force(70.0) == pytest.approx(np.hypot(1.0, 5.0 / 7.0) * item.grip_force(70.0))
+    # What a world has drawn is in no data sheet: the largest friction does not count.
+    assert replace(item, friction=(0.3, 0.3)).grip_force(70.0) == item.grip_force(70.0)
+
+
+@pytest.mark.parametrize("item", [BAR, ROD], ids=lambda item: item.name)
+def test_a_centre_of_mass_off_the_middle_is_in_the_world_and_in_the_payload(item: Item) -> None:
+    item = replace(item, com=(0.004, -0.003, 0.002))
+    spec = mujoco.MjSpec()
+    item.add(spec, (0.0, 0.0, 1.0))
+    body = spec.compile().body(item.name)
+    np.testing.assert_allclose(body.ipos, item.com)
+    T_tcp_item = upright([0.1, 0.2, 0.3], 0.5)
+    payload = item.payload(T_tcp_item)
+    np.testing.assert_allclose(
+        payload.T_tcp_com.translation(), T_tcp_item.apply(np.array(item.com))
+    )
+    assert body.mass[0] == payload.mass
+    np.testing.assert_allclose(np.sort(payload.inertia), np.sort(body.inertia))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"friction": (0.9, 0.3)}, "the least first"),
+        ({"friction": (0.0, 0.3)}, "two positive numbers"),
+        ({"com": (0.02, 0.0, 0.0)}, "inside of it"),
+    ],
+)
+def test_frictions_and_centres_of_mass_without_sense_are_refused(
+    change: dict[str, tuple[float, ...]], told: str
+) -> None:
+    with pytest.raises(InvalidValueError, match=told):
+        replace(BAR, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("size", "across"),
+    [((0.06, 0.072, 0.04), 0), ((0.072, 0.06, 0.04), 1), ((0.072, 0.072, 0.04), 2)],
+)
+def test_of_wide_sides_the_one_with_room_is_taken(size: tuple[float, ...], across: int) -> None:
+    item = Item(name="wide", size=(size[0], size[1], size[2]))
+    pose = upright([0.4, 0.0, 0.02], 0.0)
+    width = item.width(item.grasp(pose, WIDTH_MAX), pose)
+    assert width == (size[across] if across < 2 else 0.072)

@@ -53,8 +53,6 @@ def test_a_task_for_two_arms_refuses_one(name: str) -> None:
 @pytest.mark.parametrize("name", FOUND)
 def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str) -> None:
     """With a seed: what is foreseen without one is planned where the task's own tests run it."""
-    if name == "obstacle_reach":
-        pytest.importorskip("ompl", reason="the extra planning is not installed")
     task: Any = FOUND[name]().variant(np.random.default_rng([0, 2]))
     robot = robot_for(FOUND[name])
     simulation = Simulation(robot, task.build_scene)
@@ -109,10 +107,21 @@ def test_a_task_notices_without_meddling_and_is_not_done_at_its_start(name: str)
 
 @pytest.mark.parametrize("name", FOUND)
 def test_a_policy_may_try_every_task_and_fails_with_a_cause(name: str) -> None:
-    if name == "obstacle_reach":
-        pytest.importorskip("ompl", reason="the extra planning is not installed")
     timing, robot = PolicyTiming(seconds=0.4), robot_for(FOUND[name])
     run = follow(RandomTargets(), task=FOUND[name](), timing=timing, robot=robot, seed=0)
     assert run.failure is not None
     assert run.failure.cause is Cause.PLACE
     assert len(run.rows) >= 400
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_the_page_tells_what_is_judged_by_the_numbers_of_the_code(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
+    told = " ".join(page.split(f"### `{name}`\n")[1].split("\n#")[0].split())
+    demands = FOUND[name]().judged
+    assert demands
+    for demand in demands:
+        assert f"- {demand[0].upper()}{demand[1:]}." in told
+    assert told.count(" - ") + 1 == len(demands)
+    assert FOUND[name]().fixed_force_max == 10.0
+    assert "`fixed_force_max` (10 N)" in page

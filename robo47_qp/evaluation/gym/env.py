@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.gym.spaces import ActionScale, Mode, Single, numbers_of, observation_space
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
-from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots import load_robot
 from robo47_qp.report.video import OffscreenCamera
 from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver, check_judged
 from robo47_qp.run.registry import load_task
+from robo47_qp.run.start import checked_start
 from robo47_qp.run.task import Task
+from robo47_qp.sim.sensed import Senses
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 
@@ -45,7 +48,7 @@ class TaskEnv(_Base):
         mode: Mode = "joints",
         timing: PolicyTiming | None = None,
         vary: bool = False,
-        robot: Robot = PANDA,
+        robot: Robot | str | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Build the scene.
@@ -55,30 +58,35 @@ class TaskEnv(_Base):
             mode: Kind of actions; see `ActionScale`.
             timing: Actions per second and length of an episode.
             vary: Whether every episode has its own scene (`Task.variant`), as in evaluations.
-            robot: The robot.
+            robot: The robot, or its name (see `load_robot`), which puts it in its cell; by default
+                the one that the task is made for.
             render_mode: "rgb_array" for pictures, which need OpenGL.
 
         Raises:
             InvalidValueError: There is no such mode, the task is done before it begins, or it
-                needs several tools.
+                needs several tools, or the robot cannot do it (see `checked_start`).
+            Robo47Error: See `load_robot`.
         """
         self._task: Task = load_task(task)() if isinstance(task, str) else task
         if self._task.tools_needed > 1:
             expected = "one that a single tool does: actions move the main tool"
             raise InvalidValueError("task", self._task.name, expected)
-        self._timing, self._vary, self._robot = timing or PolicyTiming(), vary, robot
+        self._timing, self._vary = timing or PolicyTiming(), vary
+        named = self._task.default_robot if robot is None else robot
+        self._robot = in_cell(load_robot(named)) if isinstance(named, str) else named
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode
-        self._arm = Arm(robot)
+        self._arm = Arm(self._robot)
         self._camera: OffscreenCamera | None = None
         self._episode: StepwiseDriver | None = None
-        self._build(self._task)
+        self._simulation = checked_start(self._task, self._robot, seed=0)
         check_judged(self._task, self._simulation)
         self.scale = ActionScale(self._arm, mode)
         """Converts between actions in SI units and vectors of the action space."""
         self.action_space = self.scale.space
-        sizes = len(self._simulation.objects), len(self._simulation.markers)
+        sensed = Senses(self._simulation, as_seen=self._task.as_seen).read()
+        sizes = len(self._simulation.objects), len(sensed.markers)
         self._space = observation_space(self._arm, *sizes, self._timing.seconds)
         space: Any = self._space
         self.observation_space = space
@@ -116,6 +124,7 @@ class TaskEnv(_Base):
                 "cause": None if failure is None else failure.cause.value,
                 "evidence": None if failure is None else failure.evidence,
                 "measures": episode.measures(),
+                "process": "that of the world",
             }
             self._episode = None
         reward = 1.0 if info["success"] else 0.0

@@ -28,9 +28,9 @@ class ActionScale:
     def __init__(self, arm: Arm, mode: Mode) -> None:
         """Set the scale.
 
-        -1 and 1 are the limits of the arm; for a tool pose, 1.5 m from the base along each axis,
-        with a quaternion that is normalised. If there is a gripper, the last number is its width:
-        -1 for closed, 1 for fully open.
+        -1 and 1 are the limits of the arm, half a turn where a joint has none; for a tool pose,
+        1.5 m from the base along each axis, with a quaternion that is normalised. If there is a
+        gripper, the last number is its width: -1 for closed, 1 for fully open.
 
         Raises:
             InvalidValueError: There is no such mode.
@@ -38,7 +38,7 @@ class ActionScale:
         robot = arm.robot
         pose = np.array([_REACH] * 3 + [1.0] * 4)
         bounds = {
-            "joints": (arm.q_min, arm.q_max),
+            "joints": (arm.q_low, arm.q_high),
             "tool": (-pose, pose),
             "torques": (-robot.tau_max, robot.tau_max),
         }
@@ -81,7 +81,7 @@ class ActionScale:
 def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
     """Return the space of `Observation`, with objects and markers as rows in the scene's order."""
     robot = arm.robot
-    room = 0.1 * (arm.q_max - arm.q_min)
+    room = 0.1 * (arm.q_high - arm.q_low)
     v_max = _SPEEDS * robot.rated.v_max
     pose = np.array([_FAR] * 3 + [1.0] * 4)
     bounds = {

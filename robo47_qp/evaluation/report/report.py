@@ -11,6 +11,7 @@ import numpy as np
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_difference, wilson
+from robo47_qp.report.metrics import FAILED_STEPS
 from robo47_qp.report.run_report import versions
 from robo47_qp.stack import ClassicalStack
 
@@ -94,7 +95,7 @@ class PairedComparison:
     a: str
     b: str
     episodes: int
-    """Seeds that both have."""
+    """Seeds that both have, without those of internal errors."""
     successes_a: int
     successes_b: int
     only_a: int
@@ -121,7 +122,8 @@ class PairedComparison:
 class EvaluationReport:
     """Outcome of all episodes of one policy. Nothing but `timing` differs from run to run.
 
-    An episode that ended with an internal error counts as not successful and has no cause.
+    An episode that ended with an internal error says nothing about the policy: it has no cause,
+    and does not count in the rate.
     """
 
     settings: Mapping[str, Any]
@@ -155,19 +157,30 @@ class EvaluationReport:
         return len(self.results)
 
     @property
+    def judged(self) -> int:
+        """Number of episodes without an internal error."""
+        return self.episodes - len(self.errors)
+
+    @property
+    def first_attempts(self) -> int | None:
+        """Number of successes in which no step failed; None where that was not measured."""
+        failed = [result.metrics.get(FAILED_STEPS) for result in self.results if result.success]
+        return None if not failed or None in failed else sum(count == 0 for count in failed)
+
+    @property
     def successes(self) -> int:
         """Number of successful episodes."""
         return sum(result.success for result in self.results)
 
     @property
     def rate(self) -> float:
-        """Success rate."""
-        return self.successes / self.episodes
+        """Success rate of the episodes that were judged; 0 without any."""
+        return self.successes / max(self.judged, 1)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval of the success rate, 95 %."""
-        return wilson(self.successes, self.episodes)
+        """Wilson's interval of the success rate, 95 %; all of it where nothing was judged."""
+        return wilson(self.successes, self.judged) if self.judged else (0.0, 1.0)
 
     @property
     def causes(self) -> dict[str, int]:
@@ -229,7 +242,9 @@ class EvaluationReport:
             "task": self.task,
             "policy": self.policy,
             "episodes": self.episodes,
+            "judged": self.judged,
             "successes": self.successes,
+            "first_attempts": self.first_attempts,
             "rate": self.rate,
             "interval": list(self.interval),
             "confidence": CONFIDENCE,
@@ -246,7 +261,17 @@ class EvaluationReport:
             KeyError, TypeError: It is not a report.
         """
         results = [EpisodeResult.of_entry(entry) for entry in content["entries"]]
-        return cls(settings=content["settings"], results=results)
+        settings = content["settings"]
+        if not (results and isinstance(settings, dict)):
+            raise TypeError("settings and episodes")
+        for name in ("task", "policy"):
+            if not isinstance(settings[name]["name"], str):
+                raise TypeError(f"the name of the {name}")
+        seeds = Counter(result.seed for result in results)
+        twice = [seed for seed, count in seeds.items() if count > 1]
+        if twice:
+            raise TypeError(f"one episode of each seed: {twice[0]} is there twice")
+        return cls(settings=settings, results=results)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -312,7 +337,11 @@ def compare(a: EvaluationReport, b: EvaluationReport) -> PairedComparison:
     """
     check_paired(a.settings, [result.seed for result in a.results], b)
     theirs = {result.seed: result for result in b.results}
-    pairs = [(x, theirs[x.seed]) for x in a.results if x.seed in theirs]
+    both = [(x, theirs[x.seed]) for x in a.results if x.seed in theirs]
+    pairs = [(x, y) for x, y in both if x.error is None and y.error is None]
+    if not pairs:
+        expected = "one with episodes that both have, and no internal error in them"
+        raise InvalidValueError("--against", "one without such episodes", expected)
     won = np.array([(x.success, y.success) for x, y in pairs], dtype=np.bool_)
     only_a, only_b, p = mcnemar(won[:, 0], won[:, 1])
     return PairedComparison(

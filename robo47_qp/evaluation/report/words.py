@@ -26,10 +26,12 @@ _UNEQUAL = ("seed", "solved by", "not by", "cause", "step", "time s", "evidence"
 
 
 def rate_line(report: EvaluationReport) -> str:
-    """Return successes and their interval."""
+    """Return successes, those at the first attempt as far as measured, and their interval."""
     low, high = report.interval
+    first = report.first_attempts
+    retried = "" if first is None else f" ({first} at the first attempt)"
     return (
-        f"{report.successes} of {report.episodes} succeeded, "
+        f"{report.successes} of {report.judged} succeeded{retried}, "
         f"{100 * report.rate:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
     )
 
@@ -146,7 +148,7 @@ def _policy(file: str, report: EvaluationReport) -> tuple[str, ...]:
     low, high = report.interval
     return (
         f"[{report.policy}]({file})",
-        f"{report.successes} of {report.episodes}",
+        f"{report.successes} of {report.judged}",
         f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
         ", ".join(f"{cause} {count}" for cause, count in causes.items()) or "none",
         str(report.broken_audits),

@@ -1,5 +1,6 @@
 """RayCluster: episodes in the actors of a Ray cluster; needs the extra "ray"."""
 
+import json
 import os
 import sys
 from collections import deque
@@ -30,8 +31,8 @@ class _Actor:
     def ready(self) -> None:
         """Return once the actor has started."""
 
-    def run(self, spec: EpisodeSpec) -> EpisodeResult:
-        return run_guarded(self._episode, spec)
+    def run(self, spec: EpisodeSpec) -> str:
+        return json.dumps(run_guarded(self._episode, spec).entry())
 
 
 @dataclass(kw_only=True)
@@ -122,12 +123,15 @@ class _Pool:
         result, words = None, "it was not ready in time"
         if not late:
             try:
-                result = self._ray.get(reference)
+                said = self._ray.get(reference)
+                result = None if job.spec is None else _result(said, job.spec)
             except self._ray.exceptions.RayError as error:
                 words = str(error).strip().splitlines()[0]
+            except (ValueError, TypeError, KeyError) as error:
+                words = f"it sent something else than the result of its episode: {error}"
             else:
                 self._next(job.actor)
-                return result if job.spec is not None else None
+                return result
         if job.spec is None:
             raise WorkerError(f"An actor cannot start: {words}.")
         self._ray.kill(job.actor)
@@ -136,6 +140,18 @@ class _Pool:
         if late:
             return overdue(job.spec, self._cluster.timeout)
         return died(job.spec, words, foreign=self._foreign)
+
+
+def _result(said: str, spec: EpisodeSpec) -> EpisodeResult:
+    """Return the result that an actor sent as JSON.
+
+    Raises:
+        ValueError, TypeError, KeyError: It is none, or that of another episode.
+    """
+    result = EpisodeResult.of_entry(json.loads(said))
+    if (result.index, result.seed) != (spec.index, spec.seed):
+        raise ValueError(f"index {result.index}, seed {result.seed}")
+    return result
 
 
 def _ray() -> Any:

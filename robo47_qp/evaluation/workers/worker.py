@@ -1,10 +1,11 @@
 """Worker: a process that runs one episode after the other until it is stopped."""
 
+import json
 import os
 import pickle
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
@@ -23,6 +24,13 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEX
 ENVIRONMENT = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
 """Environment of workers: numerical libraries use one thread, and glibc returns large blocks at
 once. Otherwise MuJoCo's arenas of 14 MB fragment the heap, which grows beyond 1 GB."""
+_LONGEST = 64 << 20
+"""Longest message of a worker that is read [B]."""
+_UNASKED = "it sent something else than the result of its episode"
+_WORDS = 20_000
+"""Characters that are kept of a traceback."""
+_LONGEST_WAIT = 3600.0
+"""Time after which workers are looked at again, whatever their deadlines [s]."""
 _ABANDONED = 3
 """Exit code of a worker whose parent has died."""
 
@@ -35,7 +43,8 @@ def run_guarded(episode: Episode, spec: EpisodeSpec) -> EpisodeResult:
     """Run an episode; an exception becomes the error of its result."""
     with Guard() as guard:
         return episode(spec)
-    return errored(spec, guard.words)
+    words = guard.words[-_WORDS:].encode("utf-8", "backslashreplace").decode("utf-8")
+    return errored(spec, words)
 
 
 class Worker:
@@ -72,7 +81,7 @@ class Worker:
         self.spec, self.deadline = spec, monotonic() + timeout
         # If the process is dead, `heard` reports it.
         try:
-            self.connection.send(spec)
+            self.connection.send_bytes(json.dumps(_packed(spec)).encode())
         except OSError:
             return
 
@@ -89,14 +98,19 @@ class Worker:
                 # It may have sent a result between the two calls, and then died.
                 if not self.connection.poll():
                     return self._death()
-            said = self.connection.recv()
+            said = json.loads(self.connection.recv_bytes(_LONGEST))
+            result = EpisodeResult.of_entry(said["result"]) if self.ready else None
         except (EOFError, OSError):
             return self._death()
-        if isinstance(said, EpisodeResult):
-            self.spec = None
-            return said
-        if said != READY:
-            raise WorkerError(f"A worker cannot start: {said}")
+        except (ValueError, RecursionError, TypeError, KeyError):
+            return _UNASKED
+        if result is not None:
+            # A copy of the process may speak in its place.
+            spec, self.spec = self.spec, None
+            asked = spec is not None and (result.index, result.seed) == (spec.index, spec.seed)
+            return result if asked else _UNASKED
+        if said != {"said": READY}:
+            raise WorkerError(f"A worker cannot start: {said.get('said')}")
         self.ready = True
         return None
 
@@ -119,7 +133,7 @@ def wait_for(workers: list[Worker]) -> None:
     """Wait until one of them has a message, has died, or is out of time."""
     left = min(worker.deadline for worker in workers) - monotonic()
     signs: list[Any] = [sign for worker in workers for sign in worker.signs]
-    connection.wait(signs, timeout=max(0.0, left))
+    connection.wait(signs, timeout=min(max(0.0, left), _LONGEST_WAIT))
 
 
 @contextmanager
@@ -154,11 +168,25 @@ def _work(link: Connection, payload: bytes, files: Sequence[Path]) -> None:
             file_module(file)
         episode: Episode = pickle.loads(payload)
     if guard.error is not None:
-        link.send(guard.words)
+        link.send_bytes(json.dumps({"said": guard.words}).encode())
         return
-    link.send(READY)
+    link.send_bytes(json.dumps({"said": READY}).encode())
     while True:
-        link.send(run_guarded(episode, link.recv()))
+        spec = _unpacked(json.loads(link.recv_bytes()))
+        result = run_guarded(episode, spec)
+        link.send_bytes(json.dumps({"result": result.entry()}).encode())
+
+
+def _packed(spec: EpisodeSpec) -> dict[str, Any]:
+    """Return a spec as JSON."""
+    recording = None if spec.recording is None else os.fsencode(spec.recording).hex()
+    return {"index": spec.index, "seed": spec.seed, "recording": recording}
+
+
+def _unpacked(content: Mapping[str, Any]) -> EpisodeSpec:
+    recording = content["recording"]
+    path = None if recording is None else Path(os.fsdecode(bytes.fromhex(recording)))
+    return EpisodeSpec(index=content["index"], seed=content["seed"], recording=path)
 
 
 def _end_with_parent() -> None:

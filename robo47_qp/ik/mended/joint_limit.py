@@ -13,8 +13,6 @@ from robo47_qp.ik.stream.joint_bounds import JointBounds
 from robo47_qp.model.robot import MotionProfile
 
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-_UNLIMITED = 1e6
-"""Stands for the end of a range that a joint does not have [rad or m]."""
 _ANY = 1e9
 """Stands for an acceleration without a limit [rad/s² or m/s²]."""
 
@@ -74,7 +72,7 @@ class JointLimit(mink.Limit):
         """Largest accelerations of the limited joints [rad/s² or m/s²]."""
         self._profile = MotionProfile(v_max=v_max, a_max=self.a_max, j_max=np.ones(n))
         limited = model.jnt_limited[joints].astype(bool)
-        ends = np.where(limited, model.jnt_range[joints].T, [[-_UNLIMITED], [_UNLIMITED]])
+        ends = np.where(limited, model.jnt_range[joints].T, [[-np.inf], [np.inf]])
         self._range = (ends[0], ends[1])
         self._places, self.dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         self._rows: Matrix = np.eye(model.nv)[self.dofs]

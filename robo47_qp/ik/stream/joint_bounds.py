@@ -14,6 +14,8 @@ from robo47_qp.arrays import Vector, frozen_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
 
+UNLIMITED = 1e6
+"""Stands for the end of a range that a joint does not have [rad or m]."""
 _ROUNDING = 1e-9
 """Less than this outside a limit is no reason to recover [rad, rad/s]."""
 
@@ -99,8 +101,8 @@ class JointBounds:
         """Set the limits.
 
         Args:
-            q_min: Lower ends of the joint ranges (n,) [rad].
-            q_max: Upper ends [rad].
+            q_min: Lower ends of the joint ranges (n,) [rad]; may be infinite.
+            q_max: Upper ends [rad]; may be infinite.
             profile: Its v_max and a_max are kept; j_max is not looked at.
             dt: Length of a tick [s].
             margin: Part of every limit that is left unused, against rounding [-]; of the
@@ -110,7 +112,8 @@ class JointBounds:
             InvalidValueError: A range is empty, or the profile is for another number of joints.
         """
         n = np.size(q_min)
-        low, high = frozen_vector("q_min", q_min, n), frozen_vector("q_max", q_max, n)
+        ends = np.maximum(q_min, -UNLIMITED), np.minimum(q_max, UNLIMITED)
+        low, high = frozen_vector("q_min", ends[0], n), frozen_vector("q_max", ends[1], n)
         if (low >= high).any():
             raise InvalidValueError("q_min", low.tolist(), f"below q_max {high.tolist()}")
         inset = margin * (high - low)

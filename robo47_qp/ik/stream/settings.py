@@ -6,7 +6,7 @@ from typing import Annotated
 
 from robo47_qp.arrays import Checked, Count, NotNegative, Positive, Range, Ratio, Vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.ik.objectives import LimitSource, Objective, TaskSource
+from robo47_qp.ik.objectives import ConstraintSource, LimitSource, Objective, TaskSource
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
 from robo47_qp.model.robot import MotionProfile
 
@@ -54,6 +54,10 @@ class StreamSettings(Checked):
     limits: tuple[LimitSource, ...] = ()
     """What is kept besides: limits of mink or of the user's own, or functions of an arm that make
     them."""
+    constraints: tuple[ConstraintSource, ...] = ()
+    """Tasks whose errors are kept at zero, or brought there: closed chains, coupled joints."""
+    frozen: tuple[str, ...] = ()
+    """Names of the joints that stand still."""
     profile: MotionProfile | None = None
     """Velocity and acceleration limits; None for the robot's own profile."""
 
@@ -65,7 +69,7 @@ class StreamSettings(Checked):
         """
         super().__post_init__()
         check_demand(self.demand)
-        for name in ("objectives", "limits"):
+        for name in ("objectives", "limits", "constraints", "frozen"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.gain * self.dt > 0.3:
             most = f"at most {0.3 / self.dt:g} at a tick of {self.dt:g} s, or it oscillates"
@@ -80,9 +84,11 @@ class Event(Enum):
     TOO_CLOSE = "a pair of geoms is closer than the clearance: it is parted"
     CLEARANCE_RELAXED = "joint limits leave no velocity with room to brake before every clearance"
     LIMIT_RELAXED = "no velocity keeps joint limits, clearances and a user's limit: that gives way"
+    CONSTRAINT_RELAXED = "nor does any keep a user's constraint beside them: it gives way, too"
     OBJECTIVE_RELAXED = "an objective of the user is not met at the pace it asks for"
     OBJECTIVE_LEFT_OUT = "an objective of the user raised or was not finite: it is left out"
     LIMIT_LEFT_OUT = "a limit of the user raised or was not finite: it is left out"
+    CONSTRAINT_LEFT_OUT = "a constraint of the user raised or was not finite: it is left out"
     RECOVERING = "a joint was outside its limits, or too fast to stop inside: it is brought back"
     NO_ANSWER = "the QP solver found no answer: the arm brakes"
 

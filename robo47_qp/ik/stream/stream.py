@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
-from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox
+from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox, braked
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
-from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective, targets_of
+from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective
+from robo47_qp.ik.stream.targets import targets_of
 from robo47_qp.ik.stream.user_parts import UserParts, null_space
-from robo47_qp.ik.stream.velocity_qp import VelocityQp
+from robo47_qp.ik.stream.velocity_qp import Kept, VelocityQp
 from robo47_qp.model.arm import Arm
 
 
@@ -39,9 +40,11 @@ class StreamIk(StreamSettings):
        what the levels before leave free (`Event.OBJECTIVE_RELAXED`);
     3. the way of the tools to their targets, with the objectives of priority 0: costs decide;
     4. the user's `limits`, where no velocity in the box meets all rows (`Event.LIMIT_RELAXED`);
-    5. the rows of clearances, where there is none either: pairs with much room first, those
-       without any last (`VelocityQp`), told by `Event.CLEARANCE_RELAXED`;
-    6. never a limit of q, v or a. The box is not empty, so there is always an answer.
+    5. the user's `constraints`, where there is none either (`Event.CONSTRAINT_RELAXED`);
+    6. the rows of clearances: pairs with much room first, those without any last (`VelocityQp`),
+       told by `Event.CLEARANCE_RELAXED`;
+    7. never a limit of q, v or a, nor a frozen joint. The box is not empty, so there is always an
+       answer.
 
     A part of the user's that raises or is not finite is left out of that tick and counted
     (`UserParts`). Several tools are followed at once, each with its joints at its own pace.
@@ -79,8 +82,11 @@ class StreamSolver:
         self._target_velocity = TargetVelocity(settings, arm, profile)
         data, a_max = self._target_velocity.data, self.bounds.a_max
         self._clearance_bounds = _clearance_bounds(settings, arm, data, a_max)
-        composes = settings.objectives or settings.limits
-        self._user = UserParts(settings, arm, profile) if composes else None
+        composes = settings.objectives or settings.limits or settings.constraints
+        parts = UserParts(settings, arm, profile) if composes or settings.frozen else None
+        self._user = parts if composes else None
+        self._frozen = [] if parts is None else [*parts.composed.frozen]
+        self._target_velocity.freeze(self._frozen)
         self._least = -inf if settings.clearance is None else settings.clearance
         self._counts: Counter[Event] = Counter()
         self.reset(arm.home)
@@ -129,6 +135,8 @@ class StreamSolver:
         box = self.bounds.box(self._q, self._v)
         if box.recovering:
             events.add(Event.RECOVERING)
+        if self._frozen:
+            self._hold(box)
         rows, clearance = None, inf
         if self._clearance_bounds is not None:
             rows = self._clearance_bounds.rows(self._q, self._v)
@@ -157,6 +165,11 @@ class StreamSolver:
             events=tuple(e for e in Event if e in events) if events else (),
         )
 
+    def _hold(self, box: VelocityBox) -> None:
+        """Narrow the box so that frozen joints brake to rest, and stay there."""
+        braking, at = braked(self._v, self.bounds.a_max, self.settings.dt), self._frozen
+        box.low[at] = box.high[at] = np.clip(braking, box.low, box.high)[at]
+
     def _composed(
         self,
         user: UserParts,
@@ -168,20 +181,25 @@ class StreamSolver:
         """Return the next velocity with the objectives and limits of the user."""
         user.move(self._q)
         beside, *levels = user.levels(events)
-        kept = user.rows(self._v, events)
+        kept, equal = user.rows(self._v, events), user.equalities(self._v, events)
         way = objective.way
         H = objective.H + sum((cost.H for cost in beside), np.zeros_like(objective.H))
         pull = objective.H.dot(way.whole) - sum((cost.c for cost in beside), np.zeros(len(H)))
         paces = [user.pace(H, pull) if beside else 0.0]
         moved = paces[0] * pull if beside else objective.H.dot(way.paced)
         f = -objective.H.dot(objective.v_ref - way.paced) - moved
-        if kept is None:
+        if equal is not None and not beside:
+            threshold = self.settings.singular_threshold
+            f = -H.dot(user.within(equal, objective.v_ref, way, threshold))
+        if kept is None and equal is None:
             v, told = self._qp.nearest(H, np.linalg.solve(H, -f), box, rows)
             events.update(() if told is None else (told,))
         else:
-            v, relaxed = self._qp.nearest_within(H, f, box, rows, kept)
+            v, relaxed = self._qp.nearest_within(H, f, box, Kept(rows, kept, equal))
             events.update(relaxed)
-        held = [way.rows, *(cost.W for cost in beside)]
+        held = [way.rows, *(cost.W for cost in beside), np.eye(len(H))[self._frozen]]
+        if equal is not None:
+            held.append(equal.J)
         every = [part for part in (rows, kept) if part is not None]
         A = np.vstack([np.zeros((0, self.arm.n)), *(part.A for part in every)])
         upper = np.concatenate([np.zeros(0), *(part.upper for part in every)])

@@ -1,7 +1,7 @@
 """The joint velocity towards a target that moves, jumps or cannot be reached."""
 
 from collections.abc import Mapping
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -16,9 +16,6 @@ from robo47_qp.ik.tool_demand import FULL
 from robo47_qp.ik.tool_error import error_to
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
-
-_FARTHEST = 1e6
-"""Where coordinates of targets end [m]: beyond it differences overflow."""
 
 
 def approach_rate(way: Vector, v_max: Vector, a_max: Vector, gain: float) -> float:
@@ -91,25 +88,6 @@ class TargetMotion:
         if np.count_nonzero(np.abs(twist) > fastest):
             return np.zeros(6), True
         return twist, False
-
-
-def pose_or_none(T_world_target: object) -> SE3 | None:
-    """The target with its position held within 1000 km of the world's origin, if it is a pose."""
-    if not isinstance(T_world_target, SE3):
-        return None
-    numbers = np.asarray(T_world_target.wxyz_xyz)
-    if numbers.shape != (7,) or numbers.dtype.kind not in "fiu":
-        return None
-    pose = numbers.astype(np.float64)
-    w, x, y, z, *position = pose.tolist()
-    # Comparisons are false for NaN, and products of floats overflow to infinity.
-    if not abs(w * w + x * x + y * y + z * z - 1.0) <= 2e-6 or not all(map(isfinite, position)):
-        return None
-    if max(map(abs, position)) > _FARTHEST:
-        np.clip(pose[4:], -_FARTHEST, _FARTHEST, out=pose[4:])
-    elif numbers.dtype == np.float64:
-        return T_world_target
-    return SE3(pose)
 
 
 _TINY = 1e-100
@@ -271,6 +249,7 @@ class TargetVelocity:
         self._tools = [
             _Followed(arm, tool, self._data, settings) for tool in range(len(arm.robot.tools))
         ]
+        self._frozen: list[int] = []
         self._stacks: dict[tuple[int, ...], _Stack] = {}
         self._units = np.array([1.0, 1.0, 1.0, *[settings.radian_length] * 3])
         self._regular = settings.joint_weight * np.eye(n)
@@ -285,6 +264,10 @@ class TargetVelocity:
             *(np.eye(n), np.zeros(n), nan, nan, (Event.TARGET_REFUSED,)),
             Way(np.zeros(n), np.zeros(n), np.eye(n)),
         )
+
+    def freeze(self, joints: list[int]) -> None:
+        """Ask for no motion of some joints from now on."""
+        self._frozen = joints
 
     def reset(self) -> None:
         """Start anew: the next target counts as being at rest."""
@@ -325,10 +308,12 @@ class TargetVelocity:
         stack.twist *= stack.units
         v_ref = paced + inverse.velocities(stack.twist)
         if settings.home_gain > 0.0:
-            home = self._home - q
+            home = self._arm.way(q, self._home)
             home *= settings.home_gain
             np.minimum(home, self._v_home, out=home)
             np.maximum(home, self._v_home_back, out=home)
+            if self._frozen:
+                home[self._frozen] = 0.0
             v_ref += inverse.null(home)
         H = stack.scaled.T @ stack.scaled
         H += self._regular
@@ -353,6 +338,8 @@ class TargetVelocity:
             p2, w2 = error.measure()
             error.update_jacobian()
             stack.J[rows] = error.J
+            if self._frozen:
+                stack.J[rows, self._frozen] = 0.0
             if pose is None:
                 followed.motion.reset()
                 stack.way[rows] = stack.twist[rows] = 0.0
@@ -379,19 +366,3 @@ class TargetVelocity:
             rate = approach_rate(way[group], v_use[group], a_use[group], gain)
             paced[group] = rate * way[group]
         return paced
-
-
-def targets_of(arm: Arm, T_world_target: object) -> Mapping[int, SE3 | None]:
-    """Return what is wanted of which tools, whatever is given: None where it is no pose.
-
-    A pose is for the main tool; a mapping, such as `ToolPoses`, has poses by names of tools.
-    """
-    if not isinstance(T_world_target, Mapping):
-        return {0: pose_or_none(T_world_target)}
-    names = [tool.name for tool in arm.robot.tools]
-    found: dict[int, SE3 | None] = {}
-    for name, pose in T_world_target.items():
-        if name not in names:
-            return {0: None}
-        found[names.index(name)] = pose_or_none(pose)
-    return found or {0: None}

@@ -1,4 +1,4 @@
-"""A user's objectives and limits in a stream: as rows and costs of the joint velocity."""
+"""A user's objectives, limits and constraints in a stream, for the joint velocity."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from robo47_qp.ik.objectives import Composition, Objective, composed
 from robo47_qp.ik.stream.guard import Guard
 from robo47_qp.ik.stream.joint_bounds import max_stoppable_speed
 from robo47_qp.ik.stream.settings import Event, StreamSettings
-from robo47_qp.ik.stream.target_velocity import approach_rate
+from robo47_qp.ik.stream.target_velocity import DampedInverse, Way, approach_rate
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 
@@ -22,6 +22,8 @@ _NO_PULL = 1e-5
 """A pull that is too small to count."""
 _REGULAR = 1e-6
 """Added to the diagonal where an objective leaves joints undetermined."""
+_NULL = 1e-6
+"""Singular values of constraints below this part of the largest count as none."""
 _PARTING, _REGAIN = 0.3, 10.0
 """What lies beyond a limit comes back at this part of the speed at which it could still stop, and
 regains this part of what it lacks per second."""
@@ -34,6 +36,17 @@ class UserRows(NamedTuple):
     """(k, n)"""
     upper: Vector
     """(k,) [unit of the row per second]"""
+
+
+class UserEqualities(NamedTuple):
+    """J v' = rate, for the joint velocity v' at the next tick."""
+
+    J: Matrix
+    """(k, n)"""
+    rate: Vector
+    """What the joints can reach by then (k,) [unit of the error per second]."""
+    wanted: Vector
+    """What it is on the way to (k,)."""
 
 
 class UserCost(NamedTuple):
@@ -52,7 +65,7 @@ class UserCost(NamedTuple):
 
 
 class UserParts:
-    """The objectives and limits of a user for one arm, evaluated at every tick.
+    """The objectives, limits and constraints of a user for one arm, evaluated at every tick.
 
     Each comes through `mink.build_ik` by itself. One that raises, or is not finite, is left out of
     that tick, and counted.
@@ -65,6 +78,9 @@ class UserParts:
     move at the slope and besides as fast as it can still stop within the way, with β Σ_j |G_j|
     a_max,j, as `ClearanceBounds` has it: a limit on a way is kept though it knows nothing of
     brakes, and a limit on a speed is kept as it is.
+
+    The errors e of all constraints fall at one pace K, J v' = -K e: that of the stream's gain, and
+    slower where the joints could not stop, or start, in time. An error that is zero stays zero.
     """
 
     def __init__(self, settings: StreamSettings, arm: Arm, profile: MotionProfile) -> None:
@@ -77,7 +93,8 @@ class UserParts:
             one if isinstance(one, Objective) else Objective(one) for one in settings.objectives
         )
         self.composed = composed(
-            arm, Composition(objectives=objectives, limits=tuple(settings.limits))
+            arm,
+            Composition(objectives, settings.limits, settings.constraints, settings.frozen),
         )
         self._configuration = mink.Configuration(arm.model, q=arm.home)
         self._n, self._dt, self._gain = arm.n, settings.dt, settings.gain
@@ -137,6 +154,64 @@ class UserParts:
         if not found:
             return None
         return UserRows(np.vstack([r.A for r in found]), np.hstack([r.upper for r in found]))
+
+    def equalities(self, v: Vector, events: set[Event]) -> UserEqualities | None:
+        """Return what the constraints ask for; None where there are none.
+
+        Args:
+            v: Velocity now (n,) [rad/s].
+            events: Gets what had to be left out.
+        """
+        tasks = [part.task for part in self.composed.constraints]
+        found = [self._equality(one, events) for one in tasks if isinstance(one, mink.Task)]
+        kept = [one for one in found if one is not None]
+        if not kept:
+            return None
+        J = np.vstack([J for J, _ in kept])
+        fall = np.concatenate([fall for _, fall in kept])
+        way = np.linalg.lstsq(J, fall, rcond=_NULL)[0]
+        rate = approach_rate(way, self._v_use, self._a_use, self._gain) * fall
+        now = J.dot(v)
+        change = np.abs(np.linalg.lstsq(J, rate - now, rcond=_NULL)[0])
+        share = np.min(self._a_use * self._dt / np.maximum(change, 1e-12), initial=1.0)
+        return UserEqualities(J, now + share * (rate - now), rate)
+
+    def within(self, equal: UserEqualities, v_ref: Vector, way: Way, threshold: float) -> Vector:
+        """Return the velocity that meets constraints and moves the tools as v_ref does.
+
+        It is v_c + φ d + N z: J v_c = rate, N a basis of what leaves J at rest, d = N (S N)⁺ S d_0
+        the way of the joints at a pace φ at which they can stop, and z for the rest of v_ref.
+
+        Args:
+            equal: What the constraints ask for.
+            v_ref: What the tools ask for (n,) [rad/s].
+            way: What v_ref is made of; its rows are S.
+            threshold: See `DampedInverse`.
+        """
+        v_c = np.asarray(np.linalg.lstsq(equal.J, equal.rate, rcond=_NULL)[0], np.float64)
+        N = null_space([equal.J], self._n)
+        if not N.shape[1]:
+            return v_c
+        inverse, rest = DampedInverse(way.rows @ N, threshold), v_ref - way.paced - v_c
+        whole = N @ inverse.velocities(way.rows @ way.whole)
+        pace = approach_rate(whole, self._v_use, self._a_use, self._gain)
+        z = inverse.velocities(way.rows @ rest) + inverse.null(N.T @ rest)
+        v: Vector = v_c + pace * whole + N @ z
+        return v
+
+    def _equality(self, task: mink.Task, events: set[Event]) -> tuple[Matrix, Vector] | None:
+        found: tuple[Matrix, Vector] | None = None
+        with Guard():
+            problem = mink.build_ik(
+                self._configuration, [], self._dt, limits=[], constraints=[task]
+            )
+            J, fall = np.asarray(problem.A, np.float64), np.asarray(problem.b, np.float64)
+            finite = np.isfinite(J).all() and np.isfinite(fall).all()
+            if J.shape == (len(fall), self._n) and finite:
+                found = J, fall
+        if found is None:
+            events.add(Event.CONSTRAINT_LEFT_OUT)
+        return found
 
     def _rows_of(self, limit: mink.Limit, v: Vector) -> UserRows | None:
         rows: UserRows | None = None

@@ -1,6 +1,7 @@
 """The joint velocity closest to a wanted one, among those that limits and clearances allow."""
 
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from robo47_qp.ik.box_qp import BoxQp, box_qp
 from robo47_qp.ik.stream.clearance_bounds import VelocityRows
 from robo47_qp.ik.stream.joint_bounds import VelocityBox
 from robo47_qp.ik.stream.settings import Event
-from robo47_qp.ik.stream.user_parts import UserRows
+from robo47_qp.ik.stream.user_parts import UserEqualities, UserRows
 
 _FULL_SHARE = 0.05
 """Room from which on a pair gives way in full [m]."""
@@ -18,9 +19,29 @@ _LEAST_SHARE = 0.1
 _HARD = 1e4
 """Weight of giving way beside the tool's velocity."""
 _YIELDING = 1e2
-"""How much rather a user's limits give way than clearances."""
+"""How much rather a user's limits give way than constraints, and these than clearances."""
+_MOST = 1e2
+"""Largest slack [unit of a row per second]."""
 _STAY = 1e-6
 """Weight of velocities that no objective asks for, beside those of objectives."""
+
+
+class Kept(NamedTuple):
+    """What the velocity is subject to, besides the box."""
+
+    rows: VelocityRows | None
+    user: UserRows | None
+    equal: UserEqualities | None
+
+    @property
+    def order(self) -> tuple[Event, ...]:
+        """In which order it gives way."""
+        parts = (
+            (Event.LIMIT_RELAXED, self.user),
+            (Event.CONSTRAINT_RELAXED, self.equal),
+            (Event.CLEARANCE_RELAXED, self.rows),
+        )
+        return tuple(event for event, part in parts if part is not None and len(part[1]))
 
 
 class VelocityQp:
@@ -39,15 +60,11 @@ class VelocityQp:
             UnknownNameError: No QP solver is called so.
         """
         self._strict, self._soft = box_qp(backend, n), box_qp(backend, n + 1)
-        self._both = box_qp(backend, n + 2)
         self._free: dict[int, BoxQp] = {}
         self._backend, self._n = backend, n
-        none = np.zeros(0)
-        self._no_rows = VelocityRows(np.zeros((0, n)), none, none, np.zeros(0, dtype=np.intp))
-        self._H_both = _HARD * np.eye(n + 2)
         self._H, self._f = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
         self._H[n, n] = _HARD
-        self._low, self._high = np.zeros(n + 1), np.full(n + 1, 1e2)
+        self._low, self._high = np.zeros(n + 1), np.full(n + 1, _MOST)
 
     def nearest(
         self, H: Matrix, v_ref: Vector, box: VelocityBox, rows: VelocityRows | None
@@ -73,45 +90,66 @@ class VelocityQp:
         return np.minimum(np.maximum(v, box.low), box.high), told
 
     def nearest_within(
-        self, H: Matrix, f: Vector, box: VelocityBox, rows: VelocityRows | None, user: UserRows
+        self, H: Matrix, f: Vector, box: VelocityBox, kept: Kept
     ) -> tuple[Vector, tuple[Event, ...]]:
-        """Return the velocity of least ½ vᵀ H v + fᵀ v within a user's limits, too.
+        """Return the velocity of least ½ vᵀ H v + fᵀ v within a user's limits and constraints, too.
 
-        Where no velocity in the box meets all rows, the user's give way by a slack of their own;
-        where clearances cannot be met either, both do.
+        Where no velocity in the box meets all rows, the user's limits give way by a slack of their
+        own; where constraints cannot be met either, they become objectives that are dear; then
+        clearances give way, those with much room first.
         """
-        n = self._n
-        near = self._no_rows if rows is None else rows
-        A, upper = np.vstack([near.A, user.A]), np.concatenate([near.upper, user.upper])
-        v = self._strict.solve(H, f, box.low, box.high, A, upper)
-        told: tuple[Event, ...] = ()
-        slack = np.concatenate([np.zeros(len(near.upper)), np.ones(len(user.upper))])
-        if not _is_answer(v):
-            self._H[:n, :n], self._f[:n] = H, f
-            self._low[:n], self._high[:n] = box.low, box.high
-            x = self._soft.solve(
-                self._H, self._f, self._low, self._high, np.column_stack([A, -slack]), upper
-            )
-            v = None if x is None else x[:n]
-            told = (Event.LIMIT_RELAXED,)
-        if not _is_answer(v):
-            share = np.clip(near.room / _FULL_SHARE, _LEAST_SHARE, 1.0)
-            slacks = np.column_stack([slack, np.concatenate([share, np.zeros(len(user.upper))])])
-            self._H_both[:n, :n] = H
-            self._H_both[n, n] = _HARD / _YIELDING
-            x = self._both.solve(
-                self._H_both,
-                np.concatenate([f, np.zeros(2)]),
-                np.concatenate([box.low, np.zeros(2)]),
-                np.concatenate([box.high, np.full(2, 1e2)]),
-                np.hstack([A, -slacks]),
-                upper,
-            )
-            v = None if x is None else x[:n]
-            told = (Event.CLEARANCE_RELAXED, Event.LIMIT_RELAXED)
-        if v is None or not _is_answer(v):
-            v, told = np.zeros(n), (Event.NO_ANSWER,)
-        return np.minimum(np.maximum(v, box.low), box.high), told
+        order = kept.order
+        for soft in range(len(order) + 1):
+            v = self._relaxing(H, f, box, kept, order[:soft])
+            if v is not None and _is_answer(v):
+                return np.minimum(np.maximum(v, box.low), box.high), order[:soft]
+        v = np.minimum(np.maximum(np.zeros(self._n), box.low), box.high)
+        return v, (Event.NO_ANSWER,)
+
+    def _relaxing(
+        self, H: Matrix, f: Vector, box: VelocityBox, kept: Kept, soft: tuple[Event, ...]
+    ) -> Vector | None:
+        """Return the velocity where some of what is kept gives way, the first the easiest."""
+        n, parts = self._n, list[tuple[Matrix, Vector, Vector | None, float]]()
+        weights = {
+            event: _HARD * _YIELDING ** (i - min(len(soft) - 1, 1)) for i, event in enumerate(soft)
+        }
+        if kept.user is not None:
+            (A, upper), weight = kept.user, weights.get(Event.LIMIT_RELAXED, 0.0)
+            parts.append((A, upper, np.ones(len(upper)) if weight else None, weight))
+        if kept.equal is not None:
+            (J, rate, wanted), weight = kept.equal, weights.get(Event.CONSTRAINT_RELAXED, 0.0)
+            H, f = H + weight * J.T @ J, f - weight * wanted @ J
+            if not weight:
+                parts.append((np.vstack([J, -J]), np.concatenate([rate, -rate]), None, 0.0))
+        if kept.rows is not None and len(kept.rows.upper):
+            weight = weights.get(Event.CLEARANCE_RELAXED, 0.0)
+            share = np.clip(kept.rows.room / _FULL_SHARE, _LEAST_SHARE, 1.0)
+            parts.append((kept.rows.A, kept.rows.upper, share if weight else None, weight))
+        dear = [weight for _, _, share, weight in parts if share is not None]
+        slacks = np.zeros((sum(len(upper) for _, upper, _, _ in parts), len(dear)))
+        row = column = 0
+        for _, upper, part, _ in parts:
+            if part is not None:
+                slacks[row : row + len(upper), column] = -part
+                column += 1
+            row += len(upper)
+        m = n + len(dear)
+        if m not in self._free:
+            self._free[m] = box_qp(self._backend, m)
+        whole = np.zeros((m, m))
+        whole[:n, :n] = H
+        whole[range(n, m), range(n, m)] = dear
+        none, most = np.zeros(len(dear)), np.full(len(dear), _MOST)
+        x = self._free[m].solve(
+            whole,
+            np.concatenate([f, none]),
+            np.concatenate([box.low, none]),
+            np.concatenate([box.high, most]),
+            np.hstack([np.vstack([np.zeros((0, n)), *(A for A, _, _, _ in parts)]), slacks]),
+            np.concatenate([none[:0], *(upper for _, upper, _, _ in parts)]),
+        )
+        return None if x is None else x[:n]
 
     def improved(
         self,

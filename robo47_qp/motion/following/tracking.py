@@ -222,8 +222,8 @@ def _away(arm: Arm, ik: IkSolver, q: Vector, target: Target) -> Vector:
     The gradient projection of Liégeois (1977) with the fourth power of the distance from the
     middle of each range.
     """
-    half = 0.5 * (arm.q_max - arm.q_min)
-    x = (q - 0.5 * (arm.q_min + arm.q_max)) / half
+    half = 0.5 * (arm.q_high - arm.q_low)
+    x = np.where(arm.free, 0.0, (q - 0.5 * (arm.q_low + arm.q_high)) / half)
     _, J = exact_rows(ik, arm, target, q)
     # Joints that move no tool of the path stand still.
     wish = -(x**3) * arm.joints_of(target)

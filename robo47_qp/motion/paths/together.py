@@ -1,6 +1,6 @@
 """Paths of several tools over one parameter: they move together by construction."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector, checked_vector
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.tool_poses import Target, ToolPoses
+from robo47_qp.model.tool_poses import Target, ToolPoses, one_pose
 from robo47_qp.motion.paths.segments import Line, Segment, ToolPath
 
 
@@ -85,10 +85,54 @@ ToolsPath: TypeAlias = Together | HeldTogether
 """A path of several tools."""
 
 
-def body_pose(tools: ToolPoses, holding: ToolPoses) -> SE3:
-    """Return T_world_body by the first of the tools that hold the body."""
-    name = next(iter(holding))
-    return tools[name] @ holding[name].inverse()
+def path_of_each(
+    shape: Callable[[SE3, SE3, Mapping[str, Vector]], Segment],
+    points: Mapping[str, Vector],
+    own: Mapping[str, Mapping[str, Vector]],
+    start: Target,
+    goal: Target,
+) -> ToolPath:
+    """Return the path of one tool, or of several that each keep to one of their own.
+
+    Args:
+        shape: Makes the path of one tool; see `MotionType.path`.
+        points: What shapes it (3,) [m].
+        own: In place of it, by the names of the tools.
+        start: T_world_tcp at its start.
+        goal: T_world_tcp at its end.
+
+    Raises:
+        InvalidValueError: The points make no path; start and goal are of different tools.
+    """
+    if isinstance(start, SE3) or isinstance(goal, SE3):
+        return shape(one_pose(start), one_pose(goal), points)
+    return Together({name: shape(start[name], goal[name], own.get(name, points)) for name in goal})
+
+
+def held_path(
+    shape: Callable[[SE3, SE3], Segment],
+    T_world_body: SE3,
+    holding: ToolPoses,
+    start: Target,
+    goal: Target,
+) -> ToolPath:
+    """Return the path of tools that hold one body, which keeps to a path itself.
+
+    Args:
+        shape: Makes the path of the body.
+        T_world_body: Its pose at the end.
+        holding: T_body_tcp of the tools at the end.
+        start: T_world_tcp of the tools at the start.
+        goal: The same at the end, of the same tools.
+
+    Raises:
+        InvalidValueError: The points make no path; start or goal is of one tool alone.
+    """
+    if isinstance(start, SE3) or isinstance(goal, SE3):
+        return shape(one_pose(start), one_pose(goal))
+    first = next(iter(holding))
+    body = shape(start[first] @ holding[first].inverse(), T_world_body)
+    return HeldTogether(body, start, holding)
 
 
 def points_of(names: Sequence[str], points: Mapping[str, ArrayLike]) -> dict[str, Vector]:

@@ -142,8 +142,10 @@ class Timing:
 
     In each section of the path, speed V, acceleration A and jerk J of the path parameter are
     bounded such that for every joint and for the tool, with x(s) its place,
-      |x'| V <= v_max,  |x''| V² <= η a_max,  |x'''| V³ <= η j_max,
-      |x'| A + |x''| V² <= a_max,  |x'| J + 3 |x''| V A + |x'''| V³ <= j_max,
+
+    |x'| V <= v_max,  |x''| V² <= η a_max,  |x'''| V³ <= η j_max,
+    |x'| A + |x''| V² <= a_max,  |x'| J + 3 |x''| V A + |x'''| V³ <= j_max,
+
     which bounds the derivatives of x(s(t)) by the chain rule. These sums are more careful than
     they need to be: the pace of each section is raised and lowered in some rounds by how much
     of the bounds its samples use, several η are tried, and time is scaled for the whole path

@@ -53,6 +53,7 @@ def stop(arm: Arm, now: JointReference, profile: MotionProfile, dt: float) -> Tr
 
     The first sample is the reference itself. Three ways are tried, and the first that stays
     inside the joint limits is taken:
+
     - straight on, where the acceleration lies along the velocity (on any PTP motion): the
       fastest stop on that line. Where it does not, all joints as fast as the slowest of them
       needs, ending together;

@@ -1,5 +1,7 @@
 """Audit: the limits of a scenario against what the simulated robot did."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -9,12 +11,18 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.collision.closest_approach import ClosestApproach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.report.audit.finding import Exempt, Finding, at_most, bounded, judged, within
+from robo47_qp.report.audit.objects import object_jumps
 from robo47_qp.report.audit.tool import held_together, tool_paths, tool_rates
 from robo47_qp.run.scenario import Run
 
 _OWN = "the reference is the state of the arm itself, which torques move"
+_PLACE = 1e-9
+"""Largest difference of lengths [m] and of rotation matrices [-] of the same obstacle."""
 _STREAMED = "the reference follows a moving target"
+_COMPLIANT = "the arm is compliant and need not follow its reference"
+_TOUCHES = "the hand touches what is fixed, with the force that is judged"
 
 
 def audit(run: Run) -> list[Finding]:
@@ -31,6 +39,7 @@ def audit(run: Run) -> list[Finding]:
         *held_together(run),
         *_clearances(run),
         *_contacts(run),
+        *object_jumps(run),
     ]
 
 
@@ -78,48 +87,103 @@ def _rate(values: Matrix) -> Matrix:
 
 def _contacts(run: Run) -> list[Finding]:
     """Check contact forces: on the tool those that the task allows, on the links none."""
-    limit = run.scenario.task.force_max
+    limit, fixed_limit = run.scenario.task.force_max, run.scenario.task.fixed_force_max
     links = at_most("link contact", "N", run.rows["contact/links"][:, 0], 0.0)
-    if not isfinite(limit):
-        return [links]
     found = []
     for label, tool in run.scenario.robot.tool_labels():
         force = np.linalg.norm(run.rows[f"contact/{label}tool"], axis=1)
-        name = f"{tool.name} contact" if label else "tool contact"
-        found.append(at_most(name, "N", force, limit))
+        which = tool.name if label else "tool"
+        if isfinite(limit):
+            found.append(at_most(f"{which} contact", "N", force, limit))
+        touched = run.rows[f"contact/{label}fixed"][:, 0]
+        found.append(at_most(f"{which} contact with what is fixed", "N", touched, fixed_limit))
     return [*found, links]
 
 
 def _clearances(run: Run) -> list[Finding]:
-    """Check the distances of the robot from the task's obstacles, if there are any.
+    """Check the distances of the robot from all that stands fixed, and of its links.
 
-    The reference must keep the clearance of the planner; the robot itself must not touch. What
-    the gripper holds is not checked.
+    The reference must keep the clearance of the planner from the obstacles that the task declares,
+    and must touch nothing; nor may the robot itself: neither table, bins and other fixed bodies
+    nor its own mount, links and other arms. What the gripper holds is not checked.
     """
     scenario, rows = run.scenario, run.rows
-    robot, obstacles = scenario.robot, tuple(scenario.task.obstacles)
-    if not obstacles:
-        return []
-    closest = ClosestApproach(robot, obstacles)
+    robot, declared = scenario.robot, tuple(scenario.task.obstacles)
     labels = [label for label, tool in robot.tool_labels() if tool.gripper is not None]
     fingers = [rows[f"gripper/{label}fingers"] for label in labels]
+    reference = np.hstack([rows["joints/q_ref"], *fingers])
+    measured = np.hstack([rows["joints/q"], *fingers])
     found = []
     collisions = scenario.planner.collisions
-    if collisions is not None:
-        reference = np.hstack([rows["joints/q_ref"], *fingers])
-        found.append(_apart("reference clearance", closest, reference, collisions.clearance))
-    measured = np.hstack([rows["joints/q"], *fingers])
-    found.append(_apart("measured clearance", closest, measured, 0.0))
+    if declared and collisions is not None:
+        asked, every = collisions.clearance, np.ones(len(rows), bool)
+        closest = ClosestApproach(robot, declared)
+        found += _apart("reference clearance", closest, reference, asked, Exempt(~every, ""))
+    yields, touches = np.zeros((2, len(rows)), bool)
+    for phase, span in run.spans():
+        yields[span] = phase.compliant
+    for label, _ in robot.tool_labels():
+        touches |= rows[f"contact/{label}fixed"][:, 0] > 0.0
+    # What a task declares, and its own links, the robot never touches; what else stands fixed, with
+    # a bounded force.
+    apart = [(ClosestApproach(robot, declared, own=True), np.zeros(len(rows), bool))]
+    undeclared = _undeclared(run.fixed, declared)
+    if undeclared:
+        apart.append((ClosestApproach(robot, undeclared, mounted=True), touches))
+    for closest, free in apart:
+        found += _apart("reference distance", closest, reference, 0.0, Exempt(yields, _COMPLIANT))
+        found += _apart("measured clearance", closest, measured, 0.0, Exempt(free, _TOUCHES))
     return found
 
 
-def _apart(signal: str, closest: ClosestApproach, q: Matrix, limit: float) -> Finding:
-    nearest = closest.along(q)
-    return Finding(
-        signal=f"{signal} ({nearest.body} to {nearest.obstacle})",
-        unit="m",
-        limit=limit,
-        extreme=nearest.distance,
-        time=nearest.row * TIMESTEP,
-        ok=nearest.distance >= limit,
+def _undeclared(fixed: Sequence[Obstacle], declared: Sequence[Obstacle]) -> list[Obstacle]:
+    """Return what stands fixed and is not declared as it is, under names that are not taken."""
+    taken, found = {obstacle.name for obstacle in declared}, []
+    for one in fixed:
+        if any(_same(one, other) for other in declared):
+            continue
+        name = one.name
+        while name in taken:
+            name = f"{name} of the scene"
+        taken.add(name)
+        found.append(replace(one, name=name))
+    return found
+
+
+def _same(one: Obstacle, other: Obstacle) -> bool:
+    """Return whether two obstacles are the same body at the same place."""
+    return (
+        (one.name, one.shape) == (other.name, other.shape)
+        and np.allclose(one.size, other.size, rtol=0.0, atol=_PLACE)
+        and np.allclose(
+            one.T_world_obstacle.as_matrix(),
+            other.T_world_obstacle.as_matrix(),
+            rtol=0.0,
+            atol=_PLACE,
+        )
     )
+
+
+def _apart(
+    signal: str, closest: ClosestApproach, q: Matrix, limit: float, exempt: Exempt
+) -> list[Finding]:
+    """Return the closest approach in the rows that are judged, and in those that are not."""
+    found = []
+    for rows, why in ((~exempt.rows, ""), (exempt.rows, exempt.why)):
+        if not rows.any():
+            continue
+        nearest = closest.along(q[rows])
+        name = f"{signal} ({nearest.body} to {nearest.obstacle})"
+        found.append(
+            Finding(
+                signal=f"{name}, exempt" if why else name,
+                unit="m",
+                limit=limit,
+                extreme=nearest.distance,
+                time=int(np.flatnonzero(rows)[nearest.row]) * TIMESTEP,
+                ok=bool(why) or nearest.distance >= limit,
+                exempt=why,
+                share=float(np.mean(rows)),
+            )
+        )
+    return found

@@ -113,10 +113,15 @@ def within(
     low: Vector,
     high: Vector,
 ) -> list[Finding]:
-    """Return the findings of the columns closest to their lower and to their upper bound."""
+    """Return the findings of the columns closest to their lower and to their upper bound.
+
+    A side on which no column has a bound has no finding.
+    """
     findings = []
     for side, bound, margin in (("lower", low, values - low), ("upper", high, high - values)):
         row, column = divmod(int(np.argmin(margin)), margin.shape[1])
+        if not np.isfinite(bound[column]):
+            continue
         findings.append(
             Finding(
                 signal=f"{signal} {side} ({names[column]})",

@@ -1,7 +1,8 @@
 """RerunLog: writes a run to a Rerun file with its own layout, while the run goes on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +22,6 @@ from robo47_qp.report.rerun.columns import (
 )
 from robo47_qp.report.rerun.scene import body_name, body_shapes, undrawn
 from robo47_qp.report.rerun.stream import RerunStream
-from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.signals import is_followed
@@ -42,9 +42,9 @@ _PATH_COLOUR = (255, 70, 150)
 
 
 class RerunLog(Observer):
-    """Sink and observer of a run.
+    """Sink and observer of a run: writes rows in large pieces, and events as they come.
 
-    Rows reach the file shortly after `write`, even if the process is then killed.
+    What a killed process has not written yet is in its `RowFile`.
     """
 
     def __init__(
@@ -54,7 +54,8 @@ class RerunLog(Observer):
         robot: Robot,
         signals: Sequence[Signal],
         *,
-        live: bool = False,
+        viewer: str | None = None,
+        keep: Callable[[Mapping[str, Any]], None] | None = None,
     ) -> None:
         """Open the file and write what does not change.
 
@@ -63,13 +64,14 @@ class RerunLog(Observer):
             model: The scene.
             robot: The robot in it.
             signals: The signals of the rows.
-            live: Also show the recording in a local viewer.
+            viewer: URL of a viewer that shows the recording while it is made.
+            keep: Gets every event that is drawn, as JSON types, for `draw` of another log.
 
         Raises:
             RecordingError: The file cannot be written.
-            RenderingError: There is no viewer for a live view, and none can be started.
+            RenderingError: There is no viewer at the URL.
         """
-        viewer = viewer_url() if live else None
+        self._keep = keep
         page = layout.blueprint(robot, followed=is_followed(signals))
         self._stream = RerunStream(path, f"robo47_qp {robot.name}", page, viewer)
         self._poses = BodyPoses(model, robot)
@@ -111,17 +113,17 @@ class RerunLog(Observer):
     def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
         """Draw a leg with its tool positions (N, 3) [m], and log how it was planned."""
         waypoint, ik = leg.waypoint, leg.ik
-        colour = waypoint.motion.type.colour
-        # Dashed and thick, so that the thin line of the tool is visible in between.
-        points = tool_path[:: max(1, len(tool_path) // 60)]
-        dashes = rr.LineStrips3D(
-            [points[k : k + 2] for k in range(0, len(points) - 1, 2)], colors=colour, radii=0.004
-        )
-        self._stream.log(layout.PLANNED, dashes, time=time)
         goals = [leg.T_world_goal] if leg.tools is None else list(leg.tools.values())
-        for i, goal in enumerate(goals):
-            entity = f"{layout.GOALS}/{i}" if i else layout.GOALS
-            self._stream.log(entity, _frame(goal.as_matrix()), time=time)
+        path = tool_path[:: max(1, len(tool_path) // 60)]
+        self._event(
+            {
+                "event": "planned",
+                "time": time,
+                "colour": list(waypoint.motion.type.colour),
+                "path": path.tolist(),
+                "goals": [goal.as_matrix().tolist() for goal in goals],
+            }
+        )
         self.note(
             time,
             f"{waypoint.motion.name} to '{waypoint.name}', {leg.trajectory.duration:.2f} s; IK "
@@ -132,11 +134,11 @@ class RerunLog(Observer):
 
     def phase(self, time: float, name: str) -> None:
         """Record that a phase starts at `time` [s]."""
-        self._stream.log(layout.PHASES, rr.StateChange(state=name), time=time)
+        self._event({"event": "phase", "time": time, "name": name})
 
     def note(self, time: float, text: str, level: str = "INFO") -> None:
         """Add a line to the events at `time` [s]; level is INFO, WARN or ERROR."""
-        self._stream.log(layout.EVENTS, rr.TextLog(f"{time:.2f} s  {text}", level=level), time=time)
+        self._event({"event": "note", "time": time, "text": text, "level": level})
 
     def tick(self, simulation: Simulation) -> None:
         """Draw the markers that have moved."""
@@ -146,13 +148,34 @@ class RerunLog(Observer):
                 # The first pose of a marker holds from the start.
                 time = simulation.time if name in self._markers else 0.0
                 self._markers[name] = pose
+                place = {"position": pose[4:].tolist(), "wxyz": pose[:4].tolist()}
+                self._event({"event": "marker", "time": time, "name": name, **place})
+
+    def draw(self, event: Mapping[str, Any]) -> None:
+        """Draw an event that another log has kept.
+
+        Raises:
+            KeyError: It is none.
+        """
+        time: float = event["time"]
+        match event["event"]:
+            case "planned":
+                self._draw_plan(time, event)
+            case "phase":
+                self._stream.log(layout.PHASES, rr.StateChange(state=event["name"]), time=time)
+            case "note":
+                line = rr.TextLog(f"{time:.2f} s  {event['text']}", level=event["level"])
+                self._stream.log(layout.EVENTS, line, time=time)
+            case "marker":
                 place = rr.Transform3D(
-                    translation=pose[4:],
-                    quaternion=rr.Quaternion(xyzw=xyzw(pose[:4])),
-                    child_frame=name,
+                    translation=event["position"],
+                    quaternion=rr.Quaternion(xyzw=xyzw(np.array(event["wxyz"]))),
+                    child_frame=event["name"],
                     parent_frame=_ROOT,
                 )
                 self._stream.log(f"{layout.FRAMES}/markers", place, time=time)
+            case other:
+                raise KeyError(other)
 
     def finish(self, summary: str) -> None:
         """Add a summary in Markdown and close the file.
@@ -162,12 +185,39 @@ class RerunLog(Observer):
         """
         document = rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN)
         self._stream.log(layout.SUMMARY, document)
+        self.break_off()
+
+    def break_off(self) -> None:
+        """Close the file of a run that was interrupted, which has no summary.
+
+        Raises:
+            RecordingError: The file is not complete.
+        """
         self._draw_limits(np.full(2, self._now))
         self._stream.finish(self._now)
 
     def close(self) -> None:
         """Close the file, complete or not; a second time does nothing."""
         self._stream.close()
+
+    def _event(self, event: Mapping[str, Any]) -> None:
+        if self._keep is not None:
+            self._keep(event)
+        self.draw(event)
+
+    def _draw_plan(self, time: float, event: Mapping[str, Any]) -> None:
+        """Draw the path and the goals of a planned leg."""
+        # Dashed and thick, so that the thin line of the tool is visible in between.
+        points = np.array(event["path"])
+        dashes = rr.LineStrips3D(
+            [points[k : k + 2] for k in range(0, len(points) - 1, 2)],
+            colors=event["colour"],
+            radii=0.004,
+        )
+        self._stream.log(layout.PLANNED, dashes, time=time)
+        for i, goal in enumerate(event["goals"]):
+            entity = f"{layout.GOALS}/{i}" if i else layout.GOALS
+            self._stream.log(entity, _frame(np.array(goal)), time=time)
 
     def _describe(self, signals: Sequence[Signal]) -> None:
         labels = {signal.name: list(signal.labels) for signal in signals}

@@ -1,6 +1,8 @@
 """A local Rerun viewer, which listens to this machine only."""
 
 import os
+import shlex
+import shutil
 import signal
 import socket
 import subprocess
@@ -48,6 +50,19 @@ def open_recording(path: Path) -> None:
             raise _failed(f"{_program()} cannot be started ({error.strerror})") from error
         if done.returncode not in (0, -signal.SIGINT):
             raise _ended(done.returncode, log)
+
+
+def view_command(path: Path) -> str:
+    """Return what to type in this folder's shell to see a recording, wherever the package is."""
+    beside = Path(sys.executable).with_name("robo47")
+    if shutil.which("robo47"):
+        program = ["robo47"]
+    elif beside.is_file():
+        near = beside.is_relative_to(Path.cwd())
+        program = [f"./{beside.relative_to(Path.cwd())}" if near else str(beside)]
+    else:
+        program = [sys.executable, "-m", "robo47_qp"]
+    return shlex.join([*program, "view", str(path)])
 
 
 def _program() -> str:

@@ -28,17 +28,21 @@ class PolicyCell:
 
     def observe(self) -> Observation:
         """Return the current readings of sensors and camera."""
-        sim, arm = self._loop.sim, self._loop.arm
-        state = sim.state()
+        sensed = self._loop.senses.read()
+        state, grips = sensed.state(), sensed.robot.gripper is not None
+        objects = [name for name in sensed.seen if name in sensed.objects]
         return Observation(
-            time=sim.time,
+            time=sensed.time,
             q=state.q,
             v=state.v,
-            tool=vector_of(arm.pose(state.q)),
-            width=None if arm.robot.gripper is None else sim.width(),
-            force=sim.felt_force(),
-            objects={name: vector_of(sim.seen_pose(name)) for name in sim.objects},
-            markers={name: vector_of(sim.seen_marker(name)) for name in sim.markers},
+            tool=vector_of(sensed.tool_pose()),
+            width=sensed.width() if grips else None,
+            fingers=sensed.finger_forces() if grips else None,
+            force=sensed.felt_force(),
+            objects={name: vector_of(sensed.seen_pose(name)) for name in objects},
+            markers={name: vector_of(sensed.seen_pose(name)) for name in sensed.markers},
+            frames={name: sensed.seen_time(name) for name in sensed.seen},
+            sheet=sensed.sheet,
         )
 
     def carry_out(self, action: Action, periods: int) -> None:

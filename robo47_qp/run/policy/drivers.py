@@ -8,9 +8,11 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
-from robo47_qp.run.foreign_code import Guard
+from robo47_qp.run.foreign_code import ClassLoadError, Guard
 from robo47_qp.run.policy.cell import PolicyCell
+from robo47_qp.run.policy.child import told
 from robo47_qp.run.policy.policy import Action, Observation, Policy, checked_action
+from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario
 from robo47_qp.run.task import Task
@@ -62,12 +64,25 @@ class PolicyDriver:
     def drive(self, runner: Runner) -> Failure | None:
         """See `Driver.drive`."""
         loop, cell = runner.loop, PolicyCell(runner.loop)
-        failure = self._episode(loop, cell)
+        failure = self._answered(runner, cell)
         try:
             cell.rest()
         except PlanError as error:
             raise Aborted(failure or _fault(loop, str(error))) from error
         return failure
+
+    def _answered(self, runner: Runner, cell: PolicyCell) -> Failure | None:
+        """Let the policy act; a process of its own lives as long as the episode."""
+        policy, loop = self._policy, runner.loop
+        if not isinstance(policy, PolicyProcess):
+            return self._episode(loop, cell)
+        try:
+            policy.start(runner.scenario.seed)
+            return self._episode(loop, cell)
+        except ClassLoadError as error:
+            return _fault(loop, str(error))
+        finally:
+            policy.close()
 
     def _episode(self, loop: ControlLoop, cell: PolicyCell) -> Failure | None:
         timing = self._timing
@@ -162,7 +177,10 @@ class StepwiseDriver:
 
 
 def _raised(loop: ControlLoop, method: str, error: Exception | SystemExit | None) -> Failure:
-    return _fault(loop, f"it raised {type(error).__name__} in {method}: {error}")
+    if isinstance(error, PolicyFault):
+        return _fault(loop, str(error))
+    words = "nothing" if error is None else told(error)
+    return _fault(loop, f"it raised {type(error).__name__} in {method}: {words}")
 
 
 def _fault(loop: ControlLoop, what: str) -> Failure:

@@ -16,6 +16,8 @@ from robo47_qp.run.policy.policy import pose_of
 
 _ROUNDING = 1e-9
 """Rounding error of a position at its limit, which is clipped [rad]."""
+_REST = 1e-9
+"""Speed below which a joint that the policy has left counts as at rest [rad/s]."""
 _SMOOTHED = 40
 """Number of control periods over which streamed commands are averaged, a lag of 20 ms."""
 _TAKEOVER = 0.1
@@ -29,6 +31,7 @@ class JointTargets:
         """Use a control loop."""
         self._loop = loop
         self._goal: Vector = loop.reference.q
+        self._reached: Vector = self._goal
         self._transition: Transition | None = None
         self._left: JointReference | None = None
         self._done = 0
@@ -51,7 +54,8 @@ class JointTargets:
     def _aim(self, q_goal: Vector) -> None:
         arm, profile = self._loop.arm, self._loop.profile
         start, still = np.stack(self._loop.reference), np.zeros(arm.n)
-        goal = np.stack([q_goal, still, still])
+        reached = arm.nearest(q_goal, start[0])
+        goal = np.stack([reached, still, still])
         transition = to_state(start, goal, profile.v_max, profile.a_max, profile.j_max)
         low, high = transition.reach
         beyond = np.maximum(arm.q_min - low, high - arm.q_max)
@@ -60,7 +64,8 @@ class JointTargets:
             joint = arm.robot.joints[i]
             reason = f"{joint} is so fast that it leaves its limits by {beyond[i]:.4f}"
             raise PlanError("joint target", reason)
-        self._transition, self._goal, self._done = transition, q_goal, 0
+        self._transition, self._done = transition, 0
+        self._goal, self._reached = q_goal, reached
 
     def _next(self, periods: int) -> Trajectory:
         """Return the next part of the motion; at rest at the goal after its end."""
@@ -72,7 +77,7 @@ class JointTargets:
             if transition is not None and time < transition.duration:
                 states[k] = np.reshape(transition.at(time), (3, arm.n))
             else:
-                states[k, 0] = self._goal
+                states[k, 0] = self._reached
         self._done += periods
         q = np.clip(states[:, 0], arm.q_min, arm.q_max)  # rounding
         return Trajectory(dt=TIMESTEP, q=q, v=states[:, 1], a=states[:, 2])
@@ -154,7 +159,9 @@ class OwnTorques:
         arm, state = self._loop.arm, self._loop.sim.state()
         # With noise, a joint at its limit may be measured outside.
         q = np.clip(state.q, arm.q_min, arm.q_max)
-        self._loop.take_over(JointReference(q, state.v, np.zeros(arm.n)))
+        # Ruckig fails on motions that only rounding made.
+        v = np.where(np.abs(state.v) < _REST, 0.0, state.v)
+        self._loop.take_over(JointReference(q, v, np.zeros(arm.n)))
 
 
 class _RateLimited:

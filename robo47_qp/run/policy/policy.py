@@ -1,7 +1,7 @@
 """Observations and actions of a policy, and the check of every action before the arm moves."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.model.robot import Robot
+from robo47_qp.sim.sensed import CellSheet
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +38,14 @@ class Observation:
     objects: Mapping[str, Vector]
     """Measured poses of the movable objects from the camera, each (7,)."""
     markers: Mapping[str, Vector]
-    """Poses of goals and other markers, each (7,); completed ones are hidden 1 m below the base."""
+    """Poses of goals and other markers from the camera, each (7,); completed ones are hidden 1 m
+    below the base, and poses that are asked for are as asked for."""
+    fingers: Vector | None = None
+    """Force on each finger of the gripper (2,) [N]; None without a gripper."""
+    frames: Mapping[str, float] = field(default_factory=dict)
+    """When the last frame with each object and marker in it was taken [s]."""
+    sheet: CellSheet = CellSheet()
+    """What data sheets say of the cell: sizes, masses, obstacles, figures of the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +127,7 @@ def checked_action(action: object, arm: Arm) -> Action:
     match action:
         case JointTarget():
             q = _within("q of the action", action.q, arm.q_min, arm.q_max)
-            room = JOINT_MARGIN * (arm.q_max - arm.q_min)
+            room = JOINT_MARGIN * (arm.q_high - arm.q_low)
             return replace(action, q=np.clip(q, arm.q_min + room, arm.q_max - room))
         case ToolTarget():
             return replace(action, pose=_checked_pose(action.pose))

@@ -60,8 +60,6 @@ def env(seconds: float = 3.0, mode: Mode = "joints", **more: Any) -> TaskEnv:
 
 
 def made_or_skip(name: str, **more: Any) -> Any:
-    if "obstacle" in name:
-        pytest.importorskip("ompl", reason="the extra planning is not installed")
     return gymnasium.make(name, **more)
 
 

@@ -18,8 +18,10 @@ from robo47_qp.evaluation.report.words import (
     cause_lines,
     comparison_line,
     markdown,
+    rate_line,
     throughput_line,
 )
+from robo47_qp.report.metrics import FAILED_STEPS
 
 SETTINGS: dict[str, Any] = {"task": {"name": "reach"}, "policy": {"name": "mine.py:Mine"}}
 PAIR = PairedComparison(
@@ -55,6 +57,24 @@ def figures(*episodes: tuple[str | None, tuple[str, ...]]) -> EvaluationReport:
         for i, (cause, broken) in enumerate(episodes)
     ]
     return EvaluationReport(settings=SETTINGS, results=results)
+
+
+def test_successes_with_retries_are_told_apart_where_they_were_counted() -> None:
+    report = figures((None, ()), (None, ()), ("grasp", ()), (None, ()))
+    assert report.first_attempts is None
+    assert rate_line(report).startswith("3 of 4 succeeded, 75.0 %")
+    counts = (0.0, 2.0, 1.0, 0.0)
+    results = [
+        replace(result, metrics={FAILED_STEPS: count})
+        for result, count in zip(report.results, counts, strict=True)
+    ]
+    counted = replace(report, results=results)
+    assert counted.first_attempts == 2
+    assert counted.as_json()["first_attempts"] == 2
+    assert rate_line(counted).startswith("3 of 4 succeeded (2 at the first attempt), 75.0 %")
+    partly = replace(report, results=[*results[:3], report.results[3]])
+    assert partly.first_attempts is None
+    assert replace(report, results=results[2:3]).first_attempts is None
 
 
 def test_the_promises_that_broke_are_told_with_their_seeds() -> None:

@@ -43,6 +43,8 @@ SIGNALS = signals.all_signals(Simulation(PANDA, PickPlace().build_scene))
 LEFT_OUT = {
     "time",
     "phase",
+    "motion/cube velocity",
+    "motion/cube acceleration",
     "gripper/fingers",
     "gripper/left_finger_contact",
     "gripper/right_finger_contact",

@@ -13,8 +13,10 @@ from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
-from robo47_qp.tasks.carry_tray.tray import BALL, CUP, NAME, tilt
+from robo47_qp.tasks.carry_tray.tray import BALL, CUP, NAME
+from robo47_qp.tasks.heading import tilt
 from robo47_qp.tasks.task_state import task_state
+from tests.runs import at_rest
 
 PAIR = panda_pair()
 TASK = CarryTray()
@@ -31,6 +33,7 @@ def at_goal() -> Simulation:
     simulation = start()
     TASK.tray.place(simulation, simulation.marker_pose("goal"))
     task_state(simulation)[3] = 1.0
+    at_rest(simulation)
     return simulation
 
 

@@ -13,10 +13,11 @@ from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
-from tests.runs import Holder, Meddler, carry_out, make_runner
+from tests.runs import Holder, Meddler, at_rest, carry_out, live, make_runner
 
 
 @cache
@@ -129,6 +130,7 @@ def test_near_is_judged_by_the_tolerance(off: tuple[float, ...], placed: bool) -
     task = ConveyorPick()
     _, simulation = make_runner(task)
     simulation.place_object("cube", SE3.from_translation(np.array([0.32, 0.0, 0.02]) + off))
+    at_rest(simulation)
     failure = task.verdict(simulation)
     assert (failure is None) == placed
     if failure is not None:
@@ -140,7 +142,7 @@ def test_tracker_find_the_line_through_noise() -> None:
     task = ConveyorPick(speed=0.1)
     simulation = Simulation(PANDA, task.build_scene)
     task.reset(simulation, None)
-    holder, tracker = Holder(simulation), ObjectTracker(simulation, "cube")
+    holder, tracker = Holder(simulation), ObjectTracker(live(simulation), "cube")
     holder.hold(150)
     for _ in range(10):
         holder.hold(34)
@@ -151,6 +153,23 @@ def test_tracker_find_the_line_through_noise() -> None:
     predicted = tracker.at(later).translation()
     holder.hold(500)
     assert predicted == pytest.approx(simulation.object_pose("cube").translation(), abs=1e-4)
+
+
+def test_images_that_come_late_are_of_when_they_were_taken_and_wrong_ones_are_left_out() -> None:
+    task = ConveyorPick(speed=0.2)
+    wrong = Disturbance(camera_latency=0.1, pose_noise=1e-4, outliers=0.1, outlier_size=0.05)
+    rng = np.random.default_rng(3)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, wrong, rng)
+    task.reset(simulation, None)
+    holder, tracker = Holder(simulation), ObjectTracker(live(simulation), "cube", 0.05)
+    holder.hold(400)
+    for _ in range(30):
+        holder.hold(34)
+        tracker.update()
+    expected = simulation.object_pose("cube").translation()
+    found = tracker.at(simulation.time).translation()
+    assert found[:2] == pytest.approx(expected[:2], abs=2e-4)  # late by 0.1 s would be 20 mm
+    assert found[2] == 0.05
 
 
 @pytest.mark.parametrize("speed", [0.12, -0.12])
@@ -164,7 +183,7 @@ def test_the_cube_comes_from_upstream_and_is_met_from_there_to_the_end(speed: fl
     assert way * task._first == pytest.approx(-0.3)
     for along, evidence in ((-0.25, None), (0.19, None), (0.21, "will be 0.21 m along")):
         pose = shifted_pose(simulation, way * along)
-        failure = task._gone(replace(task._picker(simulation), tracker=At(simulation, pose)))
+        failure = task._gone(replace(task._picker(live(simulation)), tracker=At(simulation, pose)))
         assert (failure is None) == (evidence is None)
         if failure is not None:
             assert failure.cause is Cause.TIMEOUT
@@ -175,7 +194,7 @@ class At(ObjectTracker):
     """Finds the cube at the same pose at all times."""
 
     def __init__(self, simulation: Simulation, pose: SE3) -> None:
-        super().__init__(simulation, "cube")
+        super().__init__(live(simulation), "cube")
         self._pose = pose
 
     def at(self, time: float) -> SE3:

@@ -21,6 +21,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.examples import shifted
@@ -46,14 +47,14 @@ class Beside(Reach):
         aside = simulation.tool_pose().rotation().as_matrix()[:, 1]
         simulation.place_marker("post", shifted(simulation.tool_pose(), ASIDE * aside))
 
-    def preview(self, simulation: Simulation) -> Sequence[Waypoint]:
+    def preview(self, sensed: Sensed) -> Sequence[Waypoint]:
         return []
 
-    def program(self, simulation: Simulation) -> Program:
+    def program(self, sensed: Sensed) -> Program:
         yield self.grasp
         yield Release()
         # Straight along the fingers, on a line: the arm is stiff again.
-        off = shifted(simulation.tool_pose(), np.array([0.0, 0.0, 0.03]))
+        off = shifted(sensed.tool_pose(), np.array([0.0, 0.0, 0.03]))
         yield Waypoint(name="off", target=off, motion=Motion.LIN)
         return None
 

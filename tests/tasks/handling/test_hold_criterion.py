@@ -13,6 +13,7 @@ from robo47_qp.run.failure import Cause
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.hold_criterion import HoldCriterion
 from robo47_qp.tasks.task_state import hide_marker, is_visible, task_state
+from tests.runs import live
 
 NAMES = ["first", "second"]
 HELD = HoldCriterion(
@@ -149,12 +150,15 @@ def test_the_verdict_tells_what_is_left(world: Simulation) -> None:
 
 
 def test_a_program_may_look_where_the_marker_was(world: Simulation) -> None:
-    """Its own steps go on after the pose counts, and the tool has to stay."""
-    condition = HELD.condition(world, "first")
-    hide_marker(world, "first")
+    """Its own steps go on after the pose counts: a marker that is hidden was held."""
+    sensed = live(world)
+    condition, done = HELD.condition(sensed, "first"), HELD.done(sensed, "first")
     assert condition.against() is None
+    assert done.against() == "first does not count as held yet"
     world.data.joint(PANDA.joints[1]).qpos[0] += 0.02
-    mujoco.mj_kinematics(world.model, world.data)
     against = condition.against()
     assert against is not None
     assert "from first, the fastest joint moves at 0.0 mrad/s; allowed are 1.00 mm" in against
+    hide_marker(world, "first")
+    assert condition.against() is None
+    assert done.against() is None

@@ -14,6 +14,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.runs import live
 
 
 def test_a_line_down_that_cannot_be_planned_is_tried_once_from_another_branch() -> None:
@@ -46,7 +47,7 @@ def _name(step: StepLike) -> str:
 
 def _place() -> Generator[StepLike, None, None]:
     world = Simulation(PANDA, PickPlace().build_scene)
-    hand = ItemHandler(simulation=world, item=PickPlace().item, above=0.2)
+    hand = ItemHandler(sensed=live(world), item=PickPlace().item, above=0.2)
     return hand.place(upright([0.4, -0.2, 0.02], 0.0))
 
 
@@ -54,7 +55,7 @@ def test_ways_down_are_foreseen_with_the_way_back_up() -> None:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     task.reset(simulation, None)
-    hand = ItemHandler(simulation=simulation, item=task.item, above=0.16)
+    hand = ItemHandler(sensed=live(simulation), item=task.item, above=0.16)
     T_world_item = simulation.object_pose(task.item.name)
     T_world_goal = SE3.from_translation(np.array([0.1, -0.2, 0.0])) @ T_world_item
     steps = hand.foreseen(T_world_item, T_world_goal)

@@ -15,9 +15,10 @@ from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.goal import Goal
-from robo47_qp.tasks.handling.hand import Hand
+from robo47_qp.tasks.handling.hand import Hand, closed_on
 from robo47_qp.tasks.handover.handover import Handover
 from robo47_qp.tasks.task_state import task_state
+from tests.runs import at_rest, live
 
 PAIR = panda_pair()
 TASK = Handover()
@@ -68,6 +69,7 @@ def test_a_bar_at_its_goal_that_never_changed_hands_does_not_count() -> None:
     simulation = start()
     goal = Goal(simulation=simulation, item=TASK.bar)
     simulation.place_object("bar", goal.pose())
+    at_rest(simulation)
     failure = TASK.verdict(simulation)
     assert failure is not None
     assert "never held the bar together" in failure.evidence
@@ -81,9 +83,9 @@ def test_a_bar_at_its_goal_that_never_changed_hands_does_not_count() -> None:
 
 def test_an_empty_hand_holds_nothing() -> None:
     simulation = start()
-    for name in ("left", "right"):
-        hand = Hand(simulation=simulation, name=name)
-        assert not hand.closed_on(0.03, 40.0)
+    for tool, name in enumerate(("left", "right")):
+        hand = Hand(sensed=live(simulation), name=name)
+        assert not closed_on(simulation, tool, 0.03, 40.0)
         assert "80.0 mm apart" in str(hand.against(0.03, 40.0))
         # Open as wide as something, but pressing on nothing.
         assert "press with 0.0 N" in str(hand.against(0.08, 40.0))

@@ -27,7 +27,7 @@ from robo47_qp.tasks.peg_insert.peg import (
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from tests.examples import shifted
 from tests.robots import GRIPPER
-from tests.runs import Meddler, carry_out
+from tests.runs import Meddler, at_rest, carry_out, live
 
 
 @cache
@@ -88,6 +88,7 @@ def done() -> tuple[PegInsert, Simulation]:
     simulation = Simulation(PANDA, task.build_scene)
     task.reset(simulation, None)
     put(simulation, np.zeros(3))
+    at_rest(simulation)
     return task, simulation
 
 
@@ -224,11 +225,18 @@ def test_impossible_settings_are_refused(name: str, value: float) -> None:
         replace(PegInsert(), **{name: value})  # type: ignore[arg-type]
 
 
+class Weighing(Simulation):
+    """A wrist that feels the weight of the peg."""
+
+    def felt_force(self, tool: int = 0) -> np.ndarray:
+        return np.array([0.0, 0.0, -1.5])
+
+
 def test_a_search_in_vain_is_followed_by_one_that_is_wider_and_finer() -> None:
     task = PegInsert()
-    simulation = Simulation(PANDA, task.build_scene)
+    simulation = Weighing(PANDA, task.build_scene)
     task.reset(simulation, None)
-    program, searches = task.program(simulation), list[np.ndarray]()
+    program, searches = task.program(live(simulation)), list[np.ndarray]()
     step = next(program)
     while len(searches) < 3:
         if isinstance(step, Comply) and step.name == "search":
@@ -238,6 +246,8 @@ def test_a_search_in_vain_is_followed_by_one_that_is_wider_and_finer() -> None:
             vain = Failure(cause=Cause.TIMEOUT, evidence="not found", step="search")
             step = program.throw(StepFailed(vain))
         else:
+            if isinstance(step, Comply) and step.observe is not None:
+                step.observe()
             step = next(program)
     rng = np.random.default_rng(3)
     for corners, gap, radius in zip(

@@ -34,7 +34,7 @@ from robo47_qp.tasks.wipe.wipe import Wipe
 from tests.examples import shifted
 from tests.policies import Scripted, follow
 from tests.robots import GRIPPER
-from tests.runs import Meddler, carry_out
+from tests.runs import Meddler, at_rest, carry_out
 
 WEIGHT = 9.81 * 0.04
 
@@ -125,6 +125,7 @@ def done() -> tuple[Wipe, Simulation]:
     for i in range(MARKS):
         hide_marker(simulation, mark(i))
     task_state(simulation)[:] = [10.0, 0.0, 0.3, 20.0]
+    at_rest(simulation)
     return task, simulation
 
 
@@ -158,7 +159,7 @@ def test_the_sponge_has_to_be_back(
     failure = task.verdict(simulation)
     assert (failure is None) == ok
     if failure is not None:
-        assert "the sponge is 11.0 mm from its place" in failure.evidence
+        assert "the sponge is 11.0 mm from its goal" in failure.evidence
 
 
 def test_arm_and_gripper_have_to_be_away(done: tuple[Wipe, Simulation]) -> None:

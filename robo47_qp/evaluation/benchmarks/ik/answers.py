@@ -31,6 +31,11 @@ class Answer(NamedTuple):
     restarts: int
     seconds: float
     """Processor time of the call, measured outside the solver."""
+    own_seconds: float
+    """What of it the solver itself took: of another package's, its call alone, without what makes
+    its arguments and judges its answer."""
+    judge_seconds: float
+    """What `ik.solver.judged` alone takes for the answer."""
     verdict: IkVerdict
 
 
@@ -61,6 +66,16 @@ class Answers:
     def milliseconds(self) -> Vector:
         """Processor time of each call [ms]."""
         return 1e3 * np.array([answer.seconds for answer in self.items])
+
+    @property
+    def own_milliseconds(self) -> Vector:
+        """What of it the solvers themselves took [ms]."""
+        return 1e3 * np.array([answer.own_seconds for answer in self.items])
+
+    @property
+    def judge_milliseconds(self) -> Vector:
+        """What judging the answers takes [ms]."""
+        return 1e3 * np.array([answer.judge_seconds for answer in self.items])
 
     @property
     def iterations(self) -> NDArray[np.int64]:

@@ -38,6 +38,11 @@ TABLE = Obstacle(
     T_world_obstacle=SE3.from_translation(np.array([0.30, 0.0, -0.02])),
 )
 """Table in front of the robot, its top at the height of the base."""
+_DLS_OR_QP = ("dls", "dls-clip", "mink", "qp-daqp")
+FIRST_SOLVERS = (*_DLS_OR_QP, *(f"{name}-multi" for name in _DLS_OR_QP))
+"""What answers "DLS or QP?": both from one start, then with restarts."""
+FIRST_SETS = ("uniform", "near_limits")
+"""Target sets of that answer."""
 QUESTIONS = (
     ("dls", "dls-clip"),
     ("dls-clip", "qp-daqp"),
@@ -59,8 +64,9 @@ backend, of restarts, of the QP when there are restarts, and of stopping stalled
 def solvers() -> dict[str, IkSolver]:
     """Return all solvers by name: each alone, each with restarts, and the package's defaults.
 
-    The last three have the same number of starts; they stop a start that stalls and continue the
-    closest ones. "clear" also keeps a clearance between the links.
+    The last four have the same number of starts; they stop a start that stalls and continue the
+    closest ones. "default" is by mink itself, "fused" the same problem without mink. "clear" also
+    keeps a clearance between the links.
     """
 
     def each(steps: int) -> dict[str, IkSolver]:
@@ -87,6 +93,7 @@ def solvers() -> dict[str, IkSolver]:
             solver=MinkIk(max_iterations=EACH, stall=Stall(), tolerance=TOLERANCE),
             max_restarts=STARTS - 1,
         ),
+        "fused": MultiStart(solver=qp, max_restarts=STARTS - 1),
         "fast": MultiStart(solver=lm, max_restarts=STARTS - 1, seed_first=False),
         "clear": MultiStart(solver=replace(qp, clearance=CLEARANCE), max_restarts=STARTS - 1),
     }

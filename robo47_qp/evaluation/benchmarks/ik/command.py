@@ -15,15 +15,29 @@ from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
 from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.catalogue import QUESTIONS, peers, solvers, target_sets
+from robo47_qp.evaluation.benchmarks.ik.catalogue import (
+    FIRST_SETS,
+    FIRST_SOLVERS,
+    QUESTIONS,
+    peers,
+    solvers,
+    target_sets,
+)
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Start
 from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown
 from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
 from robo47_qp.evaluation.benchmarks.ik.summary import Question, summary
-from robo47_qp.evaluation.benchmarks.ik.terminal import LiveTable, paired_table, reasons_table
-from robo47_qp.files import check_writable, write_text
+from robo47_qp.evaluation.benchmarks.ik.terminal import (
+    LiveTable,
+    first_answers,
+    first_table,
+    paired_table,
+    reasons_table,
+)
+from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
+from robo47_qp.report.terminal import print_files
 
 Member = TypeVar("Member")
 
@@ -39,9 +53,11 @@ class CompareOptions(Checked):
     seed: CountOrZero = 0
     """Seed of the targets."""
     solvers: tuple[str, ...] = ()
-    """Names of the solvers to compare; all of them if none is named."""
+    """Names of the solvers to compare; those of DLS and QP if none is named."""
     targets: tuple[str, ...] = ()
-    """Names of the target sets; all of them if none is named."""
+    """Names of the target sets; uniform and near_limits if none is named."""
+    all: bool = False
+    """Compare all solvers on all target sets, where none is named."""
     start: Literal["home", "random"] = "home"
     """Where every search starts: the robot's home, or a random configuration per target."""
     peers: bool = False
@@ -55,6 +71,11 @@ class CompareOptions(Checked):
 
     def _label(self, field: str) -> str:
         return f"--{field}"
+
+    @property
+    def first(self) -> bool:
+        """True where nothing is chosen: one screen answers which of DLS and QP is better."""
+        return not (self.solvers or self.targets or self.all or self.peers)
 
     @property
     def files(self) -> dict[str, Path]:
@@ -75,10 +96,11 @@ def compare_chosen(options: CompareOptions, console: Console) -> int:
     """Run the comparison that was chosen, and return the exit code."""
     others, left_out = peers() if options.peers else ({}, {})
     robot = load_robot(options.robot)
+    known, sets = solvers() | others, target_sets(robot)
     comparison = Comparison(
         arm=Arm(robot),
-        solvers=chosen("solver", solvers() | others, options.solvers),
-        fields=chosen("target set", target_sets(robot), options.targets),
+        solvers=chosen("solver", known, FIRST_SOLVERS if options.first else options.solvers),
+        fields=chosen("target set", sets, FIRST_SETS if options.first else options.targets),
         n=options.n,
         seed=options.seed,
         start=Start(options.start),
@@ -114,6 +136,18 @@ def compare(
     Raises:
         RecordingError: A file cannot be written.
     """
+    with claimed(options.log):
+        return _compared(comparison, options, console, left_out, questions)
+
+
+def _compared(
+    comparison: Comparison,
+    options: CompareOptions,
+    console: Console,
+    left_out: Mapping[str, str],
+    questions: Sequence[Question],
+) -> int:
+    """Compare with files that are this process's own; see `compare`."""
     files = options.files
     for path in files.values():
         check_writable(path)
@@ -122,7 +156,8 @@ def compare(
     done: list[Sequence[Answers]] = []
     complete = False
     try:
-        with LiveTable(console, comparison.n * len(comparison.fields)) as table:
+        total = comparison.n * len(comparison.fields)
+        with LiveTable(console, total, leave=not options.first) as table:
             for field in comparison.run(table.show):
                 table.close_field(field)
                 done.append(field)
@@ -156,9 +191,11 @@ def _text(figures: Mapping[str, Any]) -> str:
 
 def _print_end(figures: Mapping[str, Any], options: CompareOptions, console: Console) -> None:
     asked = [test for test in figures["paired"] if test["planned"]]
-    if asked:
+    if options.first and figures["rows"]:
+        console.print(first_table(figures["rows"]))
+        console.print("\n".join(first_answers(asked)), highlight=False)
+    elif asked:
         console.print(paired_table(asked))
     if figures["reasons"]:
         console.print(reasons_table(figures["reasons"]))
-    for name, path in options.files.items():
-        console.print(f"  {name:<10} {path}", highlight=False, soft_wrap=True)
+    print_files(console, options.files)

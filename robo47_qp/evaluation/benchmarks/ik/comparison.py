@@ -13,10 +13,10 @@ from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answer, Answers
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.targets import MakeTargets, TargetSet
-from robo47_qp.ik.solver import IkSolver
+from robo47_qp.ik.solver import IkSolver, Tolerance, is_pose, judged
 from robo47_qp.model.arm import Arm
 
-_Unjudged: TypeAlias = tuple[Vector, str | None, str, int, int, float]
+_Unjudged: TypeAlias = tuple[Vector, str | None, str, int, int, float, float]
 """The fields of an `Answer` before its verdict."""
 _RAISES = (
     *(Robo47Error, ValueError, TypeError, ArithmeticError, AttributeError, LookupError),
@@ -80,7 +80,7 @@ class Comparison:
         if self.start is Start.HOME:
             return np.tile(self.arm.home, (self.n, 1))
         rng = np.random.default_rng([self.seed, 1, *name.encode()])
-        return rng.uniform(self.arm.q_min, self.arm.q_max, (self.n, self.arm.n))
+        return rng.uniform(self.arm.q_low, self.arm.q_high, (self.n, self.arm.n))
 
     def target_set(self, name: str) -> TargetSet:
         """Return the target set of one name, the same for the same seed."""
@@ -130,9 +130,21 @@ class Comparison:
         solved = [self._solved(row, k) for k in block]
         judge = self.fields[row.targets.name].judge
         return [
-            Answer(*answer, judge.verdict(row.targets.targets[k], answer[0]))
+            Answer(
+                *answer,
+                self._judge_seconds(row.targets.targets[k], answer[0]),
+                judge.verdict(row.targets.targets[k], answer[0]),
+            )
             for k, answer in zip(block, solved, strict=True)
         ]
+
+    def _judge_seconds(self, target: object, q: Vector) -> float:
+        """Processor time of judging an answer as the solvers of this package do."""
+        if not (is_pose(target) and np.isfinite(q).all()):
+            return 0.0
+        started = process_time()
+        judged(self.arm, target, q, Tolerance(), 0)
+        return process_time() - started
 
     def _solved(self, row: Answers, k: int) -> _Unjudged:
         """A result without its verdict."""
@@ -145,8 +157,8 @@ class Comparison:
             seconds = process_time() - started
             q: Vector = np.full(self.arm.n, np.nan)
             words = f"{type(error).__name__}: {error}"
-            return q, RAISED, words, 0, 0, seconds
+            return q, RAISED, words, 0, 0, seconds, seconds
         seconds = process_time() - started
         reason = None if result.reason is None else result.reason.name
-        effort = (result.iterations, result.restarts, seconds)
+        effort = (result.iterations, result.restarts, seconds, result.seconds)
         return result.q, reason, result.explanation, *effort

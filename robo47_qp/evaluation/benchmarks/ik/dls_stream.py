@@ -9,7 +9,8 @@ from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds
 from robo47_qp.ik.stream.joint_bounds import JointBounds, braked
 from robo47_qp.ik.stream.stream import StreamIk
-from robo47_qp.ik.stream.target_velocity import DampedInverse, TargetVelocity, targets_of
+from robo47_qp.ik.stream.target_velocity import DampedInverse, TargetVelocity
+from robo47_qp.ik.stream.targets import targets_of
 from robo47_qp.model.arm import Arm
 
 

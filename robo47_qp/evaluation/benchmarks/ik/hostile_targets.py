@@ -71,7 +71,7 @@ def targets(arm: Arm, rng: np.random.Generator, tool: int = 0) -> Iterator[objec
     base = _shoulder(arm, tool) * np.array([1.0, 1.0, 0.0])
     while True:
         pose, length = (
-            arm.pose(rng.uniform(arm.q_min, arm.q_max), tool),
+            arm.pose(arm.drawn(rng), tool),
             int(rng.integers(100, 1500)),
         )
         kind = rng.integers(7)
@@ -141,7 +141,7 @@ def pair_targets(arm: Arm, rng: np.random.Generator) -> Iterator[object]:
 
 def _crossing(arm: Arm, rng: np.random.Generator, count: int) -> Iterator[Mapping[str, SE3]]:
     """Both tools change places, through each other; sometimes they end at the same place."""
-    q = rng.uniform(arm.q_min, arm.q_max)
+    q = arm.drawn(rng)
     (a, left), (b, right) = [(tool.name, arm.pose(q, i)) for i, tool in enumerate(arm.robot.tools)]
     way = right.translation() - left.translation()
     meet = 0.5 if rng.random() < 0.3 else 1.0
@@ -174,7 +174,7 @@ def _inside_each_other(
 
 
 def _odd(arm: Arm, rng: np.random.Generator, count: int) -> Iterator[object]:
-    pose = arm.pose(rng.uniform(arm.q_min, arm.q_max))
+    pose = arm.pose(arm.drawn(rng))
     name = arm.robot.tools[int(rng.integers(2))].name
     odd = [{name: pose}, pose, {"third": pose}, {}, None, {name: SE3(np.full(7, np.nan))}]
     which = odd[int(rng.integers(len(odd)))]

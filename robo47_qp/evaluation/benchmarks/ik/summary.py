@@ -14,7 +14,8 @@ from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison
 from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT
 from robo47_qp.evaluation.benchmarks.ik.unreachable import EXPECTED
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, wilson
-from robo47_qp.report.run_report import plain, versions
+from robo47_qp.files import plain
+from robo47_qp.report.provenance import provenance
 
 Question = tuple[str, str]
 """A planned comparison of two solvers, chosen before the results were known."""
@@ -44,7 +45,9 @@ def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the statistics of one solver on one target set, as JSON.
 
     Success rates refer to all n targets. Times refer to targets that at least one solver reached;
-    times of the others are listed separately.
+    times of the others are listed separately. "own" is the time of the solver itself: of another
+    package's, its call without what makes its arguments and judges its answer; "judge" is the time
+    of judging alone, which the solvers of this package include.
 
     Args:
         answers: The solver's results.
@@ -72,6 +75,9 @@ def row(answers: Answers, reached: NDArray[np.bool_]) -> dict[str, Any]:
         "p95_ms": float(times[1]),
         "p99_ms": float(times[2]),
         "max_ms": float(times[3]),
+        "own_median_ms": float(np.median(answers.own_milliseconds[timed])),
+        "own_p99_ms": float(np.percentile(answers.own_milliseconds[timed], 99.0)),
+        "judge_median_ms": float(np.median(answers.judge_milliseconds[timed])),
         "in_vain_median_ms": float(np.median(in_vain)) if len(in_vain) else 0.0,
         "first_ms": 1e3 * answers.first_seconds,
         "limit_violations": int(answers.outside.sum()),
@@ -186,5 +192,5 @@ def summary(
         "rows": [row for field in fields for row in rows(field)],
         "reasons": [row for answers in told for row in reason_rows(answers)],
         "paired": [asdict(test) for test in paired_tests(fields, questions)],
-        "versions": versions(),
+        **provenance(),
     }

@@ -57,11 +57,11 @@ def uniform(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
 def near_limits(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
     """Return poses of configurations with half of the joints within 1 % of a limit."""
     q = _configurations(arm, n, rng)
-    span = arm.q_max - arm.q_min
-    away = rng.uniform(0.0, _NEAR, q.shape) * span
-    ends = np.where(rng.integers(0, 2, q.shape) == 1, arm.q_max - away, arm.q_min + away)
+    low, high = arm.q_low, arm.q_high
+    away = rng.uniform(0.0, _NEAR, q.shape) * (high - low)
+    ends = np.where(rng.integers(0, 2, q.shape) == 1, high - away, low + away)
     close = rng.permuted(np.tile(np.arange(arm.n) < (arm.n + 1) // 2, (n, 1)), axis=1)
-    q = np.clip(np.where(close, ends, q), arm.q_min, arm.q_max)
+    q = np.clip(np.where(close, ends, q), low, high)
     return _made_by_fk("near_limits", arm, q)
 
 
@@ -101,7 +101,7 @@ def tabletop(arm: Arm, n: int, rng: np.random.Generator) -> TargetSet:
 
 
 def _configurations(arm: Arm, n: int, rng: np.random.Generator) -> Matrix:
-    return rng.uniform(arm.q_min, arm.q_max, (n, arm.n))
+    return rng.uniform(arm.q_low, arm.q_high, (n, arm.n))
 
 
 def _made_by_fk(name: str, arm: Arm, q: Matrix) -> TargetSet:

@@ -8,24 +8,27 @@ from typing import Any
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
 from robo47_qp.evaluation.benchmarks.ik.summary import rows
+from robo47_qp.report.figures_table import FiguresTable
 
 _REFRESH = 1.0
 """Time between two updates of the table [s]."""
 _COLUMNS = (
-    *("success %", "95 % interval", "tight %", "free %", "point %", "missed", "outside"),
-    *("median ms", "p95 ms", "p99 ms"),
+    *("success %", "95 % interval", "tight %", "outside", "median ms", "p99 ms", "own ms"),
+    *("missed", "free %", "point %", "p95 ms"),
 )
+_SINGLE, _AGAIN = ("dls-clip", "qp-daqp"), ("dls-clip-multi", "qp-daqp-multi")
+"""What is compared to answer "DLS or QP?", from one start and with restarts."""
 
 
 class LiveTable:
     """Table of the current target set, with a progress bar over all targets."""
 
-    def __init__(self, console: Console, total: int) -> None:
-        """Create a progress bar over `total` targets."""
+    def __init__(self, console: Console, total: int, *, leave: bool = True) -> None:
+        """Create a progress bar over `total` targets; `leave` keeps finished tables."""
+        self._leave = leave
         self._progress = Progress(
             TextColumn("{task.description:<14}"),
             BarColumn(bar_width=40),
@@ -64,19 +67,16 @@ class LiveTable:
     def close_field(self, field: Sequence[Answers]) -> None:
         """Leave the finished table of a target set on the screen."""
         self._before += field[0].n
-        if field[0].targets.reachable is not False:
+        if self._leave and field[0].targets.reachable is not False:
             self._live.console.print(field_table(rows(field)), "")
         self._live.update(self._progress)
 
 
-def field_table(figures: Sequence[Mapping[str, Any]]) -> Table:
+def field_table(figures: Sequence[Mapping[str, Any]]) -> FiguresTable:
     """Return the table of one target set."""
     first = figures[0]
     title = f"{first['targets']}: {first['n']} targets, {first['reached_by_any']} reached by any"
-    table = Table(title=title, title_justify="left", header_style="", box=None, pad_edge=False)
-    table.add_column("solver", no_wrap=True)
-    for heading in _COLUMNS:
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = FiguresTable(("solver", *_COLUMNS), texts=("solver",), title=title)
     for row in figures:
         low, high = row["interval"]
         table.add_row(
@@ -84,49 +84,74 @@ def field_table(figures: Sequence[Mapping[str, Any]]) -> Table:
             f"{100 * row['success']:.2f}",
             f"{100 * low:.2f} – {100 * high:.2f}",
             f"{100 * row['tight']:.2f}",
+            _bad(row["limit_violations"]),
+            *(f"{row[name]:.3f}" for name in ("median_ms", "p99_ms", "own_median_ms")),
+            _bad(row["missed"]),
             f"{100 * row['collision_free']:.2f}",
             f"{100 * row['position_only']:.2f}",
-            _bad(row["missed"]),
-            _bad(row["limit_violations"]),
-            *(f"{row[name]:.3f}" for name in ("median_ms", "p95_ms", "p99_ms")),
+            f"{row['p95_ms']:.3f}",
         )
     return table
 
 
-def reasons_table(found: Sequence[Mapping[str, Any]]) -> Table:
+def first_table(figures: Sequence[Mapping[str, Any]]) -> FiguresTable:
+    """Return the one table of the answer to "DLS or QP?": success on each target set, and time."""
+    sets = list(dict.fromkeys(row["targets"] for row in figures))
+    own = {(row["solver"], row["targets"]): row for row in figures}
+    title = f"Success (95 % interval) on {figures[0]['n']} targets each; times of {sets[0]}"
+    headings = ("solver", *(f"{name} %" for name in sets), "median ms", "p99 ms")
+    table = FiguresTable(headings, texts=("solver",), title=title)
+    for solver in dict.fromkeys(row["solver"] for row in figures):
+        told = [own[solver, name] for name in sets if (solver, name) in own]
+        cells = [
+            f"{100 * row['success']:.1f} ({100 * row['interval'][0]:.1f} – "
+            f"{100 * row['interval'][1]:.1f})"
+            for row in told
+        ]
+        times = (f"{told[0][name]:.2f}" for name in ("median_ms", "p99_ms"))
+        table.add_row(solver, *cells, *times)
+    return table
+
+
+def first_answers(tests: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what the paired tests say of DLS clipped to the limits and of the QP, a line each."""
+    lines = []
+    for how, pair in (("From one start", _SINGLE), ("With restarts", _AGAIN)):
+        told = [
+            f"{test['only_b']} to {test['only_a']} on {test['targets']} (p = {test['p_holm']:.1g})"
+            for test in tests
+            if (test["a"], test["b"]) == pair
+        ]
+        if told:
+            lines.append(f"{how}, targets that only the QP or only DLS solved: {', '.join(told)}.")
+    return [
+        *lines,
+        "--all compares more solvers on more sets; p by McNemar's test, Holm-corrected.",
+    ]
+
+
+def reasons_table(found: Sequence[Mapping[str, Any]]) -> FiguresTable:
     """Return the table of how often each solver named the right class of reason."""
     kinds = list(dict.fromkeys(row["kind"] for row in found))
     solvers = list(dict.fromkeys(row["solver"] for row in found))
-    table = Table(
-        title="right class of reason, % of targets", title_justify="left", header_style="", box=None
-    )
-    table.add_column("solver")
-    for kind in kinds:
-        table.add_column(kind.replace("_", " "), justify="right")
-    table.add_column("worst p99 ms", justify="right")
+    names = [kind.replace("_", " ") for kind in kinds]
+    title = "right class of reason, % of targets"
+    table = FiguresTable(("solver", "worst p99 ms", *names), texts=("solver",), title=title)
     for solver in solvers:
         own = {row["kind"]: row for row in found if row["solver"] == solver}
         cells = [
             f"{100 * own[kind]['right'] / own[kind]['n']:.1f}" if kind in own else ""
             for kind in kinds
         ]
-        table.add_row(solver, *cells, f"{max(row['p99_ms'] for row in own.values()):.2f}")
+        table.add_row(solver, f"{max(row['p99_ms'] for row in own.values()):.2f}", *cells)
     return table
 
 
-def paired_table(tests: Sequence[Mapping[str, Any]]) -> Table:
+def paired_table(tests: Sequence[Mapping[str, Any]]) -> FiguresTable:
     """Return the table of paired tests."""
-    table = Table(
-        title="targets that only one of two solved (exact McNemar test, Holm-corrected)",
-        title_justify="left",
-        header_style="",
-        box=None,
-        pad_edge=False,
-    )
-    for heading in ("targets", "a", "b"):
-        table.add_column(heading)
-    for heading in ("only a", "only b", "p"):
-        table.add_column(heading, justify="right")
+    title = "targets that only one of two solved (exact McNemar test, Holm-corrected)"
+    texts = ("targets", "a", "b")
+    table = FiguresTable((*texts, "only a", "only b", "p"), texts=texts, title=title)
     last = ""
     for test in tests:
         table.add_row(

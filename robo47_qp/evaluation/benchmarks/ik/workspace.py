@@ -67,7 +67,7 @@ def find_reach(arm: Arm) -> Reach:
 def _reach(arm: Arm) -> Reach:
     points = _Points(arm)
     unit = qmc.Halton(arm.n, scramble=False).random(_SAMPLES)
-    samples = arm.q_min + unit * (arm.q_max - arm.q_min)
+    samples = arm.q_low + unit * (arm.q_high - arm.q_low)
     centre = points.at(arm.home).xanchor[0].copy()
     tools = np.array([points.tool(q) for q in samples])
     wrists = np.array([points.wrist(q) for q in samples])
@@ -84,7 +84,7 @@ def _reach(arm: Arm) -> Reach:
 def _farthest(arm: Arm, samples: Matrix, found: Matrix, point: _Point, centre: Vector) -> float:
     """Return the greatest distance of a point from the centre [m]."""
     distances = np.linalg.norm(found - centre, axis=1)
-    bounds = list(zip(arm.q_min, arm.q_max, strict=True))
+    bounds = list(zip(arm.q_low, arm.q_high, strict=True))
     best = float(distances.max())
     for k in np.argsort(distances)[-_POLISHED:]:
         climbed = minimize(

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.motion.waypoint import Motion, Place, Waypoint, one_pose
+from robo47_qp.model.tool_poses import one_pose
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 
 _BLEND_SHARE = 0.98
 """Blends that take more of a line than this leave no line between them."""

@@ -8,8 +8,9 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.model.robot import MotionProfile
+from robo47_qp.model.tool_poses import one_pose
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.waypoint import Place, Waypoint, one_pose
+from robo47_qp.motion.waypoint import Place, Waypoint
 
 _SLACK = 1e-6
 """Relative slack for rounding in differences."""

@@ -8,7 +8,8 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.evaluation.benchmarks.motion.commanded_path import CommandedPath
 from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
-from robo47_qp.motion.waypoint import Place, Waypoint, one_pose
+from robo47_qp.model.tool_poses import one_pose
+from robo47_qp.motion.waypoint import Place, Waypoint
 
 _ON_PATH = 2e-5
 """The configuration before an obstacle has its tool on the path as closely as this [m]."""

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import BAND
 from robo47_qp.files import write_json
-from robo47_qp.report.run_report import versions
+from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +72,8 @@ def conclude(
         RecordingError: The report cannot be written.
     """
     settled = ["no" if np.isinf(time) else f"{time:.4f}" for time in times]
-    table = Table(title="Settling", title_justify="left", box=None, header_style="")
     shown = {"start": [str(i) for i in range(len(times))], **columns, "settled after s": settled}
-    for heading in shown:
-        table.add_column(heading, justify="right")
+    table = FiguresTable([*shown], title="Settling")
     for row in zip(*shown.values(), strict=True):
         table.add_row(*row)
     console.print(table)
@@ -90,7 +88,7 @@ def conclude(
         return False
     content = {
         "settings": {**options.settings(), "band": BAND},
-        "versions": versions(),
+        **provenance(),
         "metrics": {
             "mean_settling_time_s": float(times.mean()),
             "shortest_settling_time_s": float(times.min()),

@@ -38,13 +38,16 @@ class DrakeIk:
         require("DrakeIk", "pydrake", "drake")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
-        """See `IkSolver.solve`; Drake does not tell its iterations."""
-        started = process_time()
+        """See `IkSolver.solve`; `seconds` are Drake's, which tells no iterations."""
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
-        found = arm.derived(_Drake, self.max_iterations).solve(T_world_target, q)
-        return judged(arm, T_world_target, found, self.tolerance, 0, started)
+        drake = arm.derived(_Drake, self.max_iterations)
+        started = process_time()
+        found = drake.solve(T_world_target, q)
+        seconds = process_time() - started
+        result = judged(arm, T_world_target, found, self.tolerance, 0)
+        return result.with_effort(iterations=0, restarts=0, seconds=seconds)
 
 
 class _Drake:

@@ -37,17 +37,20 @@ class OptikIk:
         require("OptikIk", "optik", "optik-py")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
-        """See `IkSolver.solve`; OptIK does not tell its iterations."""
-        started = process_time()
+        """See `IkSolver.solve`; `seconds` are those of `Robot.ik`, which tells no iterations."""
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
         error = min(self.tolerance.position, self.tolerance.orientation)
         robot, config = arm.derived(_optik, self.max_restarts, 0.5 * error**2)
         inside = np.clip(q, arm.q_min, arm.q_max).tolist()
-        answer = robot.ik(config, T_world_target.as_matrix(), inside)
+        T = T_world_target.as_matrix()
+        started = process_time()
+        answer = robot.ik(config, T, inside)
+        seconds = process_time() - started
         found = inside if answer is None else answer[0]
-        return judged(arm, T_world_target, found, self.tolerance, 0, started)
+        result = judged(arm, T_world_target, found, self.tolerance, 0)
+        return result.with_effort(iterations=0, restarts=0, seconds=seconds)
 
 
 def _optik(arm: Arm, max_restarts: int, objective: float) -> tuple[Any, Any]:

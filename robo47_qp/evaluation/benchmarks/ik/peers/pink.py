@@ -39,19 +39,20 @@ class PinkIk:
         require("PinkIk", "pink", "pin-pink")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
-        """See `IkSolver.solve`."""
-        started = process_time()
+        """See `IkSolver.solve`; `seconds` are those of Pink's steps."""
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
         problem = arm.derived(_Pink, self.lm_damping, self.posture_cost)
         problem.start(T_world_target, np.clip(q, arm.q_min, arm.q_max))
-        iterations = 0
+        started, iterations = process_time(), 0
         while iterations < self.max_iterations and not problem.reached(self.tolerance):
             if not problem.advance(self.backend):
                 break
             iterations += 1
-        return judged(arm, T_world_target, problem.q, self.tolerance, iterations, started)
+        seconds = process_time() - started
+        result = judged(arm, T_world_target, problem.q, self.tolerance, iterations)
+        return result.with_effort(iterations=iterations, restarts=0, seconds=seconds)
 
 
 class _Pink:

@@ -34,22 +34,24 @@ class ToolboxIk:
         require("ToolboxIk", "roboticstoolbox", "roboticstoolbox-python")
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
-        """See `IkSolver.solve`."""
-        started = process_time()
+        """See `IkSolver.solve`; `seconds` are those of `ik_LM` alone."""
         q = arm.checked_q("q_seed", q_seed)
         if not is_pose(T_world_target):
             return rejected(arm, q)
         error = min(self.tolerance.position, self.tolerance.orientation)
-        answer = arm.derived(_ets).ik_LM(
-            T_world_target.as_matrix(),
+        ets, T = arm.derived(_ets), T_world_target.as_matrix()
+        started = process_time()
+        answer = ets.ik_LM(
+            T,
             q0=q,
             ilimit=self.max_iterations,
             slimit=self.starts,
             tol=0.5 * error**2,
             joint_limits=True,
         )
-        steps = int(answer.iterations)
-        return judged(arm, T_world_target, answer.q, self.tolerance, steps, started)
+        seconds, steps = process_time() - started, int(answer.iterations)
+        found = judged(arm, T_world_target, answer.q, self.tolerance, steps)
+        return found.with_effort(iterations=steps, restarts=0, seconds=seconds)
 
 
 def _ets(arm: Arm) -> Any:

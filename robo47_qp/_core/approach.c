@@ -1,0 +1,81 @@
+#include "approach.h"
+
+#include "elementary_inline.h"
+
+typedef void (*kinematics)(const void *model, void *data);
+typedef double (*geom_distance)(const void *model, void *data, int first, int second, double most,
+                                double *segment);
+
+/* Beyond rounding: the caller decides by the same inequality without it. */
+static const double slack = 1e-9;
+
+static void place(const r47_approach *a, const double *q) {
+  for (int i = 0; i < a->joints; i++) a->qpos[a->address[i]] = q[i];
+  ((kinematics)a->kinematics)(a->model, a->data);
+}
+
+/* Whether a capsule's axis reaches into the box's slabs along all three of its normals. */
+static int may_cross(const r47_approach *a, int capsule, int box) {
+  const double *c = a->xpos + 3 * box, *R = a->xmat + 9 * box;
+  const double *p = a->xpos + 3 * capsule, *U = a->xmat + 9 * capsule;
+  const double half = a->size[3 * capsule + 1];
+  for (int i = 0; i < 3; i++) {
+    double middle = 0.0, axis = 0.0;
+    for (int k = 0; k < 3; k++) {
+      middle += (p[k] - c[k]) * R[3 * k + i];
+      axis += U[3 * k + 2] * R[3 * k + i];
+    }
+    if (fabs(middle) >= a->size[3 * box + i] + half * fabs(axis) + slack) return 0;
+  }
+  return 1;
+}
+
+static double measured(const r47_approach *a, int pair, int *doubtful) {
+  double segment[6];
+  const double found = ((geom_distance)a->distance)(a->model, a->data, a->first[pair],
+                                                    a->second[pair], a->far, segment);
+  const int capsule = a->capsule[pair];
+  *doubtful = capsule >= 0 && may_cross(a, capsule, a->box[pair]);
+  return found >= a->far ? INFINITY : found;
+}
+
+void r47_approach_at(const r47_approach *a, const double *q, double *distance,
+                     unsigned char *doubtful) {
+  place(a, q);
+  for (int i = 0; i < a->pairs; i++) {
+    int unsure;
+    distance[i] = measured(a, i, &unsure);
+    doubtful[i] = (unsigned char)unsure;
+  }
+}
+
+/* The first row in which the pair can have closed by more than `far`. */
+static int first_beyond(const double *closed, int rows, double far) {
+  int low = 0, high = rows;
+  while (low < high) {
+    const int middle = low + (high - low) / 2;
+    if (closed[middle] > far)
+      high = middle;
+    else
+      low = middle + 1;
+  }
+  return low;
+}
+
+int r47_approach_along(const r47_approach *a, int pair, int rows, const double *q,
+                       const double *closed, double resolution, double *distance, int *row) {
+  for (;;) {
+    const double far = closed[row[0]] + distance[0] - distance[1] + resolution;
+    const int next = first_beyond(closed, rows, far);
+    row[0] = next > row[0] ? next : row[0] + 1;
+    if (row[0] >= rows) return 0;
+    place(a, q + row[0] * a->joints);
+    int unsure;
+    distance[0] = measured(a, pair, &unsure);
+    if (unsure) return 1;
+    if (distance[0] < distance[1]) {
+      distance[1] = distance[0];
+      row[1] = row[0];
+    }
+  }
+}

@@ -1,0 +1,128 @@
+#include "control.h"
+
+#include "elementary_inline.h"
+
+typedef void (*inverse_dynamics)(const void *model, void *data);
+typedef void (*solve_mass)(const void *model, void *data, double *x, const double *y, int rows);
+
+/* What is no number stays so. */
+static double clipped(double x, double low, double high) {
+  x = x < low ? low : x;
+  return x > high ? high : x;
+}
+
+/* 3 x^2 - 2 x^3 of what is left. */
+static double rest(int left, int fade) {
+  const double x = (double)left / fade;
+  return x * x * (3.0 - 2.0 * x);
+}
+
+static void estimate(r47_control *c, const double *measured, double *a) {
+  const int n = c->n;
+  double *q = c->estimate, *v = q + n, *d = v + n;
+  double square = 0.0;
+  for (int i = 0; i < n; i++) {
+    const double known[5] = {q[i], v[i], d[i], c->expected[i], measured[i]};
+    double next[3] = {0.0, 0.0, 0.0};
+    for (int r = 0; r < 3; r++)
+      for (int k = 0; k < 5; k++) next[r] += c->filter[(5 * r + k) * n + i] * known[k];
+    q[i] = next[0], v[i] = next[1], d[i] = next[2];
+    square += d[i] * d[i];
+  }
+  if (c->on) {
+    c->follows = !c->observer_left && square < c->least;
+    double share = 0.0;
+    if (c->observer_left) share = rest(--c->observer_left, c->observer_fade);
+    for (int i = 0; i < n; i++) {
+      c->compensation[i] = c->follows ? d[i] : clipped(d[i], -c->bound[i], c->bound[i]);
+      if (share > 0.0) c->compensation[i] += share * c->offset[i];
+    }
+  }
+  for (int i = 0; i < n; i++) a[i] -= c->compensation[i];
+}
+
+static void law(const r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
+                const double *q, const double *v, double *tau) {
+  const int n = c->n;
+  for (int i = 0; i < n; i++) {
+    c->qpos[i] = q[i], c->qvel[i] = v[i], c->qacc[i] = a_ref[i];
+    if (c->law == R47_COMPUTED_TORQUE)
+      c->qacc[i] = (q_ref[i] - q[i]) * c->stiffness + (v_ref[i] - v[i]) * c->damping + a_ref[i];
+  }
+  ((inverse_dynamics)c->inverse)(c->model, c->data);
+  memcpy(tau, c->qfrc_inverse, (size_t)n * sizeof(double));
+  if (!c->K) return;
+  for (int i = 0; i < n; i++) {
+    tau[i] += c->K[i] * (q_ref[i] - q[i]);
+    tau[i] += c->D[i] * (v_ref[i] - v[i]);
+  }
+}
+
+/* Adds the joint stops where a limit is near, and keeps the limits of the motors. */
+static int limit(r47_control *c, const double *q_ref, const double *q, double *tau) {
+  const int n = c->n;
+  int free = 1;
+  for (int i = 0; i < n; i++) {
+    const double change = tau[i] - c->last[i];
+    free = free && change >= -c->rate[i] && change <= c->rate[i] && tau[i] >= -c->most[i] &&
+           tau[i] <= c->most[i] && q[i] >= c->low[i] && q[i] <= c->high[i];
+  }
+  for (int i = 0; i < n; i++) {
+    if (!free) {
+      const double low = largest(least(c->low[i], q_ref[i]), c->q_min[i]);
+      const double high = least(largest(c->high[i], q_ref[i]), c->q_max[i]);
+      const double below = largest(low - q[i], 0.0), above = largest(q[i] - high, 0.0);
+      tau[i] += c->stop[i] * (below * below - above * above) / c->square[i];
+    }
+    c->commanded[i] = tau[i];
+    if (!free) {
+      tau[i] = clipped(tau[i], c->last[i] - c->rate[i], c->last[i] + c->rate[i]);
+      tau[i] = clipped(tau[i], -c->most[i], c->most[i]);
+    }
+    c->last[i] = tau[i];
+  }
+  return !free;
+}
+
+/* Takes in the torque: the acceleration that the belief expects of it. */
+static void expect(r47_control *c, const double *tau) {
+  const int n = c->n;
+  double excess[R47_MAX_N];
+  int same = 1;
+  for (int i = 0; i < n; i++) {
+    excess[i] = tau[i] - c->qfrc_inverse[i];
+    same = same && tau[i] == c->qfrc_inverse[i];
+  }
+  if (same) {
+    memcpy(c->expected, c->qacc, (size_t)n * sizeof(double));
+  } else {
+    ((solve_mass)c->solve)(c->model, c->data, c->expected, excess, 1);
+    for (int i = 0; i < n; i++) c->expected[i] += c->qacc[i];
+  }
+  if (!c->turning) return;
+  for (int i = 0; i < n; i++) {
+    c->estimate[2 * n + i] += c->turned[i];
+    if (!c->on || c->follows) c->compensation[i] += c->turned[i];
+  }
+}
+
+int r47_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
+               const double *q, const double *v, double *tau) {
+  const int n = c->n;
+  double a[R47_MAX_N];
+  memcpy(a, a_ref, (size_t)n * sizeof(double));
+  if (c->observed) {
+    estimate(c, q, a);
+    q = c->estimate;
+    v = q + n;
+  }
+  law(c, q_ref, v_ref, a, q, v, tau);
+  if (c->left) {
+    const double share = rest(c->left--, c->fade);
+    for (int i = 0; i < n; i++) tau[i] += share * c->bump[i];
+    if (!c->left) c->fade = 0;
+  }
+  const int limited = limit(c, q_ref, q, tau);
+  if (c->observed) expect(c, tau);
+  return limited;
+}

@@ -1,0 +1,51 @@
+/* One control period: the observer's estimate, the control law, its limits. */
+#ifndef ROBO47_CONTROL_H
+#define ROBO47_CONTROL_H
+
+#include "chain.h"
+
+enum { R47_COMPUTED_TORQUE = 1, R47_JOINT_IMPEDANCE = 2 };
+
+/* Arrays are (n,) unless said. MuJoCo's functions and structures come as pointers, so that the core
+   needs neither its headers nor its library. */
+typedef struct {
+  int n;
+  /* The arm as it is believed to be: its model and data, and four arrays of the data. */
+  void *model, *data;
+  void *inverse; /* mj_inverse */
+  void *solve;   /* mj_solveM */
+  double *qpos, *qvel, *qacc, *qfrc_inverse;
+  /* The law, with e the errors: computed torque asks for a_ref + stiffness e + damping e_v, joint
+     impedance for a_ref; both add K e + D e_v where K is not NULL. */
+  int law;
+  double stiffness, damping;
+  const double *K, *D;
+  /* Limits: change of the torque per period, torque, positions between which no joint stop acts;
+     strength tau_max of the stops and their squared width, and the joints' ranges. */
+  const double *rate, *most, *low, *high, *stop, *square, *q_min, *q_max;
+  double *last;      /* the torque of the last period [N m] */
+  double *commanded; /* that of this one before its limits [N m] */
+  /* A difference that fades after a switch, and how many of `fade` periods are left of it. */
+  const double *bump;
+  int fade, left;
+  /* The observer, if there is one: q, v, d in `estimate` (3 n), from the expected acceleration and
+     the measured q by `filter` (3, 5, n); see DisturbanceObserver. */
+  int observed;
+  const double *filter;
+  double *estimate, *expected;
+  int on, follows;
+  double least;
+  const double *bound;
+  double *compensation;
+  const double *offset;
+  int observer_fade, observer_left;
+  int turning; /* whether d changes by `turned` in every period */
+  const double *turned;
+} r47_control;
+
+/* The torque tau (n,) for the period that starts now, within the limits; v is not used by an
+   observer. Returns 1 where the limits changed it. */
+int r47_torque(r47_control *control, const double *q_ref, const double *v_ref, const double *a_ref,
+               const double *q, const double *v, double *tau);
+
+#endif

@@ -1,0 +1,50 @@
+#include "friction.h"
+
+#include "elementary_inline.h"
+
+typedef void (*solve_mass)(const void *model, void *data, double *x, const double *y, int rows);
+typedef void (*times_mass)(const void *model, const void *data, double *product, const double *x);
+
+int r47_friction_change(r47_friction *c) {
+  const int n = c->n;
+  double torque[R47_MAX_N];
+  int turned = 0;
+  if (!c->started) {
+    c->started = 1;
+    memcpy(c->q, c->given, (size_t)n * sizeof(double));
+    return 0;
+  }
+  for (int i = 0; i < n; i++) {
+    c->since[i] += c->per_update;
+    double z = (c->given[i] - c->q[i]) * c->per_displacement + c->z[i];
+    z = largest(least(z, 1.0), -1.0);
+    const double turn = z - c->z[i];
+    c->q[i] = c->given[i];
+    c->z[i] = z;
+    if (turn != 0.0) c->since[i] = 0.0, turned = 1;
+    torque[i] = c->f[i] * -turn;
+  }
+  if (turned) ((solve_mass)c->solve)(c->model, c->data, c->change, torque, 1);
+  return turned;
+}
+
+void r47_friction_learn(r47_friction *c) {
+  double product[R47_MAX_N];
+  ((times_mass)c->mass)(c->model, c->data, product, c->given);
+  for (int i = 0; i < c->n; i++) {
+    const double z = c->z[i];
+    c->P_bb[i] += c->Q_bb[i];
+    c->P_ff[i] += c->Q_ff[i];
+    /* What is not to be learned from is infinitely noisy. */
+    if (c->since[i] < c->settling || fabs(z) < 1.0) continue;
+    const double c_b = c->P_bb[i] + z * c->P_bf[i], c_f = c->P_bf[i] + z * c->P_ff[i];
+    const double S = c_b + z * c_f + c->R[i];
+    const double k_b = c_b / S, k_f = c_f / S;
+    const double error = -product[i] - c->b[i] - c->f[i] * z;
+    c->b[i] += k_b * error;
+    c->f[i] = least(largest(c->f[i] + k_f * error, 0.0), c->most[i]);
+    c->P_bb[i] -= k_b * c_b;
+    c->P_bf[i] -= k_b * c_f;
+    c->P_ff[i] -= k_f * c_f;
+  }
+}

@@ -1,0 +1,31 @@
+/* Dry friction of joints, learned from what an observer sees; see FrictionLearning. */
+#ifndef ROBO47_FRICTION_H
+#define ROBO47_FRICTION_H
+
+#include "chain.h"
+
+/* Arrays are (n,) unless said; those of variances are of b, of b with f, and of f. */
+typedef struct {
+  int n;
+  void *model, *data; /* the arm's, with the mass matrix of its last inverse dynamics */
+  void *solve, *mass; /* mj_solveM, mj_mulM */
+  double per_update, per_displacement, settling;
+  int started;
+  double *q;     /* the reference of the last update */
+  double *z;     /* direction of motion, -1 to 1 */
+  double *since; /* time since z changed [s] */
+  double *b, *f; /* what was learned */
+  const double *most;
+  double *P_bb, *P_bf, *P_ff;
+  const double *Q_bb, *Q_ff, *R;
+  double *given;  /* the reference, or the disturbance, of this call */
+  double *change; /* change of the joints' acceleration */
+} r47_friction;
+
+/* Takes the reference in `given`; returns whether there is a change. */
+int r47_friction_change(r47_friction *friction);
+
+/* Learns from the disturbance in `given`. */
+void r47_friction_learn(r47_friction *friction);
+
+#endif

@@ -1,0 +1,69 @@
+#include "loop.h"
+
+#include "elementary_inline.h"
+
+typedef void (*half_step)(const void *model, void *data);
+
+static void gather(const r47_world *w, int piece, int pieces, double *to) {
+  for (int k = piece; k < piece + pieces; k++) {
+    const size_t bytes = (size_t)w->size[k] * sizeof(double);
+    memcpy(to, (const void *)(size_t)w->from[k], bytes);
+    to += w->size[k];
+  }
+}
+
+/* The torque closest to the command within the motors' limits; see SimulatedMotors. */
+static int deliver(const r47_world *w, const double *tau) {
+  double square = 0.0;
+  for (int i = 0; i < w->n; i++) square += tau[i] * tau[i];
+  if (!(square < INFINITY)) return 0;
+  for (int i = 0; i < w->n; i++) {
+    const double now = w->ctrl[i];
+    double new = least(largest(tau[i], now - w->rate[i]), now + w->rate[i]);
+    new = least(new, w->most[i]);
+    w->ctrl[i] = largest(new, -w->most[i]);
+  }
+  return 1;
+}
+
+static void grip(const r47_world *w) {
+  for (int k = 0; k < w->grippers; k++) {
+    double *servo = w->all_ctrl + w->servo[k];
+    if (*servo != w->width[k])
+      *servo = least(largest(w->width[k], *servo - w->speed[k]), *servo + w->speed[k]);
+  }
+}
+
+static int touching(const r47_world *w) {
+  for (int k = 0; k < w->touches; k++)
+    if (w->touch[k] != 0.0) return 1;
+  return 0;
+}
+
+int r47_run(r47_control *control, r47_world *w, int periods, const double *q_ref,
+            const double *v_ref, const double *a_ref, double *rows, int width, int command,
+            long long *filled) {
+  const int n = w->n;
+  double tau[R47_MAX_N];
+  volatile long long *count = filled;
+  for (int k = 0; k < periods; k++) {
+    double *row = rows + (size_t)k * (size_t)width;
+    gather(w, 0, w->firsts, row + w->first);
+    r47_torque(control, q_ref + k * n, v_ref + k * n, a_ref + k * n, w->q, w->v, tau);
+    memcpy(row + command, control->commanded, (size_t)n * sizeof(double));
+    if (!deliver(w, tau)) return -(k + 1);
+    grip(w);
+    ((half_step)w->step2)(w->model, w->data);
+    ((half_step)w->step1)(w->model, w->data);
+    if (touching(w)) return -(k + 1);
+    memset(w->sums, 0, (size_t)w->summed * sizeof(double));
+    for (int t = 0; t < w->tools; t++) {
+      const double *whole = (const double *)(size_t)w->whole[t];
+      const double *within = (const double *)(size_t)w->within[t];
+      for (int i = 0; i < 3; i++) w->force[3 * t + i] = within[i] - whole[i];
+    }
+    gather(w, w->firsts, w->lates, row + w->late);
+    *count += 1;
+  }
+  return periods;
+}

@@ -1,0 +1,1 @@
+"""How much of each kind of wrongness a stack bears."""

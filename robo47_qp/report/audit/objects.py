@@ -1,0 +1,60 @@
+"""Audit of free objects: that they move by their velocities, and change these by forces alone."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.report.audit.finding import Finding, at_most
+from robo47_qp.run.scenario import Run
+
+_SLACK = 1e-6
+"""What rounding may leave unexplained in a period, in any of the units below."""
+
+
+def object_jumps(run: Run) -> list[Finding]:
+    """Check that no free object was moved but by physics.
+
+    MuJoCo's integrator takes positions on by the new velocity, p' = p + T v' and likewise for the
+    rotation, and linear velocities by the acceleration that contacts and gravity give,
+    v' = v + T a. What is left is what something else has done to an object between two periods.
+    """
+    found = []
+    for title, unit, part in (
+        ("object jump", "m", _moved),
+        ("object turn", "rad", _turned),
+        ("object kick", "m/s", _kicked),
+    ):
+        sizes = {name: part(run, name) for name in run.objects if len(run.rows) > 1}
+        if sizes:
+            name = max(sizes, key=lambda one: float(sizes[one].max()))
+            found.append(at_most(f"{title} ({name})", unit, sizes[name], _SLACK))
+    return found
+
+
+def _moved(run: Run, name: str) -> Vector:
+    position, twist = run.rows[f"objects/{name}"][:, :3], _twist(run, name)
+    return _size(np.diff(position, axis=0) - TIMESTEP * twist[1:, :3])
+
+
+def _turned(run: Run, name: str) -> Vector:
+    rotation = Rotation.from_quat(run.rows[f"objects/{name}"][:, 3:], scalar_first=True)
+    step = Rotation.from_rotvec(TIMESTEP * _twist(run, name)[1:, 3:])
+    left: Vector = ((rotation[:-1] * step).inv() * rotation[1:]).magnitude()
+    return left
+
+
+def _kicked(run: Run, name: str) -> Vector:
+    twist, change = _twist(run, name), run.rows[f"motion/{name} acceleration"]
+    left = np.diff(twist, axis=0) - TIMESTEP * change[:-1]
+    # Of the rotation, the integrator solves for the new velocity: a top takes another one.
+    return _size(left[:, :3])
+
+
+def _twist(run: Run, name: str) -> Matrix:
+    return run.rows[f"motion/{name} velocity"]
+
+
+def _size(vectors: Matrix) -> Vector:
+    size: Vector = np.linalg.norm(vectors, axis=1)
+    return size

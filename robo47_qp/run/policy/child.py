@@ -1,0 +1,170 @@
+"""The process of a policy: it answers observations with actions, and a warden ends what it leaves.
+
+The process that is started is the warden. It forks before anything is imported: the copy runs the
+policy in a session of its own, while the warden waits until the policy has ended or the run has,
+then ends all their descendants, and removes their temporary files.
+"""
+
+import contextlib
+import ctypes
+import json
+import os
+import random
+import re
+import select
+import shutil
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+_SUBREAPER = 36
+"""PR_SET_CHILD_SUBREAPER of Linux: orphans of descendants become children of the warden."""
+_LONGEST = 2000
+"""Characters that are told of an error."""
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
+
+
+def main() -> None:
+    """Run the warden, and the policy in a process that it forks."""
+    settings = json.loads(sys.argv[1])
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
+    policy = os.fork()
+    if policy == 0:
+        os.close(settings["life"])
+        os.setsid()
+        with contextlib.suppress(OSError):  # where memory runs out, this process goes first
+            Path("/proc/self/oom_score_adj").write_text("1000")
+        _answer(settings)
+    os.close(settings["line"])
+    code = _wait(policy, settings["life"])
+    _end_all()
+    shutil.rmtree(settings["temporary"], ignore_errors=True)
+    os._exit(code)
+
+
+def _wait(policy: int, life: int) -> int:
+    """Wait until the policy has ended, or the run has; return the exit code."""
+    pause = 0.001
+    while True:
+        done, status = os.waitpid(policy, os.WNOHANG)
+        if done:
+            code = os.waitstatus_to_exitcode(status)
+            return code if code >= 0 else 128 - code
+        if select.select([life], [], [], pause)[0]:
+            return 0
+        pause = min(2.0 * pause, 0.02)
+
+
+def _end_all() -> None:
+    """Kill all descendants: as they die, their children become those of this process."""
+    end = time.monotonic() + 5.0
+    while children := _children():
+        for child in children:
+            with contextlib.suppress(OSError):
+                os.kill(child, signal.SIGKILL)
+        with contextlib.suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        if time.monotonic() > end:
+            return
+        time.sleep(0.001)
+
+
+def _children() -> list[int]:
+    own, found = str(os.getpid()), []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            # The name, in parentheses, may hold anything.
+            if path.read_text(errors="replace").rpartition(")")[2].split()[1] == own:
+                found.append(int(path.parent.name))
+    return found
+
+
+def _answer(settings: dict[str, Any]) -> None:
+    """Load the policy and answer until the run is over."""
+    from robo47_qp.run.foreign_code import ClassLoadError, Guard, load_class
+    from robo47_qp.run.policy.wire import receive, send
+
+    line = socket.socket(fileno=settings["line"])
+    place, _, _ = settings["reference"].rpartition(":")
+    if place.endswith(".py"):
+        sys.path.insert(0, str(Path(place).parent))
+    random.seed(settings["seed"])
+    _seed_numpy(settings["seed"])
+    with Guard() as guard:
+        made = load_class("policy", settings["reference"], ("reset", "act"), settings["known"])
+    if guard.error is not None:
+        kind = "load" if isinstance(guard.error, ClassLoadError) else "raise"
+        send(line, {"failed": kind, "why": told(guard.error)})
+        os._exit(1)
+    send(line, {"ready": getattr(sys.modules[made.__module__], "__file__", None)})
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(settings["seed"])
+    answers = _Answers(made)
+    while True:
+        try:
+            asked = receive(line, None)
+        except (EOFError, OSError):
+            os._exit(0)
+        with contextlib.suppress(OSError):
+            send(line, answers.to(asked))
+
+
+class _Answers:
+    """The policy, made at the first question."""
+
+    def __init__(self, made: Any) -> None:
+        from robo47_qp.sim.sensed import CellSheet
+
+        self._made: Any = made
+        self._policy: Any = None
+        self._sheet = CellSheet()
+
+    def to(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Return the reply to a question."""
+        from robo47_qp.run.foreign_code import Guard
+        from robo47_qp.run.policy.wire import packed_action, unpacked_observation
+        from robo47_qp.sim.sensed import CellSheet
+
+        reply: dict[str, Any] = {"number": asked["number"], "action": None}
+        method = "its constructor" if self._policy is None else asked["method"]
+        with Guard() as guard:
+            if self._policy is None:
+                self._policy = self._made()
+            method, policy = asked["method"], self._policy
+            if "sheet" in asked["seen"]:
+                self._sheet = CellSheet(**asked["seen"]["sheet"])
+            seen = unpacked_observation(asked["seen"], self._sheet)
+            found = policy.reset(seen) if method == "reset" else policy.act(seen)
+            reply["action"] = packed_action(found) if method == "act" else None
+        if guard.error is not None:
+            kind = type(guard.error).__name__
+            reply["raised"] = shortened(f"it raised {kind} in {method}: {told(guard.error)}")
+        return reply
+
+
+def _seed_numpy(seed: int) -> None:
+    import numpy as np
+
+    np.random.seed(seed % 2**32)  # noqa: NPY002  # the generator that policies share
+
+
+def told(error: BaseException) -> str:
+    """Return the text of an error of a policy, of a bearable length."""
+    from robo47_qp.run.foreign_code import Guard
+
+    text = "an error without a readable text"
+    with Guard():
+        text = shortened(str(error))
+    return text
+
+
+def shortened(text: str) -> str:
+    """Return a text without lone surrogates and addresses, which differ from run to run."""
+    text = text[:_LONGEST] + (" ..." if len(text) > _LONGEST else "")
+    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return _ADDRESS.sub("0x...", text)

@@ -1,0 +1,169 @@
+"""PolicyProcess: a policy in a process of its own, to which only observations and actions cross."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from hashlib import sha256
+from tempfile import mkdtemp
+from typing import Any
+
+from robo47_qp.errors import Robo47Error
+from robo47_qp.run.foreign_code import ClassLoadError
+from robo47_qp.run.policy.child import shortened
+from robo47_qp.run.policy.policy import Action, Observation
+from robo47_qp.run.policy.wire import (
+    Stranger,
+    WireError,
+    packed_observation,
+    receive,
+    send,
+    unpacked_action,
+)
+
+PATIENCE = 300.0
+"""Longest wall time of an answer, the import of the policy included [s]."""
+_GRACE = 2.0
+"""Time in which a process that closed its line must end [s]."""
+_START = "from robo47_qp.run.policy.child import main; main()"
+
+
+class PolicyFault(Robo47Error):  # noqa: N818  # a failure, like StepFailed
+    """A policy that gave no action: it raised, its process ended, or it sent something else."""
+
+
+class PolicyProcess:
+    """A policy whose process begins with `start` and ends with `close`; see `Policy`.
+
+    Everything that it imports, changes or leaves behind is of its own process. It shares no memory
+    with the run, and inherits no open file but its end of the line and the standard error.
+    """
+
+    def __init__(self, reference: str, known: Sequence[str] = ()) -> None:
+        """Name a policy as in `load_class`; a file by its absolute path."""
+        self._reference, self._known = reference, list(known)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._number = 0
+        self.file: str | None = None
+        """Source file of the policy, once started."""
+
+    def start(self, seed: int | None = None) -> None:
+        """Start the process and load the policy's class.
+
+        Args:
+            seed: Of the episode; the generators of `random`, numpy and torch are seeded by it.
+
+        Raises:
+            ClassLoadError: There is no such class, or its module cannot be imported.
+        """
+        digest = sha256(f"policy of episode {seed}".encode()).digest()
+        temporary = mkdtemp(prefix="robo47-policy-")
+        self._line, theirs = socket.socketpair()
+        life, self._life = os.pipe()
+        settings = {
+            "reference": self._reference,
+            "known": self._known,
+            "seed": int.from_bytes(digest[:8], "little"),
+            "line": theirs.fileno(),
+            "life": life,
+            "temporary": temporary,
+        }
+        path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)  # noqa: PTH109
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _START, json.dumps(settings)],
+            stdin=subprocess.DEVNULL,
+            # What it prints must not mix with what the run prints.
+            stdout=2,
+            env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "0", "TMPDIR": temporary},
+            pass_fds=(theirs.fileno(), life),
+            start_new_session=True,
+        )
+        theirs.close()
+        os.close(life)
+        self._number = 0
+        self._line.settimeout(PATIENCE)
+        try:
+            said = self._heard("while it was loaded")
+        except PolicyFault as fault:
+            self.close()
+            raise ClassLoadError("policy", self._reference, str(fault), self._known) from fault
+        if "ready" not in said:
+            self.close()
+            raise PolicyLoadError(str(said.get("why"))[:4000])
+        self.file = said["ready"] if isinstance(said["ready"], str) else None
+
+    def reset(self, observation: Observation) -> None:
+        """See `Policy.reset`.
+
+        Raises:
+            PolicyFault: It raised, its process ended, or it sent something else.
+        """
+        self._ask("reset", observation)
+
+    def act(self, observation: Observation) -> Action | None:
+        """See `Policy.act`; the action is not yet checked.
+
+        Raises:
+            PolicyFault: See `reset`.
+        """
+        try:
+            action: Any = unpacked_action(self._ask("act", observation).get("action"))
+        except WireError as error:
+            raise PolicyFault(str(error)) from error
+        if isinstance(action, Stranger):
+            expected = "a JointTarget, a ToolTarget, Torques, or None"
+            kind = shortened(action.kind)
+            raise PolicyFault(f"the action must be {expected}; found a {kind}.")
+        return action  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        """End the process and all that it has started, and remove its temporary files."""
+        if self._process is None:
+            return
+        self._line.close()
+        os.close(self._life)
+        self._process.wait()
+        self._process = None
+
+    def _ask(self, method: str, observation: Observation) -> dict[str, Any]:
+        self._number += 1
+        seen = packed_observation(observation, sheet=method == "reset")
+        try:
+            send(self._line, {"number": self._number, "method": method, "seen": seen})
+        except OSError as error:
+            raise PolicyFault(self._death(f"in {method}")) from error
+        said = self._heard(f"in {method}")
+        if said.get("number") != self._number:
+            raise PolicyFault("its process sent an answer that nobody has asked for")
+        if "raised" in said:
+            raise PolicyFault(shortened(str(said["raised"])))
+        return said
+
+    def _heard(self, when: str) -> dict[str, Any]:
+        try:
+            return receive(self._line)
+        except WireError as error:
+            raise PolicyFault(f"{error}, {when}") from error
+        except (EOFError, OSError) as error:
+            raise PolicyFault(self._death(when)) from error
+
+    def _death(self, when: str) -> str:
+        if self._process is None:
+            return "its process was not started"
+        try:
+            code = self._process.wait(timeout=_GRACE)
+        except subprocess.TimeoutExpired:
+            return f"its process gave no answer {when}"
+        how = f"signal {code - 128}" if code > 128 else f"exit code {code}"
+        return f"its process ended with {how} {when}"
+
+
+class PolicyLoadError(ClassLoadError):
+    """A class that cannot be loaded, in the words of the process that tried."""
+
+    def __init__(self, words: str) -> None:
+        """Repeat the words."""
+        Robo47Error.__init__(self, shortened(words))
+        self.reference = ""

@@ -1,0 +1,87 @@
+"""CompiledWorld: the periods of a simulation as the compiled core runs them."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from robo47_qp._core.library import Structure
+from robo47_qp._core.mujoco_functions import function, structure
+from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.model.robot import Robot
+from robo47_qp.sim.contact import ContactSensing
+from robo47_qp.sim.gripper import SimulatedGripper
+
+
+class CompiledWorld:
+    """What `r47_run` needs to know of a simulation without disturbances; part of `Simulation`."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        joints: tuple[Vector, Vector, Vector],
+        hands: Sequence[SimulatedGripper],
+        contact: ContactSensing,
+        views: tuple[Sequence[Vector], Sequence[Vector]],
+    ) -> None:
+        """Take the addresses of everything, which keeps its place.
+
+        Args:
+            robot: The robot.
+            model: The scene.
+            data: Its state.
+            joints: Views of positions, velocities and motors' torques (n,), each in one piece.
+            hands: The grippers.
+            contact: What reads contact forces.
+            views: What a row holds of the start of a period, and of what happened in it.
+        """
+        q, v, ctrl = joints
+        self._hands = hands
+        self._width, self._speed = np.zeros(len(hands)), np.zeros(len(hands))
+        whole, within, force = contact.tool_forces
+        first, late = views
+        self.structure = Structure(
+            "r47_world",
+            n=len(q),
+            model=structure(model),
+            data=structure(data),
+            step1=function("mj_step1"),
+            step2=function("mj_step2"),
+            q=q,
+            v=v,
+            ctrl=ctrl,
+            most=robot.tau_max.copy(),
+            rate=robot.tau_rate_max * TIMESTEP,
+            grippers=len(hands),
+            all_ctrl=data.ctrl,
+            servo=np.array([hand.servo for hand in hands], dtype=np.int32),
+            width=self._width,
+            speed=self._speed,
+            tools=len(whole),
+            whole=_addresses(whole),
+            within=_addresses(within),
+            force=force,
+            sums=contact.sums,
+            summed=len(contact.sums),
+            touch=contact.summed,
+            touches=len(contact.summed),
+            firsts=len(first),
+            lates=len(late),
+            size=np.array([len(view) for view in (*first, *late)], dtype=np.int32),
+            **{"from": _addresses([*first, *late])},
+        )
+        self._views = [*first, *late, *whole, *within]
+
+    def prepare(self, first: int, late: int) -> None:
+        """Take over what the grippers were told, and the columns of a row that `views` go to."""
+        for i, hand in enumerate(self._hands):
+            self._width[i], self._speed[i] = hand.course
+        c = self.structure.pointer
+        c.first, c.late = first, late
+
+
+def _addresses(views: Sequence[Vector]) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    return np.array([view.ctypes.data for view in views], dtype=np.int64)

@@ -1,0 +1,142 @@
+"""Success against each kind of wrongness alone, at growing levels until half is lost.
+
+For the stack, with and without its observer, and with damped least squares. The world of each
+level differs from the controller's models in one thing; `robo47 evaluate --help` lists them.
+"""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from robo47_qp.arrays import Checked, Count, CountOrZero
+from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
+from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
+from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
+from robo47_qp.evaluation.workers.executor import cores
+from robo47_qp.files import check_writable, write_json
+from robo47_qp.model.robots import load_robot
+from robo47_qp.report.provenance import provenance
+from robo47_qp.run.registry import load_task
+
+_QUICK = ("joint_friction", "pose_bias", "friction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustnessOptions(Checked):
+    """Options of the campaign."""
+
+    task: str = "pick_place"
+    """Task, by its name."""
+    robot: str = "panda"
+    """Robot that does the task."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of wrongness, named like the options of `robo47 evaluate` with underscores; all of
+    them if none is named."""
+    stacks: tuple[str, ...] = ("stack", "no-observer", "dls")
+    """Stacks: stack, no-observer, dls, dls-single."""
+    episodes: Count = 50
+    """Episodes at each level, the same seeds at all."""
+    levels: Count = 8
+    """Levels of a kind at most, each twice as wrong as the one before; a curve ends where half of
+    the episodes are lost."""
+    seed: CountOrZero = 50_000
+    """Seed of the first episode."""
+    workers: Count = field(default_factory=cores)
+    """Processes at once."""
+    quick: bool = False
+    """3 kinds, 3 levels each four times as wrong as the one before, 4 episodes: a first look."""
+    resume: bool = False
+    """Continue an interrupted campaign."""
+    out: Path = LOGS / "robustness.json"
+    """File for the figures (JSON); picture (.png) and a folder of journals go beside it."""
+
+    def _label(self, field: str) -> str:
+        return f"--{field}"
+
+
+def run(options: RobustnessOptions, console: Console) -> int:
+    """Run the campaign, print the table, write figures and picture; return the exit code."""
+    picture = options.out.with_suffix(".png")
+    for path in (options.out, picture):
+        check_writable(path)
+    made = provenance()
+    robot, task = load_robot(options.robot), load_task(options.task)()
+    chosen = options.kinds or (_QUICK if options.quick else tuple(kinds()))
+    campaign = Robustness(
+        task=task,
+        robot=robot,
+        stacks=options.stacks,
+        kinds=chosen,
+        episodes=min(options.episodes, 4) if options.quick else options.episodes,
+        levels=min(options.levels, 3) if options.quick else options.levels,
+        stride=2 if options.quick else 1,
+        seed=options.seed,
+        workers=options.workers,
+        folder=options.out.with_suffix(""),
+    )
+    curves, complete = list[Curve](), True
+
+    def show(stack: str, kind: str, point: Point) -> None:
+        at = "" if point.value is None else f" {point.value:.3g} {kinds()[kind][0].strip('-')}"
+        told = f"{stack}: {kind}{at}: {point.successes} of {point.episodes}"
+        console.print(told, highlight=False, soft_wrap=True)
+
+    try:
+        curves += campaign.run(show, resume=options.resume)
+    except KeyboardInterrupt:
+        complete = False
+        console.print("interrupted; finished episodes are kept: continue with --resume")
+    if not complete:
+        return INTERRUPTED
+    console.print(_table(curves))
+    title = f"{options.task}, {campaign.episodes} episodes a level from seed {options.seed}"
+    plot_robustness(curves, title, picture)
+    write_json(
+        options.out,
+        {
+            **made,
+            "task": options.task,
+            "robot": options.robot,
+            "episodes": campaign.episodes,
+            "seed": options.seed,
+            "units": {kind: kinds()[kind][0] for kind in chosen},
+            "curves": [
+                {
+                    "stack": curve.stack,
+                    "kind": curve.kind,
+                    "half_is_lost_at": curve.half,
+                    "points": [point.as_json() for point in curve.points],
+                }
+                for curve in curves
+            ],
+        },
+    )
+    for path in (options.out, picture):
+        console.print(f"{path}", soft_wrap=True)
+    return OK
+
+
+def _table(curves: list[Curve]) -> Table:
+    """Return where half is lost, by kind and stack; beyond the last level where it is not."""
+    table = Table(box=None, header_style="")
+    table.add_column("half is lost at")
+    stacks = list(dict.fromkeys(curve.stack for curve in curves))
+    for stack in stacks:
+        table.add_column(stack, justify="right")
+    for kind in dict.fromkeys(curve.kind for curve in curves):
+        unit, growth, _ = kinds()[kind]
+        cells = []
+        for curve in curves:
+            if curve.kind == kind:
+                last, beyond = curve.points[-1].value, ">" if growth.factor > 1.0 else "<"
+                told = "–" if last is None else f"{beyond} {last:.3g}"
+                cells.append(told if curve.half is None else f"{curve.half:.3g}")
+        table.add_row(kind + ("" if unit == "-" else f", {unit}"), *cells)
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main(RobustnessOptions, run, __doc__ or ""))

@@ -1,0 +1,47 @@
+"""The force sensor at the wrist: what it reads while nothing is touched.
+
+Its reading drifts by about the weight of a light item, but little within seconds: what counts is
+the change from what it read just before contact.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from math import exp, hypot
+
+import numpy as np
+
+from robo47_qp.arrays import Vector
+from robo47_qp.run.steps import StepLike, Wait
+from robo47_qp.sim.sensed import Sensed
+
+_READINGS = 20
+"""Readings of the free wrist; white noise falls by their root."""
+_PERIOD = 0.01
+"""Time between two of them [s]."""
+_DRIFT_TIME = 30.0
+"""Time constant of the drift of the sensor that is expected [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeWrist:
+    """What the sensor at the wrist read while the tool touched nothing."""
+
+    force: Vector
+    """Its reading (3,), in the world [N]."""
+    time: float
+    """When [s]."""
+
+    def drift(self, sensed: Sensed) -> float:
+        """Return the standard deviation of its change up to now, per axis [N]."""
+        passed, noise = sensed.time - self.time, sensed.sheet.noise
+        drifted = float(noise["force_drift"]) * (2.0 - 2.0 * exp(-passed / _DRIFT_TIME)) ** 0.5
+        return hypot(drifted, float(noise["noise_force"]) / _READINGS**0.5)
+
+
+def read_free_wrist(sensed: Sensed) -> Generator[StepLike, None, FreeWrist]:
+    """Read the sensor at the wrist while the tool touches nothing and is at rest."""
+    readings = []
+    for _ in range(_READINGS):
+        yield Wait(name="tare", seconds=_PERIOD)
+        readings.append(sensed.felt_force())
+    return FreeWrist(force=np.mean(readings, axis=0), time=sensed.time)

@@ -1,0 +1,149 @@
+"""Robots of files: an MJCF with a TOML beside it; hands and cells."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.errors import InvalidValueError, ModelError, Robo47Error, UnknownNameError
+from robo47_qp.evaluation.command import evaluate_command
+from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.cell import CELLS, Cell, in_cell
+from robo47_qp.model.robots import load_robot
+from robo47_qp.model.robots.fr3 import FR3
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.ur5e import UR5E
+from robo47_qp.run.runner import Runner
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.robots import MODELS
+
+WHOLE = """
+home = [0.0, 0.26, 0.0, 1.9, 0.0, 0.98, 0.0]
+armature = [0.3, 0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
+
+[hand]
+name = "parallel_gripper"
+site = "tool"
+turn = 1.5707963267948966
+
+[ratings]
+tau_max = [60.0, 60.0, 60.0, 60.0, 20.0, 20.0, 20.0]
+
+[cell]
+position = [-0.05, 0.0, 0.0]
+"""
+HOME = "home = [0.0, 0.26, 0.0, 1.9, 0.0, 0.98, 0.0]\n"
+BAD = {
+    "there is no file": (None, ModelError, r"needs a description .*arm.toml"),
+    "it is no TOML": ("home = [", ModelError, r"arm.toml cannot be read"),
+    "home is missing": ('tcp = "tool"', InvalidValueError, r"home of the description.*arm.toml"),
+    "the tool is missing": (HOME, InvalidValueError, r"tcp of the description"),
+    "a key is unknown": (HOME + 'tpc = "tool"', UnknownNameError, r"'tpc'; known: name, home"),
+    "a table is unknown": (
+        HOME + "[grippper]\nx = 1",
+        UnknownNameError,
+        r"'grippper'; known: tool",
+    ),
+    "a hand is unknown": (HOME + '[hand]\nname = "claw"\nsite = "tool"', UnknownNameError, "claw"),
+    "a rating is missing": (
+        HOME + 'tcp = "tool"\n[ratings]\nv_max = [1, 1, 1, 1, 1, 1, 1]',
+        InvalidValueError,
+        r"a_max of \[ratings\]",
+    ),
+    "a site is missing": (HOME + 'tcp = "flange"', UnknownNameError, r"site.*'flange'"),
+    "home has six numbers": ('tcp = "tool"\nhome = [0, 0, 0, 1, 0, 1]', InvalidValueError, "home"),
+}
+
+
+def described(folder: Path, text: str | None) -> str:
+    path = folder / "arm.xml"
+    shutil.copy(MODELS / "free7.xml", path)
+    if text is not None:
+        path.with_suffix(".toml").write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_a_robot_of_a_file_picks_and_places(tmp_path: Path) -> None:
+    path = described(tmp_path, WHOLE)
+    robot = load_robot(path)
+    assert robot.name == "arm"
+    assert robot.tau_max.tolist() == [60.0] * 4 + [20.0] * 3
+    assert load_robot(str(Path(path).with_suffix(".toml"))).joints == robot.joints
+    assert EvaluateOptions(robot=path).robot_for(PickPlace).mjcf == robot.mjcf
+    arm = Arm(robot)
+    np.testing.assert_allclose(arm.model.dof_armature, [0.3] * 4 + [0.1] * 3)
+    bare = Arm(load_robot(described(tmp_path, HOME + 'tcp = "tool"')))
+    moved = SE3.from_translation(np.array([-0.05, 0.0, 0.0])) @ bare.pose(bare.home)
+    turned = SE3.from_rotation_and_translation(
+        SO3.from_z_radians(np.pi / 2), np.array([0, 0, 0.155])
+    )
+    np.testing.assert_allclose(
+        arm.pose(arm.home).as_matrix(), (moved @ turned).as_matrix(), atol=1e-9
+    )
+    task = PickPlace(pick=(0.40, 0.10), place=(0.40, -0.10))
+    run = Runner(ClassicalStack().scenario(robot, task), Simulation(robot, task.build_scene)).run()
+    assert run.failure is None
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_wrong_is_told_and_ends_with_2(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, kind, message = BAD[case]
+    path = described(tmp_path, text)
+    with pytest.raises(kind, match=message) as caught:
+        load_robot(path)
+    assert isinstance(caught.value, Robo47Error)
+    assert evaluate_command(["--robot", path, "--log", str(tmp_path / "a.rrd")]) == 2
+    assert "error:" in capsys.readouterr().err
+
+
+def test_a_cell_moves_the_robot_and_all_that_hangs_on_it() -> None:
+    cell = Cell.at(0.2, -0.1, 0.05, yaw=0.7)
+    for robot in (PANDA, UR5E):
+        arm, there = Arm(robot), Arm(cell.with_robot(robot))
+        wanted = cell.T_world_base @ arm.pose(arm.home)
+        np.testing.assert_allclose(there.pose(arm.home).as_matrix(), wanted.as_matrix(), atol=1e-12)
+    assert in_cell(PANDA) is PANDA
+    assert in_cell(UR5E).T_world_base is CELLS["ur5e"].T_world_base
+    assert EvaluateOptions(robot="ur5e").robot_for(PickPlace).T_world_base is not None
+
+
+UR_DH = zip(
+    [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
+    [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
+    [np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0],
+    strict=True,
+)
+"""a, d and alpha of the UR5e (Universal Robots, DH parameters)."""
+
+
+def test_the_ur5e_is_that_of_the_published_dh_table(rng: np.random.Generator) -> None:
+    arm, table = Arm(UR5E), list(UR_DH)
+    tool = SE3.from_rotation_and_translation(
+        SO3.from_z_radians(-np.pi / 2), np.array([0, 0, 0.155])
+    )
+    for q in rng.uniform(-np.pi, np.pi, (20, 6)):
+        T = SE3.from_rotation(SO3.from_z_radians(np.pi))
+        for (a, d, alpha), angle in zip(table, q, strict=True):
+            T = T @ SE3.from_rotation(SO3.from_z_radians(angle))
+            T = T @ SE3.from_translation(np.array([a, 0.0, d]))
+            T = T @ SE3.from_rotation(SO3.from_x_radians(alpha))
+        np.testing.assert_allclose(arm.pose(q).as_matrix(), (T @ tool).as_matrix(), atol=1e-8)
+
+
+def test_the_fr3_moves_as_the_panda_with_links_and_limits_of_its_own(
+    rng: np.random.Generator,
+) -> None:
+    fr3, panda = Arm(FR3), Arm(PANDA)
+    for q in rng.uniform(
+        np.maximum(fr3.q_min, panda.q_min), np.minimum(fr3.q_max, panda.q_max), (9, 7)
+    ):
+        np.testing.assert_allclose(fr3.pose(q).as_matrix(), panda.pose(q).as_matrix(), atol=1e-9)
+    assert fr3.q_max[5] == 4.5169
+    assert 15.0 < fr3.model.body_mass[2:].sum() < 19.0

@@ -1,0 +1,77 @@
+"""Objects that something else than physics has moved break the audit."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mink import SE3, SO3
+
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.audit.objects import object_jumps
+from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.policy.policy import JointTarget, Observation
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.policies import Scripted, follow
+from tests.runs import picked_and_placed
+
+
+def meddled(meddle: Callable[[Simulation], None] | None) -> Run:
+    """A policy in the process of the run, which reaches the world at 0.1 s."""
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+
+    def act(seen: Observation) -> JointTarget:
+        if meddle is not None and seen.time == pytest.approx(0.1):
+            meddle(simulation)
+        return JointTarget(q=np.array(PANDA.home))
+
+    timing = PolicyTiming(rate=20.0, seconds=0.3)
+    return follow(Scripted(act), task=task, timing=timing, simulation=simulation)
+
+
+def broken(run: Run) -> dict[str, float]:
+    return {f.signal: f.extreme for f in object_jumps(run) if not f.ok}
+
+
+def shift(by: float) -> Callable[[Simulation], None]:
+    def move(simulation: Simulation) -> None:
+        aside = SE3.from_translation(np.array([by, 0.0, 0.0]))
+        simulation.place_object("cube", aside @ simulation.object_pose("cube"))
+
+    return move
+
+
+def turn(simulation: Simulation) -> None:
+    about = SE3.from_rotation(SO3.from_z_radians(0.01))
+    simulation.place_object("cube", simulation.object_pose("cube") @ about)
+
+
+def kick(simulation: Simulation) -> None:
+    simulation.data.joint(simulation.model.body("cube").jntadr[0]).qvel[0] += 0.01
+
+
+def test_what_grippers_tables_and_gravity_do_is_no_jump() -> None:
+    found = object_jumps(picked_and_placed())
+    assert [finding.signal for finding in found] == [
+        "object jump (cube)",
+        "object turn (cube)",
+        "object kick (cube)",
+    ]
+    assert all(finding.ok and finding.extreme < 1e-9 for finding in found)
+    assert broken(meddled(None)) == {}
+
+
+@pytest.mark.parametrize("by", [1e-4, 0.4])
+def test_an_object_that_jumps_breaks_the_audit(by: float) -> None:
+    run = meddled(shift(by))
+    assert broken(run)["object jump (cube)"] == pytest.approx(by, rel=1e-2)
+    assert any(f.signal == "object jump (cube)" and not f.ok for f in audit(run))
+
+
+def test_so_does_one_that_turns_or_is_kicked() -> None:
+    assert broken(meddled(turn))["object turn (cube)"] == pytest.approx(0.01, rel=1e-3)
+    kicked = broken(meddled(kick))
+    assert kicked["object kick (cube)"] == pytest.approx(0.01, rel=1e-6)

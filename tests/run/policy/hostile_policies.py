@@ -1,0 +1,136 @@
+"""Policies that cheat, or harm themselves; run in processes of their own."""
+
+import contextlib
+import gc
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robo47_qp import JointTarget, Observation
+from robo47_qp.sim.simulation import Simulation
+
+print("printed at import")
+
+
+class Still:
+    """Stays where it is."""
+
+    episodes = 0
+
+    def reset(self, observation: Observation) -> None:
+        Still.episodes += 1
+        self.q = observation.q
+        self.first = [Still.episodes, random.random(), float(np.random.random())]  # noqa: NPY002
+
+    def act(self, observation: Observation) -> Any:
+        return JointTarget(q=self.q)
+
+
+class Remembers(Still):
+    """Says by the width how many episodes its class has seen, and what it has drawn."""
+
+    def act(self, observation: Observation) -> Any:
+        raise ValueError(self.first)
+
+
+class Collector(Still):
+    """Looks for the world among all objects, and frames."""
+
+    def act(self, observation: Observation) -> Any:
+        worlds = [one for one in gc.get_objects() if isinstance(one, Simulation)]
+        frame: Any = sys._getframe()
+        while frame is not None:
+            worlds += [one for one in frame.f_locals.values() if hasattr(one, "place_object")]
+            frame = frame.f_back
+        for world in worlds:
+            world.place_object("cube", world.marker_pose("goal"))
+        return JointTarget(q=self.q)
+
+
+class Patcher(Still):
+    """Makes every verdict of its own process a success."""
+
+    def reset(self, observation: Observation) -> None:
+        super().reset(observation)
+        from robo47_qp.run.watchdog import Watchdog
+        from robo47_qp.tasks.pick_place.pick_place import PickPlace
+
+        for kind, name in ((PickPlace, "verdict"), (Watchdog, "check")):
+            setattr(kind, name, lambda *_, **__: None)
+
+
+class Forker(Still):
+    """Goes on twice."""
+
+    def act(self, observation: Observation) -> Any:
+        if observation.time == 0.0:
+            os.fork()
+        return JointTarget(q=self.q)
+
+
+class Forger(Still):
+    """Writes a result of its own to everything that it has open."""
+
+    def act(self, observation: Observation) -> Any:
+        text = b'{"index": 0, "seed": 0, "success": true}\n'
+        for fd in range(256):
+            with contextlib.suppress(OSError):
+                os.write(fd, text)
+        return JointTarget(q=self.q)
+
+
+class Leaver(Still):
+    def act(self, observation: Observation) -> Any:
+        os._exit(0)
+
+
+class Quitter(Still):
+    def act(self, observation: Observation) -> Any:
+        sys.exit("enough")
+
+
+class Wordy(Still):
+    def act(self, observation: Observation) -> Any:
+        raise ValueError("\ud800" + f"{self!r}" + "x" * 50_000_000)
+
+
+class Big(Still):
+    def act(self, observation: Observation) -> Any:
+        return JointTarget(q=np.zeros(1_000_000))
+
+
+class Parent(Still):
+    """Starts a process that would stay, in a session of its own, and leaves files."""
+
+    def act(self, observation: Observation) -> Any:
+        folder = tempfile.mkdtemp()
+        child = subprocess.Popen(
+            ["sleep", "600"], start_new_session=True, env={}, stdout=subprocess.DEVNULL
+        )
+        raise ValueError(f"{child.pid} {folder}")
+
+
+class Sleeper(Still):
+    def act(self, observation: Observation) -> Any:
+        time.sleep(1000.0)
+
+
+class Wrong(Still):
+    def act(self, observation: Observation) -> Any:
+        return Path()
+
+
+class Pusher(Still):
+    """Commands torques straight away from what holds it, as hard as the motors allow."""
+
+    def act(self, observation: Observation) -> Any:
+        from robo47_qp.run.policy.policy import Torques
+
+        return Torques(tau=np.array([87.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))

@@ -1,0 +1,198 @@
+"""A policy in a process of its own: what it does, it does to itself."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.foreign_code import ClassLoadError
+from robo47_qp.run.policy import process
+from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.policy.policy import JointTarget, Observation
+from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
+from robo47_qp.run.policy.wire import (
+    packed_action,
+    packed_observation,
+    unpacked_action,
+    unpacked_observation,
+)
+from robo47_qp.sim.sensed import CellSheet
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from tests.policies import follow
+
+HOSTILE = "tests.run.policy.hostile_policies"
+SHORT = PolicyTiming(rate=10.0, seconds=0.3)
+
+
+def seen(time: float = 0.0) -> Observation:
+    pose = np.array([0.1, -0.2, 1e-17, 1.0, 0.0, 0.0, 0.0])
+    return Observation(
+        time=time,
+        q=np.array([0.1, 1 / 3, -np.pi]),
+        v=np.array([np.nan, 1e-300, 2.0]),
+        tool=pose,
+        width=0.08,
+        force=np.zeros(3),
+        objects={"cube": pose},
+        markers={},
+        fingers=None,
+        frames={"cube": 0.033},
+        sheet=CellSheet(task={"name": "toy"}, obstacles=[], time_limit=3.0),
+    )
+
+
+def asked(name: str, seed: int = 0, times: int = 1) -> list[object]:
+    """What a policy answers."""
+    policy = PolicyProcess(f"{HOSTILE}:{name}")
+    policy.start(seed)
+    try:
+        policy.reset(seen())
+        return [policy.act(seen(0.1 * i)) for i in range(times)]
+    finally:
+        policy.close()
+
+
+def fault(name: str, seed: int = 0, times: int = 1) -> str:
+    with pytest.raises(PolicyFault) as caught:
+        asked(name, seed, times)
+    return str(caught.value)
+
+
+def test_observations_cross_to_the_bit() -> None:
+    before = seen()
+    content = json.loads(json.dumps(packed_observation(before, sheet=True)))
+    after = unpacked_observation(content, CellSheet(**content["sheet"]))
+    for name in ("q", "v", "tool", "force"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    np.testing.assert_array_equal(after.objects["cube"], before.objects["cube"])
+    assert (after.frames, after.width, after.fingers) == ({"cube": 0.033}, 0.08, None)
+    assert after.sheet == before.sheet
+    assert "sheet" not in packed_observation(before, sheet=False)
+
+
+def test_actions_cross_to_the_bit() -> None:
+    action = JointTarget(q=np.array([0.1, 1 / 3]), width=0.01)
+    again = unpacked_action(json.loads(json.dumps(packed_action(action))))
+    assert isinstance(again, JointTarget)
+    np.testing.assert_array_equal(again.q, action.q)
+    assert (again.width, again.grip_force) == (0.01, None)
+
+
+def test_state_begins_anew_and_generators_depend_on_the_seed() -> None:
+    first, again, other = fault("Remembers", 1), fault("Remembers", 1), fault("Remembers", 2)
+    assert first.startswith("it raised ValueError in act: [1, ")
+    assert first == again != other
+
+
+@pytest.mark.parametrize(
+    ("name", "evidence"),
+    [
+        ("Leaver", "its process ended with exit code 0 in act"),
+        ("Quitter", "it raised SystemExit in act: enough"),
+        ("Wrong", "the action must be a JointTarget, .* found a PosixPath"),
+        ("Big", "it sent a message of .* bytes; at most 1048576 are read, in act"),
+        ("Forger", "it sent a message of .* bytes; at most 1048576 are read, in act"),
+        ("Forker", "its process sent an answer that nobody has asked for"),
+    ],
+)
+def test_what_it_does_to_itself_is_its_own_failure(name: str, evidence: str) -> None:
+    with pytest.raises(PolicyFault, match=evidence):
+        asked(name, times=3)
+
+
+def test_an_error_is_told_in_bearable_words() -> None:
+    words = fault("Wordy")
+    assert len(words) < 3000
+    assert r"\ud800" in words
+    assert "object at 0x...>" in words
+    words.encode("utf-8")
+
+
+def test_children_and_temporary_files_go_with_it() -> None:
+    child, folder = fault("Parent").split()[-2:]
+    assert not Path(f"/proc/{child}").exists()
+    assert not Path(folder).exists()
+
+
+def test_a_policy_that_gives_no_answer_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "PATIENCE", 6.0)
+    monkeypatch.setattr(process, "_GRACE", 0.1)
+    assert fault("Sleeper") == "its process gave no answer in act"
+
+
+def test_what_it_prints_does_not_mix_with_what_the_run_prints(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    asked("Still")
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "printed at import" in err
+
+
+def test_a_module_beside_the_file_can_be_imported(tmp_path: Path) -> None:
+    (tmp_path / "beside_it.py").write_text("from robo47_qp import JointTarget\n")
+    (tmp_path / "mine.py").write_text(
+        "import beside_it\n"
+        "class Mine:\n"
+        "    def reset(self, observation): pass\n"
+        "    def act(self, observation): return beside_it.JointTarget(q=observation.q)\n"
+    )
+    policy = PolicyProcess(f"{tmp_path}/mine.py:Mine")
+    policy.start()
+    try:
+        policy.reset(seen())
+        assert isinstance(policy.act(seen()), JointTarget)
+        assert policy.file == str(tmp_path / "mine.py")
+    finally:
+        policy.close()
+
+
+@pytest.mark.parametrize("way", ["raise SystemExit(0)", "import os; os._exit(0)"])
+def test_a_file_that_exits_at_import_is_refused(tmp_path: Path, way: str) -> None:
+    (tmp_path / "bad.py").write_text(way)
+    policy = PolicyProcess(f"{tmp_path}/bad.py:Policy")
+    with pytest.raises(ClassLoadError, match=r"SystemExit|ended with exit code 0"):
+        policy.start()
+
+
+def test_nothing_of_a_policy_outlives_the_run_that_is_killed() -> None:
+    policy = PolicyProcess(f"{HOSTILE}:Still")
+    policy.start()
+    assert policy._process is not None
+    warden = policy._process.pid
+    os.close(policy._life)  # as the kernel does when the run is killed
+    end = time.monotonic() + 20.0
+    while policy._process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    assert policy._process.poll() == 0
+    assert not Path(f"/proc/{warden}").exists()
+    policy._line.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("Collector", Cause.PLACE),
+        ("Patcher", Cause.PLACE),
+        ("Forker", Cause.LIMIT),
+        ("Forger", Cause.LIMIT),
+    ],
+)
+def test_no_cheat_gains_a_success(name: str, cause: Cause) -> None:
+    run = follow(PolicyProcess(f"{HOSTILE}:{name}"), task=PickPlace(), timing=SHORT, seed=3)
+    assert run.failure is not None
+    assert run.failure.cause is cause
+    assert run.measures["place_error_m"] > 0.1
+
+
+def test_torques_of_a_policy_are_judged_like_any_others() -> None:
+    run = follow(PolicyProcess(f"{HOSTILE}:Pusher"), task=PickPlace(), timing=SHORT, seed=3)
+    broken = [finding for finding in audit(run) if not finding.ok]
+    assert any(finding.signal.startswith("measured a ") for finding in broken)
+    for finding in broken:
+        assert finding.extreme > finding.limit or finding.signal.startswith("measured q")

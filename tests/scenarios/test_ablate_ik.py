@@ -1,0 +1,53 @@
+import json
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from robo47_qp.ik.damping import Damping
+from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
+from scenarios import ablate_ik
+from scenarios.ablate_ik import AblateOptions, run, solvers
+
+
+def test_each_law_is_tried_free_clipped_and_bounded_with_one_setting() -> None:
+    law = Damping(per_error=0.1)
+    cast = solvers({"by error": DlsIk(damping=law, longest=0.2, widest=0.8)})
+    free, clipped, box = (cast[f"by error, {name}"] for name in ("free", "clipped", "box"))
+    assert isinstance(free, DlsIk)
+    assert isinstance(clipped, DlsIk)
+    assert isinstance(box, LmIk)
+    assert (free.clip, free.wrap, clipped.clip) == (False, True, True)
+    assert free.damping == clipped.damping == box.damping == law
+    assert {one.longest for one in (free, clipped, box)} == {0.2}
+    assert {one.max_iterations for one in (free, clipped, box)} == {200}
+    # Second looks are starts, too: who takes none gets as many more.
+    again = {name: one for name, one in cast.items() if isinstance(one, MultiStart)}
+    assert {f"{name}*" for name in cast if f"{name}*" in cast} == again.keys()
+    assert again["by error, clipped*"].max_restarts == again["qp*"].max_restarts + 12
+
+
+def test_a_small_ablation_is_printed_and_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laws = {"constant": [Damping(constant=0.05), Damping(constant=50.0)]}
+    monkeypatch.setattr(ablate_ik, "LAWS", laws)
+    monkeypatch.setattr(ablate_ik, "CENTRING", (0.0,))
+    screen, out = StringIO(), tmp_path / "ablate.json"
+    options = AblateOptions(n=4, tune=3, targets=("uniform",), out=out)
+    assert run(options, Console(file=screen, width=80)) == 0
+    assert all(len(line) <= 80 for line in screen.getvalue().splitlines() if "ablate" not in line)
+    told = json.loads(out.read_text())
+    best = told["solvers"]["constant, clipped"]["damping"]["constant"]
+    assert best == 0.05  # the other hardly moves
+    effects = {(one["effect"], one["to"]): one for one in told["effects"]}
+    rates = {row["solver"]: row["success"] for row in told["rows"]}
+    for (_, name), one in effects.items():
+        low, high = one["interval"]
+        assert low <= one["points"] <= high
+        assert one["points"] == pytest.approx(100.0 * (rates[name] - rates[one["from"]]))
+    assert told["library_seconds"] > 0.0
+    assert ("bounds", "constant, box") in effects
