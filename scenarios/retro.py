@@ -140,7 +140,7 @@ def _of_main_job(report: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     yield "succeeded", float(report["success"])
     yield "promises broken", sum(not finding["ok"] for finding in report["audit"])
     for finding in report["audit"]:
-        promise = finding["signal"].partition(" (")[0]
+        promise = finding["signal"].partition(" (")[0] + (", exempt" if finding["exempt"] else "")
         yield f"{promise} [{finding['unit']}]", finding["extreme"]
     for i, waypoint in enumerate(report["waypoints"], start=1):
         yield f"{i} {waypoint['name']} [s]", waypoint["duration_s"]

@@ -38,6 +38,10 @@ class Bench(Reach):
     writes: Writes
     name: str = "bench"
 
+    @property
+    def fixed_force_max(self) -> float:
+        return 500.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         plate = spec.worldbody.add_body(name="plate", mocap=True, pos=[0.55, 0.0, 0.0])
         plate.add_geom(

@@ -22,6 +22,7 @@ _PLACE = 1e-9
 """Largest difference of lengths [m] and of rotation matrices [-] of the same obstacle."""
 _STREAMED = "the reference follows a moving target"
 _COMPLIANT = "the arm is compliant and need not follow its reference"
+_PRESSED = "the arm is compliant, or presses on what is fixed with the force that is judged"
 _TOUCHES = "the hand touches what is fixed, with the force that is judged"
 
 
@@ -126,13 +127,35 @@ def _clearances(run: Run) -> list[Finding]:
         touches |= rows[f"contact/{label}fixed"][:, 0] > 0.0
     # What a task declares, and its own links, the robot never touches; what else stands fixed, with
     # a bounded force.
-    apart = [(ClosestApproach(robot, declared, own=True), np.zeros(len(rows), bool))]
+    own = ClosestApproach(robot, declared, own=True)
+    found += _apart("reference distance", own, reference, 0.0, Exempt(yields, _COMPLIANT))
+    found += _apart("measured clearance", own, measured, 0.0, Exempt(np.zeros_like(yields), ""))
     undeclared = _undeclared(run.fixed, declared)
     if undeclared:
-        apart.append((ClosestApproach(robot, undeclared, mounted=True), touches))
-    for closest, free in apart:
-        found += _apart("reference distance", closest, reference, 0.0, Exempt(yields, _COMPLIANT))
-        found += _apart("measured clearance", closest, measured, 0.0, Exempt(free, _TOUCHES))
+        scene = ClosestApproach(robot, undeclared, mounted=True)
+        touches |= _receding(scene, measured, touches)
+        pressed = Exempt(yields | touches, _PRESSED if touches.any() else _COMPLIANT)
+        found += _apart("reference distance, scene", scene, reference, 0.0, pressed)
+        found += _apart(
+            "measured clearance, scene", scene, measured, 0.0, Exempt(touches, _TOUCHES)
+        )
+    return found
+
+
+def _receding(scene: ClosestApproach, q: Matrix, touches: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the rows after a touch in which its depth, without force, only gets smaller (N,).
+
+    A soft contact has none left to give while it is left faster than it expands.
+    """
+    found = np.zeros_like(touches)
+    for last in np.flatnonzero(touches[:-1] & ~touches[1:]).tolist():
+        depth, row = scene.along(q[last : last + 1]).distance, last + 1
+        while row < len(q) and not touches[row]:
+            before, depth = depth, scene.along(q[row : row + 1]).distance
+            if not before <= depth < 0.0:
+                break
+            found[row] = True
+            row += 1
     return found
 
 

@@ -8,8 +8,15 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.report.audit.finding import Finding, at_most
 from robo47_qp.run.scenario import Run
 
-_SLACK = 1e-6
-"""What rounding may leave unexplained in a period, in any of the units below."""
+_ROUNDING = 1e-6
+"""What rounding may leave unexplained in a period, in metres or radians."""
+_RESIDUAL = 1e-4
+"""Largest unexplained change of speed in a period [m/s].
+
+Contacts are solved to a tolerance, and the integrator takes the damping of an item whose centre of
+mass is off its frame implicitly: 8e-6 and 3e-5 m/s were seen. Friction alone changes the speed of
+a sliding item by 25 times as much in a period.
+"""
 
 
 def object_jumps(run: Run) -> list[Finding]:
@@ -20,15 +27,15 @@ def object_jumps(run: Run) -> list[Finding]:
     v' = v + T a. What is left is what something else has done to an object between two periods.
     """
     found = []
-    for title, unit, part in (
-        ("object jump", "m", _moved),
-        ("object turn", "rad", _turned),
-        ("object kick", "m/s", _kicked),
+    for title, unit, part, slack in (
+        ("object jump", "m", _moved, _ROUNDING),
+        ("object turn", "rad", _turned, _ROUNDING),
+        ("object kick", "m/s", _kicked, _RESIDUAL),
     ):
         sizes = {name: part(run, name) for name in run.objects if len(run.rows) > 1}
         if sizes:
             name = max(sizes, key=lambda one: float(sizes[one].max()))
-            found.append(at_most(f"{title} ({name})", unit, sizes[name], _SLACK))
+            found.append(at_most(f"{title} ({name})", unit, sizes[name], slack))
     return found
 
 

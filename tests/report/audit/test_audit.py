@@ -19,7 +19,9 @@ from tests.runs import Reach, carry_out, picked_and_placed
 
 Q_MIN, Q_MAX = Arm(PANDA).q_min, Arm(PANDA).q_max
 ROW = 700
-APART = 2 * ("reference distance", "measured clearance")
+APART = [
+    f"{what}{of}" for of in ("", ", scene") for what in ("reference distance", "measured clearance")
+]
 TOUCHED = ("tool contact", "tool contact with what is fixed", "link contact")
 PROMISES = [
     "reference q lower",

@@ -60,7 +60,10 @@ def test_what_grippers_tables_and_gravity_do_is_no_jump() -> None:
         "object turn (cube)",
         "object kick (cube)",
     ]
-    assert all(finding.ok and finding.extreme < 1e-9 for finding in found)
+    assert all(finding.ok for finding in found)
+    # The solver of contacts leaves a residual, the integrator rounds only.
+    for finding, bound in zip(found, (1e-9, 1e-9, 2e-5), strict=True):
+        assert finding.extreme < bound
     assert broken(meddled(None)) == {}
 
 

@@ -39,6 +39,10 @@ class Beside(Reach):
     grasp: Grasp
     name: str = "beside"
 
+    @property
+    def fixed_force_max(self) -> float:
+        return 500.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         post = spec.worldbody.add_body(name="post", mocap=True)
         post.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.5 * POST, 0.02])
