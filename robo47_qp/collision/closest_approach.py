@@ -61,7 +61,7 @@ class ClosestApproach:
 
         Raises:
             InvalidValueError: The name of an obstacle is taken.
-            ModelError: No geom of the robot can ever touch one.
+            ModelError: No geom of the robot can ever touch an obstacle.
         """
         spec = robot_spec(robot)
         for obstacle in obstacles:
@@ -85,13 +85,16 @@ class ClosestApproach:
         reach = approach_speed_bounds(m, tuple(pairs))[:, joints]
         moves: NDArray[np.bool_] = np.count_nonzero(reach, axis=1) > 0
         self._pairs = [pair for pair, moved in zip(pairs, moves, strict=True) if moved]
-        if not self._pairs:
+        self.pairs = len(self._pairs)
+        """How many pairs of geoms are measured; none for links too few to touch each other."""
+        if obstacles and not self._pairs:
             raise ModelError(
                 f"No geom of robot {robot.name!r} that moves can touch anything: its distance "
                 "from obstacles is not known. Give its links collision geoms."
             )
         self._reach = reach[moves]
-        self._compiled = self._in_core() if backend() == "compiled" else None
+        compiled = bool(self._pairs) and backend() == "compiled"
+        self._compiled = self._in_core() if compiled else None
         self._around = set(around)
 
     def along(self, q: Matrix) -> Nearest:
@@ -225,4 +228,4 @@ def _own_pairs(robot: Robot, own: Sequence[int]) -> list[tuple[int, int]]:
             "they must be the same ones."
         )
     place = dict(zip(theirs.tolist(), own, strict=True))
-    return [(place[a], place[b]) for a, b in GeomPairs.of(arm, 0.0).kept]
+    return [(place[a], place[b]) for a, b in GeomPairs.of(arm, 0.0, some=False).kept]

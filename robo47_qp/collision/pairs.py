@@ -51,12 +51,17 @@ class GeomPairs:
     """Pairs that can move and are not kept apart."""
 
     @classmethod
-    def of(cls, arm: Arm, clearance: float) -> "GeomPairs":
-        """Choose the pairs of an arm for a clearance [m].
+    def of(cls, arm: Arm, clearance: float, *, some: bool = True) -> "GeomPairs":
+        """Choose the pairs of an arm.
+
+        Args:
+            arm: The arm.
+            clearance: How far they are to be apart [m].
+            some: Whether there must be any.
 
         Raises:
             InvalidValueError: The clearance is negative or not finite.
-            ModelError: No pair remains.
+            ModelError: No pair remains, and some must.
         """
         Range(at_least=0.0).check("clearance", clearance)
         m, kept, left_out = arm.model, [], []
@@ -69,7 +74,7 @@ class GeomPairs:
                 kept.append(pair)
             else:
                 left_out.append(LeftOut(pair, pair_names(m, pair), reason))
-        if not kept:
+        if some and not kept:
             raise ModelError(
                 f"Robot {arm.robot.name!r} should keep {1e3 * clearance:.3g} mm of clearance, "
                 f"but none of its {m.ngeom} geoms makes a pair that can: {len(left_out)} pairs "

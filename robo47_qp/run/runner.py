@@ -44,8 +44,9 @@ class ProgramDriver:
 
     def drive(self, runner: "Runner") -> Failure | None:
         """See `Driver.drive`."""
-        failure = self._run_program(runner)
+        failure = None
         try:
+            failure = self._run_program(runner)
             runner.executor.compliance.stiffen()
         except PlanError as error:
             raise Aborted(failure or _unstoppable(error)) from error
@@ -186,14 +187,19 @@ class Runner:
         try:
             failure = self._driver.drive(self)
             loop.note(f"gave up: {failure.evidence}" if failure else "program done", failure)
-            loop.halt()
+            self._rest(failure)
             loop.begin("end")
             loop.hold(_LAST_HOLD)
-        except (Aborted, PlanError) as error:
-            ended = error.failure if isinstance(error, Aborted) else failure or _unstoppable(error)
-            failure = replace(ended, time=self._sim.time)
+        except Aborted as aborted:
+            failure = replace(aborted.failure, time=self._sim.time)
             loop.note(f"stopped: {failure.evidence}", failure)
         return failure or self.scenario.task.verdict(self._sim)
+
+    def _rest(self, failure: Failure | None) -> None:
+        try:
+            self.loop.halt()
+        except PlanError as error:
+            raise Aborted(failure or _unstoppable(error)) from error
 
     def _check(self, loop: ControlLoop) -> None:
         """Call the task's monitor, and abort the run if the watchdog finds a failure."""

@@ -15,6 +15,10 @@ from robo47_qp.model.obstacle import SIZES, Obstacle, Shape
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.contact import add_contact_sensors
 
+_STIFF_FRICTION = [2.0 * TIMESTEP, 1.0], [0.99, 0.99, 1e-3, 0.5, 2.0]
+"""`solref` and `solimp` of the dry friction of joints, as stiff as the integrator allows."""
+MOUNT_GEOMS = "geoms of the robot's mount"
+"""Custom number of a model: how many geoms of the world, the first ones, are the robot's own."""
 BuildScene = Callable[[mujoco.MjSpec], None]
 """Adds bodies to a spec that holds the robot, with its base at the world's origin."""
 
@@ -37,7 +41,11 @@ def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
     # without slip (noslip) is no part of real contacts: what slips is to slip.
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 100.0
+    for joint in spec.joints:
+        # By default a loaded joint creeps under its dry friction, and slow motions hardly feel it.
+        joint.solref_friction, joint.solimp_friction = _STIFF_FRICTION
     own = {body.name for body in spec.bodies}
+    spec.add_numeric(name=MOUNT_GEOMS, size=1, data=[len(spec.worldbody.geoms)])
     build_scene(spec)
     add_contact_sensors(spec, robot, _fixed(spec, own))
     model = spec.compile()

@@ -20,7 +20,7 @@ from robo47_qp.sim.friction_use import FrictionUse
 from robo47_qp.sim.gripper import SimulatedGripper
 from robo47_qp.sim.motors import SimulatedMotors
 from robo47_qp.sim.objects import SimulatedObjects
-from robo47_qp.sim.scene import BuildScene, compile_scene, fixed_obstacle
+from robo47_qp.sim.scene import MOUNT_GEOMS, BuildScene, compile_scene, fixed_obstacle
 from robo47_qp.sim.sensing import MASS_TOLERANCE, SensorErrors, figures
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
@@ -350,13 +350,18 @@ class Simulation:
         return self._beside
 
     def fixed(self) -> tuple[Obstacle, ...]:
-        """Return what stands fixed and can be touched, where it is now.
+        """Return what stands fixed and can be touched, where it is now, but for the robot's mount.
 
         Raises:
             ModelError: A shape is none of `Shape`.
         """
+        m = self.model
+        mount = int(m.numeric(MOUNT_GEOMS).data[0])
+        own = np.flatnonzero(m.geom_bodyid == 0)[:mount].tolist()
         return tuple(
-            fixed_obstacle(self.model, self.data, geom) for geom in self._contact.fixed_geoms
+            fixed_obstacle(m, self.data, geom)
+            for geom in self._contact.fixed_geoms
+            if geom not in own
         )
 
     def set_friction(self, name: str, friction: float) -> None:

@@ -119,13 +119,14 @@ def test_the_levels_are_as_told() -> None:
     assert len(rows) == len(options())
     moderate, severe = (PRESETS[name].draw(np.random.default_rng(1)) for name in LEVELS)
     for one in dataclasses.fields(Disturbance):
-        if one.name not in ("payload", "pushes", "velocity_cutoff"):
+        if one.name not in ("payload", "pushes", "velocity_cutoff", "mass_tolerance"):
             milder, worse = (
                 np.ravel(getattr(drawn, one.name)).astype(float) for drawn in (moderate, severe)
             )
             neutral = np.ravel(getattr(Disturbance(), one.name)).astype(float)[0]
             if one.name not in ("friction", "dry_friction", "state_delay", "torque_delay"):
                 assert np.abs(worse - neutral).max() >= np.abs(milder - neutral).max(), one.name
+    assert (moderate.mass_tolerance, severe.mass_tolerance) == (0.3, 0.6)
 
 
 def test_single_options_stand_in_place_of_those_of_the_level() -> None:
@@ -217,7 +218,7 @@ EFFECTS = {
     "outlier_size": Effect(0.05, {"seen position", "seen goal"}, {"outliers": 0.5}),
     "occlusion": Effect(1, {"seen frame", "hidden"}),
     "object_mass": Effect("-0.5:0.5", {"mass"}),
-    "object_com": Effect(0.01, {"mass", "seen position"}),
+    "object_com": Effect(0.01, {"mass", "seen position", "seen heading"}),
     "object_size": Effect(0.05, {"size", "seen position"}),
     "friction": Effect("0.3:0.9", {"friction"}),
     "link_mass": Effect("-0.05:0.05", {"motion", "links"}),

@@ -23,7 +23,7 @@ from robo47_qp.run.runner import ProgramDriver
 from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
-from robo47_qp.tasks.table import add_table
+from robo47_qp.tasks.table import SURFACE_FRICTION, add_table
 from tests.runs import Reach
 from tests.toy_policies import Drive
 
@@ -127,7 +127,7 @@ def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None
         }
     )
     plain = episode()(SPEC)
-    assert plain.measures == {**noisy.measures, "mass": 0.2, "friction": 1.0}
+    assert plain.measures == {**noisy.measures, "mass": 0.2, "friction": SURFACE_FRICTION[0]}
     assert Perturbation() != NOISY
 
 

@@ -255,14 +255,14 @@ def test_every_recorded_column_is_known_by_name_and_place() -> None:
         *("joints/tau_command", "joints/a", "joints/tau"),
         *("contact/tool", "contact/links", "contact/fixed"),
         *("motion/cube acceleration", "motion/die acceleration"),
-        *("gripper/left_finger_contact", "gripper/right_finger_contact"),
+        *("gripper/left_finger_contact", "gripper/right_finger_contact", "gripper/friction_use"),
         *("errors/q", "errors/tool_position", "errors/tool_angle", "joints/saturated"),
         *("gripper/width", "gripper/force"),
     ]
 
 
 WORLD = Simulation(PANDA, PickPlace().build_scene)
-UNITS = {"rad", "m", "s", "N", "N·m", "count"}
+UNITS = {"rad", "m", "s", "N", "N·m", "count", "-"}
 UNITS |= {f"rad/{time}" for time in ("s", "s²")} | {POSE_UNIT}
 UNITS |= {"m/s, rad/s", "m/s², rad/s²"}
 

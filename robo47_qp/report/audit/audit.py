@@ -128,8 +128,9 @@ def _clearances(run: Run) -> list[Finding]:
     # What a task declares, and its own links, the robot never touches; what else stands fixed, with
     # a bounded force.
     own = ClosestApproach(robot, declared, own=True)
-    found += _apart("reference distance", own, reference, 0.0, Exempt(yields, _COMPLIANT))
-    found += _apart("measured clearance", own, measured, 0.0, Exempt(np.zeros_like(yields), ""))
+    if own.pairs:
+        found += _apart("reference distance", own, reference, 0.0, Exempt(yields, _COMPLIANT))
+        found += _apart("measured clearance", own, measured, 0.0, Exempt(np.zeros_like(yields), ""))
     undeclared = _undeclared(run.fixed, declared)
     if undeclared:
         scene = ClosestApproach(robot, undeclared, mounted=True)

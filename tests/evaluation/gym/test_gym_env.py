@@ -128,7 +128,13 @@ def test_success_is_rewarded_once_it_lasts() -> None:
     made.reset(seed=0)
     steps, reward, terminated, truncated, info = until_the_end(made, made.scale.numbers(TURNED))
     assert (reward, terminated, truncated) == (1.0, True, False)
-    assert info == {"success": True, "cause": None, "evidence": None, "measures": {"rise_m": 0.02}}
+    assert info == {
+        "success": True,
+        "cause": None,
+        "evidence": None,
+        "measures": {"rise_m": 0.02},
+        "process": "that of the world",
+    }
     # 0.1 rad at 10 rad/s³ take about 0.7 s, then 0.3 s of success.
     assert 25 <= steps <= 40
     with pytest.raises(gymnasium.error.ResetNeeded, match="The episode is over: call reset"):
