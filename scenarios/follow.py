@@ -110,6 +110,11 @@ class Follow(Task):
 
     name: str = "follow"
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return LONGEST + 20.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; the target is a ball with the axes of the tool."""
         add_table(spec)

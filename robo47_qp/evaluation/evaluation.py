@@ -108,6 +108,8 @@ class PolicyEvaluation:
     name: str | None = None
     """Name of the policy in reports; by default "classical", or its reference."""
     perturbation: Perturbation = Perturbation()
+    time_limit: float | None = None
+    """Simulated time for an episode, in place of `Task.time_limit` [s]."""
     episodes: int = 100
     seed: int = 0
     """Episode i has the seed `seed + i`."""
@@ -140,6 +142,7 @@ class PolicyEvaluation:
             "policy": policy_settings(self.policy, self.name),
             "perturbation": plain(self.perturbation),
             "speed": stack.pace,
+            "time_limit": self.time_limit or self.task.time_limit,
             "timeout": self.timeout,
             "code": code_digest(_sources(self.task)),
             "versions": versions(),
@@ -152,7 +155,9 @@ class PolicyEvaluation:
         if not isinstance(policy, ClassicalStack):
             policy.load()
         simulation = checked_start(task, robot, self.seed)
-        plain_episode = TaskEpisode(robot=robot, task=task, perturbation=self.perturbation)
+        plain_episode = TaskEpisode(
+            robot=robot, task=task, perturbation=self.perturbation, time_limit=self.time_limit
+        )
         if isinstance(policy, ClassicalStack):
             return replace(plain_episode, stack=policy)
         check_judged(task, simulation)

@@ -41,8 +41,8 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     the same seeds, and the first is the baseline that each other one is compared with."""
     rate: DecisionRate = PolicyTiming.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
-    time_limit: Positive = PolicyTiming.seconds
-    """Longest simulated time of an episode of another policy [s]."""
+    time_limit: Positive | None = None
+    """Simulated time for an episode, the same for every policy; by default that of the task [s]."""
     episodes: Count = 100
     """Number of episodes; episode i has the seed `seed` + i."""
     seed: CountOrZero = 0
@@ -84,10 +84,9 @@ class EvaluateOptions(CheckedOptions, StackOptions):
         super().__post_init__()
         contenders = self.contenders
         check_different(contenders)
-        if all(c.ik is not None for c in contenders) and self.timing != PolicyTiming():
-            found = f"{self.rate:g} and {self.time_limit:g}"
-            expected = f"left out with --policy {CLASSICAL}, which has no use for them"
-            raise InvalidValueError("--rate and --time-limit", found, expected)
+        if all(c.ik is not None for c in contenders) and self.rate != PolicyTiming.rate:
+            expected = f"left out with --policy {CLASSICAL}, which has no use for it"
+            raise InvalidValueError("--rate", f"{self.rate:g}", expected)
         if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
             raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
         for name in ("against", "replay"):
@@ -122,16 +121,10 @@ class EvaluateOptions(CheckedOptions, StackOptions):
                 policy=(contender.name,),
                 ik=self.ik if contender.name == CLASSICAL else EvaluateOptions.ik,
                 rate=self.rate if contender.ik is None else PolicyTiming.rate,
-                time_limit=self.time_limit if contender.ik is None else PolicyTiming.seconds,
                 log=self.log.with_name(f"{self.log.stem}.{label}.rrd"),
             )
             for contender, label in zip(contenders, labels(contenders), strict=True)
         ]
-
-    @property
-    def timing(self) -> PolicyTiming:
-        """Rate and time limit of a policy other than the classical stack."""
-        return PolicyTiming(rate=self.rate, seconds=self.time_limit)
 
     @property
     def perturbation(self) -> Perturbation:
@@ -152,13 +145,14 @@ class EvaluateOptions(CheckedOptions, StackOptions):
         stack = replace(self.stack, ik=contender.ik or self.ik)
         policy: ClassicalStack | PolicyReference = stack
         if reference is not None:
-            policy = replace(reference, timing=self.timing, stack=stack)
+            policy = replace(reference, timing=PolicyTiming(rate=self.rate), stack=stack)
         return PolicyEvaluation(
             task=task,
             robot=robot,
             policy=policy,
             name=contender.name,
             perturbation=self.perturbation,
+            time_limit=self.time_limit,
             episodes=self.episodes,
             seed=self.seed,
             workers=self.workers,

@@ -144,7 +144,7 @@ def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) 
         return {**settings, **_control(policy)}
     timing, stack = policy.timing, policy.stack
     settings = {"name": name or policy.text, "sha256": policy.digest, "process": "of its own"}
-    settings |= {"rate": timing.rate, "time_limit": timing.seconds}
+    settings |= {"rate": timing.rate}
     return {**settings, "speed": stack.pace, **_control(stack)}
 
 

@@ -41,6 +41,8 @@ class TaskEpisode:
     stack: ClassicalStack = ClassicalStack()
     """Inverse kinematics, controller and pace."""
     perturbation: Perturbation = Perturbation()
+    time_limit: float | None = None
+    """Simulated time for the task, in place of `Task.time_limit` [s]."""
     driver: Callable[[], Driver] = ProgramDriver
     """Returns the driver of an episode; sent to worker processes by pickle."""
     foreign: bool = False
@@ -49,7 +51,10 @@ class TaskEpisode:
     def scenario(self, seed: int) -> Scenario:
         """Return the scenario of an episode."""
         task = self.task.variant(np.random.default_rng([seed, 2]))
-        return self.stack.scenario(self.robot, task, seed)
+        scenario = self.stack.scenario(self.robot, task, seed)
+        if self.time_limit is None:
+            return scenario
+        return replace(scenario, watchdog=replace(scenario.watchdog, time_limit=self.time_limit))
 
     def simulation(self, scenario: Scenario, seed: int) -> DisturbedSimulation:
         """Return the world of an episode."""

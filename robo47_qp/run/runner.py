@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -47,6 +48,7 @@ class ProgramDriver:
         failure = None
         try:
             failure = self._run_program(runner)
+            runner.acting = False
             runner.executor.compliance.stiffen()
         except PlanError as error:
             raise Aborted(failure or _unstoppable(error)) from error
@@ -106,6 +108,8 @@ class Runner:
         )
         self.loop.senses = Senses(simulation, _sheet(scenario, simulation), scenario.task.as_seen)
         self.executor = StepExecutor(self.loop, planner)
+        self.acting = True
+        """Whether time counts: until the driver has nothing more to do but to come to rest."""
         self.failed_steps: int | None = None
         """Steps of the program that failed so far; None where no program moves the arm."""
         self.signals = self.loop.recording.signals
@@ -212,6 +216,7 @@ class Runner:
             stiff=not loop.phases[-1].compliant,
             force_max=scenario.task.force_max,
             fixed_force_max=scenario.task.fixed_force_max,
+            time_limit=scenario.time_limit if self.acting else inf,
         )
         if failure is not None:
             raise Aborted(failure)
@@ -226,7 +231,7 @@ def _sheet(scenario: Scenario, simulation: Simulation) -> CellSheet:
         task=plain(scenario.task),
         obstacles=[plain(obstacle) for obstacle in scenario.task.obstacles],
         noise=simulation.noise_figures,
-        time_limit=scenario.watchdog.time_limit,
+        time_limit=scenario.time_limit,
     )
 
 

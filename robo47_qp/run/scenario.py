@@ -29,6 +29,12 @@ class Scenario:
     """Seed of the task's random start; None for its default start."""
     watchdog: Watchdog = Watchdog()
 
+    @property
+    def time_limit(self) -> float:
+        """Simulated time for the arm to do the task in [s]."""
+        limit = self.watchdog.time_limit
+        return self.task.time_limit if limit is None else limit
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:

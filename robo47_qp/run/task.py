@@ -104,6 +104,11 @@ class Task(Checked, ABC):
         """
         return 10.0
 
+    @property
+    def time_limit(self) -> float:
+        """Simulated time after which programs and policies alike have failed [s]."""
+        return 60.0
+
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with randomly drawn properties of its scene, which is not yet built."""
         return self

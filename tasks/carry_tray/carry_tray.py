@@ -128,6 +128,11 @@ class CarryTray(Task):
         wall = (rng.uniform(*_WALL), rng.uniform(*_THICK), rng.uniform(*_HIGH))
         return replace(self, tray=tray, wall=wall)
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 120.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

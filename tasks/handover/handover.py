@@ -107,6 +107,11 @@ class Handover(Task):
         size = (x, rng.uniform(*_LONG), max(z, 0.025))
         return replace(self, bar=replace(self.bar, size=size, mass=rng.uniform(*_MASSES)))
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 120.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

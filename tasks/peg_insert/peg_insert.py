@@ -87,6 +87,11 @@ class PegInsert(Task):
             END,
         )
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 240.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

@@ -119,6 +119,11 @@ class ObstacleReach(Task):
         """See `Task.judged`."""
         return self._held.words, HOME_WORDS
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 120.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

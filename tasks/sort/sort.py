@@ -125,6 +125,11 @@ class Sort(Task):
             items.append(replace(item, size=size, round=round_, mass=rng.uniform(*_MASSES)))
         return replace(self, items=tuple(items))
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 240.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

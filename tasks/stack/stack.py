@@ -121,6 +121,11 @@ class Stack(Task):
         cubes = tuple(replace(cube, size=(edge,) * 3, mass=mass) for cube in self.cubes)
         return replace(self, cubes=cubes)
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 240.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

@@ -74,6 +74,11 @@ class Wipe(Task):
         """Three times the force; see `Task.force_max` [N]."""
         return 3.0 * self.force
 
+    @property
+    def time_limit(self) -> float:
+        """See `Task.time_limit` [s]."""
+        return 300.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

@@ -223,7 +223,7 @@ def test_a_policy_from_elsewhere_is_evaluated(tmp_path: Path) -> None:
     report = read(tmp_path)
     assert report["policy"] == policy
     told = report["settings"]["policy"]
-    assert (told["rate"], told["time_limit"], told["speed"]) == (10.0, 30.0, 0.5)
+    assert (told["rate"], told["speed"]) == (10.0, 0.5)
     assert len(told["sha256"]) == 64
     assert report["errors"] == 0
 

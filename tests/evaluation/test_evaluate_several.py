@@ -425,7 +425,7 @@ def test_where_nothing_is_solved_by_both_no_times_are_compared() -> None:
         (
             {"policy": THREE, "rate": 10.0},
             InvalidValueError,
-            "--rate and --time-limit must be left out with --policy classical",
+            "--rate must be left out with --policy classical",
         ),
     ],
 )

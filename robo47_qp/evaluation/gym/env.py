@@ -87,7 +87,8 @@ class TaskEnv(_Base):
         self.action_space = self.scale.space
         sensed = Senses(self._simulation, as_seen=self._task.as_seen).read()
         sizes = len(self._simulation.objects), len(sensed.markers)
-        self._space = observation_space(self._arm, *sizes, self._timing.seconds)
+        seconds = self._timing.seconds or self._task.time_limit
+        self._space = observation_space(self._arm, *sizes, seconds)
         space: Any = self._space
         self.observation_space = space
 

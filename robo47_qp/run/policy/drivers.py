@@ -27,12 +27,16 @@ class PolicyTiming(Checked):
 
     rate: DecisionRate = 30.0
     """Decisions per second, at most one per control period [1/s]."""
-    seconds: Positive = 30.0
-    """Longest simulated time of an episode [s]."""
+    seconds: Positive | None = None
+    """Longest simulated time of an episode, in place of `Scenario.time_limit` [s]."""
 
-    def decision(self, k: int) -> int:
+    def decision(self, k: int, end: int) -> int:
         """Return the control period of decision k (from 0), at most that of the end."""
-        return min(round(k / (self.rate * TIMESTEP)), round(self.seconds / TIMESTEP))
+        return min(round(k / (self.rate * TIMESTEP)), end)
+
+    def end(self, scenario: Scenario) -> int:
+        """Return the control period that ends an episode."""
+        return round((self.seconds or scenario.time_limit) / TIMESTEP)
 
 
 def check_judged(task: Task, simulation: Simulation) -> None:
@@ -65,6 +69,7 @@ class PolicyDriver:
         """See `Driver.drive`."""
         loop, cell = runner.loop, PolicyCell(runner.loop)
         failure = self._answered(runner, cell)
+        runner.acting = False
         try:
             cell.rest()
         except PlanError as error:
@@ -75,22 +80,22 @@ class PolicyDriver:
         """Let the policy act; a process of its own lives as long as the episode."""
         policy, loop = self._policy, runner.loop
         if not isinstance(policy, PolicyProcess):
-            return self._episode(loop, cell)
+            return self._episode(runner, cell)
         try:
             policy.start(runner.scenario.seed)
-            return self._episode(loop, cell)
+            return self._episode(runner, cell)
         except ClassLoadError as error:
             return _fault(loop, str(error))
         finally:
             policy.close()
 
-    def _episode(self, loop: ControlLoop, cell: PolicyCell) -> Failure | None:
-        timing = self._timing
+    def _episode(self, runner: Runner, cell: PolicyCell) -> Failure | None:
+        loop, timing = runner.loop, self._timing
         with Guard() as guard:
             self._policy.reset(cell.observe())
         if guard.error is not None:
             return _raised(loop, "reset", guard.error)
-        k, now, end = 0, 0, round(timing.seconds / TIMESTEP)
+        k, now, end = 0, 0, timing.end(runner.scenario)
         while now < end:
             answer = self._answer(loop, cell)
             if answer is None:
@@ -99,13 +104,13 @@ class PolicyDriver:
             if isinstance(answer, Failure):
                 return answer
             k += 1
-            due = timing.decision(k)
+            due = timing.decision(k, end)
             try:
                 cell.carry_out(answer, due - now)
             except (PlanError, InvalidValueError) as error:
                 return _fault(loop, str(error))
             now = due
-        loop.note(f"the episode's {timing.seconds:g} s are over")
+        loop.note(f"the episode's {end * TIMESTEP:g} s are over")
         return None
 
     def _answer(self, loop: ControlLoop, cell: PolicyCell) -> Action | Failure | None:
@@ -130,11 +135,12 @@ class StepwiseDriver:
         self._cell = PolicyCell(self._runner.loop)
         self._task, self._sim = scenario.task, simulation
         self._timing, self._decisions, self._periods = timing, 0, 0
+        self._end = timing.end(scenario)
 
     @property
     def over(self) -> bool:
         """True once the time limit is reached."""
-        return self._periods >= round(self._timing.seconds / TIMESTEP)
+        return self._periods >= self._end
 
     @property
     def done(self) -> bool:
@@ -148,7 +154,7 @@ class StepwiseDriver:
     def step(self, action: object) -> Failure | None:
         """Carry out an action until the next one is due; a failure ends the episode."""
         self._decisions += 1
-        due = self._timing.decision(self._decisions)
+        due = self._timing.decision(self._decisions, self._end)
         try:
             action = checked_action(action, self._runner.loop.arm)
             self._cell.carry_out(action, due - self._periods)

@@ -30,7 +30,7 @@ from robo47_qp.run.teleop.steering import SmoothedPose, moved_by_key
 TARGET = "target"
 """Name of the mocap body that is followed."""
 LONGEST = 590.0
-"""Longest run [s]: the watchdog ends one after 600 s."""
+"""Longest run [s]."""
 _SMOOTHED = 20
 """Ticks over which commands are averaged, for the torque rate of the motors."""
 _CLOSING = 2.0

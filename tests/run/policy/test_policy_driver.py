@@ -1,6 +1,7 @@
 """Policies in the cell: what they see, what becomes of what they answer, how an episode ends."""
 
 import sys
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -34,7 +35,7 @@ from scenarios.policies.pick_and_place import PickAndPlace
 from scenarios.policies.random_targets import RandomTargets
 from tests.policies import Scripted, follow
 from tests.robots import robot_named
-from tests.runs import Witness
+from tests.runs import Reach, Witness, carry_out
 
 ARM = Arm(PANDA)
 HOME = ARM.home
@@ -64,6 +65,24 @@ def solved() -> Run:
 
 
 # Timing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brief(Reach):
+    """Has to be done within 0.2 s."""
+
+    time_limit: float = 0.2
+
+
+def test_programs_and_policies_have_the_same_time() -> None:
+    stack = carry_out(Brief())
+    policy = follow(Scripted(stay), task=Brief(), timing=PolicyTiming())
+    assert failed(stack).cause is Cause.TIMEOUT
+    assert "allowed are 0.2 s" in failed(stack).evidence
+    assert len(stack.rows) == pytest.approx(200, abs=21)
+    # Coming to rest and being judged is not counted.
+    assert policy.failure is None
+    assert len(policy.rows) == 200 + 300
 
 
 @pytest.mark.parametrize("rate", [30.0, 7.0, 1000.0, 333.0])
