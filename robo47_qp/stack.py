@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import mujoco
 
@@ -121,15 +122,15 @@ class ClassicalStack:
         that would touch what stands in the scene, and chooses configurations accordingly.
         """
         planner = Planner(ik=self.solver(), profile=robot.profile, pace=self.pace)
-        around = _adding(task.obstacles)
         if not task.obstacles:
-            itself = Collisions(robot, around, clearance=_LEAST_CLEARANCE)
+            itself = _itself(robot)
             return replace(
                 planner,
                 collisions=itself,
                 surroundings=Collisions(robot, task.build_scene, clearance=_LEAST_CLEARANCE),
                 branch_choice=BranchChoice(collisions=itself),
             )
+        around = _adding(task.obstacles)
         collisions = Collisions(robot, around, clearance=_WAY_CLEARANCE)
         return replace(
             planner,
@@ -159,6 +160,11 @@ class ClassicalStack:
             observer=self.observer,
             seed=seed,
         )
+
+
+@lru_cache(maxsize=8)
+def _itself(robot: Robot) -> Collisions:
+    return Collisions(robot, _adding(()), clearance=_LEAST_CLEARANCE)
 
 
 def _adding(obstacles: Sequence[Obstacle]) -> Surroundings:

@@ -69,8 +69,8 @@ def add_table(spec: mujoco.MjSpec) -> None:
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=[0.93, 0.95, 0.97],
         rgb2=[0.62, 0.68, 0.75],
-        width=256,
-        height=256,
+        width=64,
+        height=64,
     )
     world.add_light(pos=[0.6, -0.6, 2.2], dir=[-0.2, 0.25, -1.0], castshadow=True)
     world.add_light(

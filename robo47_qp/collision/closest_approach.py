@@ -1,6 +1,7 @@
 """Closest approach: the smallest distance between a moving robot and its obstacles."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import inf
 from typing import NamedTuple
 
@@ -202,6 +203,14 @@ class ClosestApproach:
         if other in self._around:
             return _body(m, one), str(m.geom(other).name)
         return _body(m, one), _body(m, other)
+
+
+@lru_cache(maxsize=8)
+def closest_approach(
+    robot: Robot, obstacles: tuple[Obstacle, ...], *, own: bool = False, mounted: bool = False
+) -> ClosestApproach:
+    """Return a `ClosestApproach`, the same one for the same arguments, as it takes long to make."""
+    return ClosestApproach(robot, obstacles, own=own, mounted=mounted)
 
 
 def _body(m: mujoco.MjModel, geom: int) -> str:

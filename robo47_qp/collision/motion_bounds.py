@@ -20,15 +20,14 @@ def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...])
     joint_body = m.jnt_bodyid
     start = np.linalg.norm(m.jnt_pos, axis=1)
     slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-    out = np.zeros((len(pairs), m.njnt))
-    for row, (a, b) in zip(out, pairs, strict=True):
-        bodies = m.geom_bodyid[[a, b]]
-        reach = start + np.minimum(
-            links[joint_body, bodies[0]] + far[a], links[joint_body, bodies[1]] + far[b]
-        )
-        alone = moves[bodies[0]] != moves[bodies[1]]
-        row[alone] = np.where(slides, 1.0, reach)[alone]
-    return out
+    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    one, other = m.geom_bodyid[a], m.geom_bodyid[b]
+    reach = start + np.minimum(
+        links[joint_body, one[:, None]] + far[a, None],
+        links[joint_body, other[:, None]] + far[b, None],
+    )
+    bounds: Matrix = np.where(moves[one] != moves[other], np.where(slides, 1.0, reach), 0.0)
+    return bounds
 
 
 def moved_by(m: mujoco.MjModel) -> Matrix:

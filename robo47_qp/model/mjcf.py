@@ -1,6 +1,7 @@
 """The robot's MJCF, prepared for `Arm` and `Simulation`."""
 
 from collections.abc import Mapping
+from copy import copy
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -77,6 +78,12 @@ def robot_spec(robot: Robot) -> mujoco.MjSpec:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
         ModelError: MuJoCo cannot read the file.
     """
+    return _prepared(robot).copy()
+
+
+@lru_cache(maxsize=16)
+def _prepared(robot: Robot) -> mujoco.MjSpec:
+    """Return the spec of `robot_spec`; callers copy it, as reading takes long."""
     spec = _mounted(robot) if robot.mounts else spec_with_hand(robot.mjcf, robot.hand)
     _place(robot, spec)
     known = [joint.name for joint in spec.joints]
@@ -152,10 +159,12 @@ def remove_visuals(spec: mujoco.MjSpec) -> None:
     _delete(spec, [mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) not in used])
 
 
-def add_payload(spec: mujoco.MjSpec, tool: Tool, payload: Payload, name: str) -> None:
-    """Fix a body to a tool of a robot that `robot_spec` made."""
+def add_payload(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, tool: Tool, payload: Payload, name: str
+) -> None:
+    """Fix a body to a tool of a robot that `robot_spec` made; `model` is the spec, compiled."""
     # Compiling resolves all ways in which a site's orientation can be written.
-    site, tcp = spec.compile().site(tool.tcp), cast(mujoco.MjsSite, spec.site(tool.tcp))
+    site, tcp = model.site(tool.tcp), cast(mujoco.MjsSite, spec.site(tool.tcp))
     T_body_com = SE3(np.concatenate([site.quat, site.pos])) @ payload.T_tcp_com
     tcp.parent.add_body(
         name=name,
@@ -226,14 +235,32 @@ def compile_arm(
         ModelError: The MJCF does not compile to the joints of the robot, or a joint slides
             without a range.
     """
-    spec = _bare_arm(robot).copy()
+    bare = _bare_model(robot, obstacles)
+    if not payloads:
+        return copy(bare)
+    spec = _arm_spec(robot, obstacles)
     for name, payload in payloads.items():
         i = robot.tool_index(name)
-        add_payload(spec, robot.tools[i], payload, f"{name}_payload" if i else "payload")
+        add_payload(spec, bare, robot.tools[i], payload, f"{name}_payload" if i else "payload")
+    return _checked(robot, spec.compile())
+
+
+@lru_cache(maxsize=16)
+def _bare_model(robot: Robot, obstacles: tuple[Obstacle, ...]) -> mujoco.MjModel:
+    """Return the model without payloads; callers copy it, as compiling takes long."""
+    return _checked(robot, _arm_spec(robot, obstacles).compile())
+
+
+def _arm_spec(robot: Robot, obstacles: tuple[Obstacle, ...]) -> mujoco.MjSpec:
+    spec = _bare_arm(robot).copy()
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    model = spec.compile()
+    return spec
+
+
+def _checked(robot: Robot, model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a model of the arm, its limits as `Arm` expects them; see `compile_arm`."""
     order = tuple(model.joint(i).name for i in range(model.njnt))
     if order != robot.joints or model.nq != model.nv:
         raise ModelError(

@@ -32,7 +32,7 @@ _ALL_BITS = 2**31 - 1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A body that is fixed in the world."""
+    """A body that is fixed in the world; equal to one of the same name, shape, size and pose."""
 
     name: str
     """Name, unique among the obstacles and the geoms of the robot."""
@@ -61,6 +61,18 @@ class Obstacle:
             found = type(self.T_world_obstacle).__name__
             raise InvalidValueError(f"pose of {title}", f"a {found}", "a mink.SE3")
         check_pose(f"pose of {title}", self.T_world_obstacle)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether all fields are equal, to the bit."""
+        return self._fields == other._fields if isinstance(other, Obstacle) else NotImplemented
+
+    def __hash__(self) -> int:
+        """Return the hash of all fields."""
+        return hash(self._fields)
+
+    @property
+    def _fields(self) -> tuple[object, ...]:
+        return self.name, self.shape, self.size, self.T_world_obstacle.wxyz_xyz.tobytes()
 
 
 def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:

@@ -334,7 +334,7 @@ def _changed(robot: Robot, build_scene: BuildScene, wrong: Disturbance) -> Build
             change_object(spec, model, name, row)
         change_joints(spec, model, robot.joints, _joints(robot, wrong), wrong.wrist_friction)
         if wrong.payload is not None:
-            add_payload(spec, robot.tools[0], wrong.payload, _PAYLOAD)
+            add_payload(spec, model, robot.tools[0], wrong.payload, _PAYLOAD)
 
     return build
 

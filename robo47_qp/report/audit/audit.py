@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix
-from robo47_qp.collision.closest_approach import ClosestApproach
+from robo47_qp.collision.closest_approach import ClosestApproach, closest_approach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle
@@ -118,7 +118,7 @@ def _clearances(run: Run) -> list[Finding]:
     collisions = scenario.planner.collisions
     if declared and collisions is not None:
         asked, every = collisions.clearance, np.ones(len(rows), bool)
-        closest = ClosestApproach(robot, declared)
+        closest = closest_approach(robot, declared)
         found += _apart("reference clearance", closest, reference, asked, Exempt(~every, ""))
     yields, touches = np.zeros((2, len(rows)), bool)
     for phase, span in run.spans():
@@ -127,13 +127,13 @@ def _clearances(run: Run) -> list[Finding]:
         touches |= rows[f"contact/{label}fixed"][:, 0] > 0.0
     # What a task declares, and its own links, the robot never touches; what else stands fixed, with
     # a bounded force.
-    own = ClosestApproach(robot, declared, own=True)
+    own = closest_approach(robot, declared, own=True)
     if own.pairs:
         found += _apart("reference distance", own, reference, 0.0, Exempt(yields, _COMPLIANT))
         found += _apart("measured clearance", own, measured, 0.0, Exempt(np.zeros_like(yields), ""))
     undeclared = _undeclared(run.fixed, declared)
     if undeclared:
-        scene = ClosestApproach(robot, undeclared, mounted=True)
+        scene = closest_approach(robot, undeclared, mounted=True)
         touches |= _receding(scene, measured, touches)
         pressed = Exempt(yields | touches, _PRESSED if touches.any() else _COMPLIANT)
         found += _apart("reference distance, scene", scene, reference, 0.0, pressed)
@@ -160,7 +160,7 @@ def _receding(scene: ClosestApproach, q: Matrix, touches: NDArray[np.bool_]) -> 
     return found
 
 
-def _undeclared(fixed: Sequence[Obstacle], declared: Sequence[Obstacle]) -> list[Obstacle]:
+def _undeclared(fixed: Sequence[Obstacle], declared: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
     """Return what stands fixed and is not declared as it is, under names that are not taken."""
     taken, found = {obstacle.name for obstacle in declared}, []
     for one in fixed:
@@ -171,7 +171,7 @@ def _undeclared(fixed: Sequence[Obstacle], declared: Sequence[Obstacle]) -> list
             name = f"{name} of the scene"
         taken.add(name)
         found.append(replace(one, name=name))
-    return found
+    return tuple(found)
 
 
 def _same(one: Obstacle, other: Obstacle) -> bool:
