@@ -84,8 +84,10 @@ class GaussNewtonIk(Checked, ABC):
             return rejected(arm, q)
         started = process_time()
         end = unwound(arm, self._attempt(arm, T_world_target, q), q)
-        if isinstance(end, Unconverged):
-            end = judged(arm, T_world_target, end.q, self._demanded, end.iterations)
+        if isinstance(end, Unconverged) or end.reason is Reason.JOINT_LIMITS:
+            # Wound back by whole turns, a joint may be inside its limits again.
+            asked = self._demanded, end.iterations, None, self.clearance
+            end = judged(arm, T_world_target, end.q, *asked)
         seconds = process_time() - started
         return end.with_effort(iterations=end.iterations, restarts=0, seconds=seconds)
 

@@ -156,6 +156,9 @@ def _either(a: MotionProfile, b: MotionProfile) -> MotionProfile:
 _SHARES = np.linspace(1.0, 0.1, 10)
 """Shares of the path inside the radius that a cut may replace, in the order of trial."""
 _ROUNDING = 1.0 + 1e-9
+_MISSED = 1e-6
+"""Share of the largest jerk that the miss of an end may show as in differences of positions: of
+some states Ruckig misses the position by up to 1e-8 rad."""
 
 
 class Corner(NamedTuple):
@@ -249,6 +252,9 @@ def _transition(
     transition = to_state(ends[0], ends[1], bounds.v_max, bounds.a_max, bounds.j_max, dt)
     steps = max(1, round(transition.duration / dt))
     states = np.array([transition.at(k * dt) for k in range(steps + 1)]).reshape(steps + 1, 3, -1)
+    missed = float((np.abs(states[-1, 0] - ends[1][0]) / bounds.j_max).max()) / dt**3
+    if missed > _MISSED:
+        raise InvalidValueError("end of a cut", missed, f"a miss of at most {_MISSED}")
     states[0], states[-1] = ends
     q, v, a = states.transpose(1, 0, 2).copy()
     return Trajectory(dt=dt, q=q, v=v, a=a)

@@ -15,6 +15,7 @@ from robo47_qp.ik.solver import Reason, Tolerance
 from robo47_qp.model.arm import Arm
 from tests.examples import fractions, inner_fractions, poses, rates, shifted, turned
 from tests.plain_arm import PlainArm
+from tests.robots import arm_of, plain_arm_of
 
 TIGHT = Tolerance(position=1e-9, orientation=1e-9)
 
@@ -250,3 +251,14 @@ def test_settings_of_one_solver_do_not_leak_into_another(arm: Arm) -> None:
     assert len(set(first[:3])) == 3
     again = [solver.solve(arm, target, arm.home).q.tobytes() for solver in reversed(solvers)]
     assert again[::-1] == first
+
+
+def test_a_joint_wound_back_inside_its_limits_is_not_called_outside() -> None:
+    """Without limits a search may go round a wrist; the answer is told as it is after that."""
+    arm, plain = arm_of("ur5e"), plain_arm_of("ur5e")
+    target = arm.pose(plain.at(np.array([0.50878, 0.5, 0.71409, 0.9844, 0.73358, 0.0])))
+    q_seed = plain.at(np.array([0.47746, 0.24075, 0.0, 0.46115, 0.90576, 0.0]))
+    result = LmIk(within_limits=False).solve(arm, target, q_seed)
+    assert max(plain.errors(result.q, target)) < 1.1e-6
+    assert plain.inside(result.q)
+    assert (result.reason, result.explanation, result.joints) == (None, "", ())

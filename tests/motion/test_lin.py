@@ -44,14 +44,14 @@ def moved(pose: SE3, by: tuple[Vector, Vector]) -> SE3:
     return shifted(pose, by[0]) @ SE3.from_rotation(SO3.exp(by[1]))
 
 
-ROOM = {"ur5e": 0.5}
-"""Share of the drawn motions that these arms have room for: the UR5e's centre of the wrist can come
-no closer to the axis of its base than 133 mm, and starts 315 mm in front of it."""
+ROOM = {"panda": 0.7, "slider6": 0.9, "ur5e": 0.5}
+"""Share of the drawn motions that an arm has room for from home, in every direction: beyond it the
+Panda's elbow is bent as far as it goes, and the UR5e's wrist is too close to the base axis."""
 
 
 def drawn(arm: Arm, by: tuple[Vector, Vector]) -> SE3:
     """A goal within reach of home."""
-    room = ROOM.get(arm.robot.name, 1.0)
+    room = ROOM[arm.robot.name]
     return moved(arm.pose(arm.home), (room * by[0], room * by[1]))
 
 

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
@@ -48,6 +48,9 @@ def places(q: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=12)
 @given(seed=st.integers(0, 10_000), radius=st.floats(0.004, 0.1))
+# Of states of these chains Ruckig misses the position at the end.
+@example(seed=16, radius=0.1)
+@example(seed=4767, radius=0.1)
 def test_a_cut_is_quicker_and_keeps_limits_bounds_and_radius(seed: int, radius: float) -> None:
     points = chain(np.random.default_rng(seed))
     parts = motions(points)
