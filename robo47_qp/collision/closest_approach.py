@@ -64,7 +64,7 @@ class ClosestApproach:
             InvalidValueError: The name of an obstacle is taken.
             ModelError: No geom of the robot can ever touch an obstacle.
         """
-        spec = robot_spec(robot)
+        spec = robot_spec(robot, drawn=False)
         for obstacle in obstacles:
             add_obstacle(spec, obstacle)
         m = spec.compile()

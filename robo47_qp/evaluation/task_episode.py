@@ -56,8 +56,10 @@ class TaskEpisode:
             return scenario
         return replace(scenario, watchdog=replace(scenario.watchdog, time_limit=self.time_limit))
 
-    def simulation(self, scenario: Scenario, seed: int) -> DisturbedSimulation:
-        """Return the world of an episode."""
+    def simulation(
+        self, scenario: Scenario, seed: int, *, drawn: bool = True
+    ) -> DisturbedSimulation:
+        """Return the world of an episode; `drawn` is that of `Simulation`."""
         rng = np.random.default_rng([seed, 1])
         disturbance = self.perturbation.draw(rng)
         return DisturbedSimulation(
@@ -66,13 +68,14 @@ class TaskEpisode:
             disturbance,
             rng,
             goals_asked_for=scenario.task.goals_asked_for,
+            drawn=drawn,
         )
 
     def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
         """See `Episode`."""
         started = perf_counter()
         scenario = self.scenario(spec.seed)
-        simulation = self.simulation(scenario, spec.seed)
+        simulation = self.simulation(scenario, spec.seed, drawn=spec.recording is not None)
         wrong = plain(simulation.disturbance)
         try:
             run = self._driven(spec, scenario, simulation)

@@ -71,19 +71,27 @@ def spec_with_hand(mjcf: Path, hand: Hand | None) -> mujoco.MjSpec:
     return spec
 
 
-def robot_spec(robot: Robot) -> mujoco.MjSpec:
+def robot_spec(robot: Robot, *, drawn: bool = True) -> mujoco.MjSpec:
     """Return the robot with its tool frame and its torque motors as the only drives of the arm.
+
+    Args:
+        robot: The description.
+        drawn: Whether to keep the geoms that are there to be seen only, which cost time.
 
     Raises:
         UnknownNameError: The file lacks a joint, the tool's body, or the tool frame.
         ModelError: MuJoCo cannot read the file.
     """
-    return _prepared(robot).copy()
+    return _prepared(robot, drawn).copy()
 
 
 @lru_cache(maxsize=16)
-def _prepared(robot: Robot) -> mujoco.MjSpec:
+def _prepared(robot: Robot, drawn: bool) -> mujoco.MjSpec:
     """Return the spec of `robot_spec`; callers copy it, as reading takes long."""
+    if not drawn:
+        bare = robot_spec(robot)
+        remove_visuals(bare)
+        return bare
     spec = _mounted(robot) if robot.mounts else spec_with_hand(robot.mjcf, robot.hand)
     _place(robot, spec)
     known = [joint.name for joint in spec.joints]

@@ -47,7 +47,7 @@ class Collisions:
         """
         self.robot = robot
         self.clearance = clearance
-        spec = robot_spec(robot)
+        spec = robot_spec(robot, drawn=False)
         surroundings(spec)
         for body in list(spec.bodies):
             free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)

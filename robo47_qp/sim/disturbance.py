@@ -109,6 +109,7 @@ class DisturbedSimulation(Simulation):
         rng: np.random.Generator | None = None,
         *,
         goals_asked_for: bool = False,
+        drawn: bool = True,
     ) -> None:
         """Compile the disturbed scene.
 
@@ -120,6 +121,7 @@ class DisturbedSimulation(Simulation):
                 numbers of its own, the same ones after every `reset`.
             goals_asked_for: Whether markers are poses that are asked for; else they are things
                 that the camera sees.
+            drawn: See `Simulation`.
 
         Raises:
             InvalidValueError: There is noise, but no generator; there are fewer numbers than
@@ -138,7 +140,7 @@ class DisturbedSimulation(Simulation):
         )
         self._torque_delay = Delay(disturbance.torque_delay)
         self._camera: ObjectCamera | None = None
-        super().__init__(robot, _changed(robot, build_scene, disturbance))
+        super().__init__(robot, _changed(robot, build_scene, disturbance), drawn=drawn)
         self._seen_markers = () if goals_asked_for else self.markers
         self.disturbance = self._of_this_world(disturbance)
         if disturbance.friction is not None:

@@ -23,14 +23,19 @@ BuildScene = Callable[[mujoco.MjSpec], None]
 """Adds bodies to a spec that holds the robot, with its base at the world's origin."""
 
 
-def compile_scene(robot: Robot, build_scene: BuildScene) -> mujoco.MjModel:
+def compile_scene(robot: Robot, build_scene: BuildScene, *, drawn: bool = True) -> mujoco.MjModel:
     """Compile a robot with a scene.
+
+    Args:
+        robot: The description.
+        build_scene: Adds the scene.
+        drawn: See `robot_spec`.
 
     Raises:
         UnknownNameError: The robot's model lacks a name of its description.
         ModelError: The ids of the robot's joints or motors are not consecutive.
     """
-    spec = robot_spec(robot)
+    spec = robot_spec(robot, drawn=drawn)
     _check_names(robot, spec)
     option = spec.option
     option.timestep = TIMESTEP
