@@ -2,9 +2,6 @@
 
 #include "elementary_inline.h"
 
-typedef void (*inverse_dynamics)(const void *model, void *data);
-typedef void (*solve_mass)(const void *model, void *data, double *x, const double *y, int rows);
-
 /* What is no number stays so. */
 static double clipped(double x, double low, double high) {
   x = x < low ? low : x;
@@ -44,13 +41,14 @@ static void estimate(r47_control *c, const double *measured, double *a) {
 static void law(const r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
                 const double *q, const double *v, double *tau) {
   const int n = c->n;
+  r47_dynamics *arm = c->arm;
   for (int i = 0; i < n; i++) {
-    c->qpos[i] = q[i], c->qvel[i] = v[i], c->qacc[i] = a_ref[i];
+    arm->qpos[i] = q[i], arm->qvel[i] = v[i], arm->qacc[i] = a_ref[i];
     if (c->law == R47_COMPUTED_TORQUE)
-      c->qacc[i] = (q_ref[i] - q[i]) * c->stiffness + (v_ref[i] - v[i]) * c->damping + a_ref[i];
+      arm->qacc[i] = (q_ref[i] - q[i]) * c->stiffness + (v_ref[i] - v[i]) * c->damping + a_ref[i];
   }
-  ((inverse_dynamics)c->inverse)(c->model, c->data);
-  memcpy(tau, c->qfrc_inverse, (size_t)n * sizeof(double));
+  r47_inverse(arm);
+  memcpy(tau, arm->qfrc_inverse, (size_t)n * sizeof(double));
   if (!c->K) return;
   for (int i = 0; i < n; i++) {
     tau[i] += c->K[i] * (q_ref[i] - q[i]);
@@ -90,14 +88,14 @@ static void expect(r47_control *c, const double *tau) {
   double excess[R47_MAX_N];
   int same = 1;
   for (int i = 0; i < n; i++) {
-    excess[i] = tau[i] - c->qfrc_inverse[i];
-    same = same && tau[i] == c->qfrc_inverse[i];
+    excess[i] = tau[i] - c->arm->qfrc_inverse[i];
+    same = same && tau[i] == c->arm->qfrc_inverse[i];
   }
   if (same) {
-    memcpy(c->expected, c->qacc, (size_t)n * sizeof(double));
+    memcpy(c->expected, c->arm->qacc, (size_t)n * sizeof(double));
   } else {
-    ((solve_mass)c->solve)(c->model, c->data, c->expected, excess, 1);
-    for (int i = 0; i < n; i++) c->expected[i] += c->qacc[i];
+    r47_solve(c->arm, c->expected, excess);
+    for (int i = 0; i < n; i++) c->expected[i] += c->arm->qacc[i];
   }
   if (!c->turning) return;
   for (int i = 0; i < n; i++) {
@@ -106,8 +104,8 @@ static void expect(r47_control *c, const double *tau) {
   }
 }
 
-int r47_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
-               const double *q, const double *v, double *tau) {
+int r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
+                    const double *q, const double *v, double *tau) {
   const int n = c->n;
   double a[R47_MAX_N];
   memcpy(a, a_ref, (size_t)n * sizeof(double));
@@ -124,5 +122,12 @@ int r47_torque(r47_control *c, const double *q_ref, const double *v_ref, const d
   }
   const int limited = limit(c, q_ref, q, tau);
   if (c->observed) expect(c, tau);
+  return limited;
+}
+
+int r47_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
+               const double *q, const double *v, double *tau) {
+  const int limited = r47_next_torque(c, q_ref, v_ref, a_ref, q, v, tau);
+  r47_factor(c->arm);
   return limited;
 }

@@ -2,19 +2,14 @@
 #ifndef ROBO47_CONTROL_H
 #define ROBO47_CONTROL_H
 
-#include "chain.h"
+#include "dynamics.h"
 
 enum { R47_COMPUTED_TORQUE = 1, R47_JOINT_IMPEDANCE = 2 };
 
-/* Arrays are (n,) unless said. MuJoCo's functions and structures come as pointers, so that the core
-   needs neither its headers nor its library. */
+/* Arrays are (n,) unless said. */
 typedef struct {
   int n;
-  /* The arm as it is believed to be: its model and data, and four arrays of the data. */
-  void *model, *data;
-  void *inverse; /* mj_inverse */
-  void *solve;   /* mj_solveM */
-  double *qpos, *qvel, *qacc, *qfrc_inverse;
+  r47_dynamics *arm; /* as it is believed to be */
   /* The law, with e the errors: computed torque asks for a_ref + stiffness e + damping e_v, joint
      impedance for a_ref; both add K e + D e_v where K is not NULL. */
   int law;
@@ -47,5 +42,9 @@ typedef struct {
    observer. Returns 1 where the limits changed it. */
 int r47_torque(r47_control *control, const double *q_ref, const double *v_ref, const double *a_ref,
                const double *q, const double *v, double *tau);
+
+/* The same, but the mass matrix of the arm may be without its factors. */
+int r47_next_torque(r47_control *control, const double *q_ref, const double *v_ref,
+                    const double *a_ref, const double *q, const double *v, double *tau);
 
 #endif

@@ -9,6 +9,7 @@ typedef struct {
   int n;
   void *model, *data;
   void *step1, *step2; /* mj_step1, mj_step2 */
+  void **clock;        /* mjcb_time, which MuJoCo reads many times in a step */
   const double *q, *v; /* (n,) of the data */
   double *ctrl;        /* (n,) torques of the motors, of the data */
   const double *most, *rate;

@@ -2,17 +2,14 @@
 #ifndef ROBO47_REFERENCES_H
 #define ROBO47_REFERENCES_H
 
-/* An arm, by MuJoCo's functions and the arrays of its state. */
+#include "dynamics.h"
+
 typedef struct {
-  int n;
-  void *model, *data;
-  void *inverse;    /* mj_inverse */
+  r47_dynamics *arm;
   void *quaternion; /* mju_mat2Quat */
-  double *qpos, *qvel, *qacc;
-  const double *qfrc_inverse;
   int tools;
   const int *site;           /* (tools,) their frames */
-  const double *xpos, *xmat; /* (sites, 3) and (sites, 9) of the state */
+  const double *xpos, *xmat; /* (sites, 3) and (sites, 9) of the arm's data */
 } r47_references;
 
 /* Rows of q, v, a, tau (n each), then of each tool's position [m] and quaternion (w, x, y, z), from

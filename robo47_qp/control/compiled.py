@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp._core.library import Structure, backend, functions, pointer
-from robo47_qp._core.mujoco_functions import function, structure
+from robo47_qp._core.mujoco_functions import dynamics
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller
@@ -43,20 +43,13 @@ class CompiledControl:
             dt: Control period [s].
             observer: Arrays of the observer; None without one.
         """
-        n, robot, d = arm.n, arm.robot, arm.scratch
+        n, robot = arm.n, arm.robot
         self.last, self.commanded, self.bump = np.zeros(n), np.zeros(n), np.zeros(n)
         low, high = stops.inside(arm)
         self._structure = Structure(
             "r47_control",
             n=n,
-            model=structure(arm.model),
-            data=structure(d),
-            inverse=function("mj_inverse"),
-            solve=function("mj_solveM"),
-            qpos=d.qpos,
-            qvel=d.qvel,
-            qacc=d.qacc,
-            qfrc_inverse=d.qfrc_inverse,
+            arm=dynamics(arm.model, arm.scratch),
             **law,
             rate=robot.tau_rate_max * dt,
             most=robot.tau_max.copy(),

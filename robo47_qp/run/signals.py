@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from robo47_qp._core.library import Structure, backend, functions, pointer
-from robo47_qp._core.mujoco_functions import function, structure
+from robo47_qp._core.mujoco_functions import dynamics, function
 from robo47_qp.arrays import Matrix
 from robo47_qp.ik.stream.settings import Event
 from robo47_qp.model.arm import Arm
@@ -192,15 +192,8 @@ class _CompiledReferences:
         self._arm, self._columns = arm, 4 * arm.n + 7 * len(sites)
         self._structure = Structure(
             "r47_references",
-            n=arm.n,
-            model=structure(arm.model),
-            data=structure(d),
-            inverse=function("mj_inverse"),
+            arm=dynamics(arm.model, d),
             quaternion=function("mju_mat2Quat"),
-            qpos=d.qpos,
-            qvel=d.qvel,
-            qacc=d.qacc,
-            qfrc_inverse=d.qfrc_inverse,
             tools=len(sites),
             site=np.array(sites, dtype=np.int32),
             xpos=d.site_xpos,

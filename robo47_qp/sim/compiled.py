@@ -50,6 +50,7 @@ class CompiledWorld:
             data=structure(data),
             step1=function("mj_step1"),
             step2=function("mj_step2"),
+            clock=function("mjcb_time"),
             q=q,
             v=v,
             ctrl=ctrl,
