@@ -49,12 +49,21 @@ void r47_approach_at(const r47_approach *a, const double *q, double *distance,
   }
 }
 
+/* By how much the pair can have come closer from the first row to this one. */
+static double closed(const r47_approach *a, const r47_path *p, int row, int pair) {
+  const double *travelled = p->travelled + (size_t)row * (size_t)a->joints;
+  const double *reach = a->reach + (size_t)pair * (size_t)a->joints;
+  double sum = 0.0;
+  for (int i = 0; i < a->joints; i++) sum += travelled[i] * reach[i];
+  return sum;
+}
+
 /* The first row in which the pair can have closed by more than `far`. */
-static int first_beyond(const double *closed, int rows, double far) {
-  int low = 0, high = rows;
+static int first_beyond(const r47_approach *a, const r47_path *p, int pair, double far) {
+  int low = 0, high = p->rows;
   while (low < high) {
     const int middle = low + (high - low) / 2;
-    if (closed[middle] > far)
+    if (closed(a, p, middle, pair) > far)
       high = middle;
     else
       low = middle + 1;
@@ -62,20 +71,39 @@ static int first_beyond(const double *closed, int rows, double far) {
   return low;
 }
 
-int r47_approach_along(const r47_approach *a, int pair, int rows, const double *q,
-                       const double *closed, double resolution, double *distance, int *row) {
-  for (;;) {
-    const double far = closed[row[0]] + distance[0] - distance[1] + resolution;
-    const int next = first_beyond(closed, rows, far);
-    row[0] = next > row[0] ? next : row[0] + 1;
-    if (row[0] >= rows) return 0;
-    place(a, q + row[0] * a->joints);
-    int unsure;
-    distance[0] = measured(a, pair, &unsure);
-    if (unsure) return 1;
-    if (distance[0] < distance[1]) {
-      distance[1] = distance[0];
-      row[1] = row[0];
+static void take(r47_path *p, int pair) {
+  if (p->distance < p->best) {
+    p->best = p->distance;
+    p->best_row = p->row;
+    p->best_pair = pair;
+  }
+}
+
+int r47_approach_along(const r47_approach *a, r47_path *p) {
+  if (p->asked) {
+    p->asked = 0;
+    take(p, p->order[p->next]);
+  }
+  for (; p->next < a->pairs; p->next++, p->row = -1) {
+    const int pair = p->order[p->next];
+    if (p->row < 0) {
+      p->row = 0;
+      p->distance = p->start[pair];
+    }
+    for (;;) {
+      const double far = closed(a, p, p->row, pair) + p->distance - p->best + p->resolution;
+      const int next = first_beyond(a, p, pair, far);
+      p->row = next > p->row ? next : p->row + 1;
+      if (p->row >= p->rows) break;
+      place(a, p->q + (size_t)p->row * (size_t)a->joints);
+      int unsure;
+      p->distance = measured(a, pair, &unsure);
+      if (unsure) {
+        p->asked = 1;
+        return 1;
+      }
+      take(p, pair);
     }
   }
+  return 0;
 }

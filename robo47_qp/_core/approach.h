@@ -14,20 +14,35 @@ typedef struct {
   const int *first, *second; /* (pairs,) geoms */
   const int *capsule, *box;  /* (pairs,) of a pair of these two, else -1 */
   double far;                /* largest cut-off [m]; what is further is at infinity */
+  const double *reach;       /* (pairs, joints) by how much a joint brings a pair closer, at most */
 } r47_approach;
+
+/* The search for the closest approach along a motion. */
+typedef struct {
+  int rows;
+  const double *q;         /* (rows, joints) */
+  const double *travelled; /* (rows, joints) how far each joint has come since the first row */
+  const double *start;     /* (pairs,) distances in the first row [m] */
+  const int *order;        /* (pairs,) in which pairs are followed */
+  double resolution;       /* how much closer a pair may be than is found [m] */
+  double best;             /* the smallest distance so far [m] */
+  int best_row, best_pair;
+  int next;        /* of `order`, the pair that is followed */
+  int row;         /* the row that it has come to; less than 0 before the first */
+  double distance; /* its distance there [m] */
+  int asked;       /* whether the caller was asked for that */
+} r47_path;
 
 /* Distances (pairs,) at q (joints,); `doubtful` (pairs,) is 1 where MuJoCo's may be wrong, as the
    axis of a capsule may cross a box. */
 void r47_approach_at(const r47_approach *approach, const double *q, double *distance,
                      unsigned char *doubtful);
 
-/* Follow a pair through q (rows, joints), skipping rows in which it cannot be closer than the
-   closest found so far by more than the resolution.
+/* Follow all pairs through the motion, skipping rows in which one cannot be closer than the closest
+   found so far by more than the resolution.
 
-   `closed` (rows,) is by how much it can have come closer since the first row. distance (2,) is
-   that in the present row, and the smallest so far; row (2,) is the present one, and that of the
-   smallest. Returns 1 where the distance is doubtful: the caller measures it, and comes again. */
-int r47_approach_along(const r47_approach *approach, int pair, int rows, const double *q,
-                       const double *closed, double resolution, double *distance, int *row);
+   Returns 1 where a distance is doubtful: the caller measures it where the robot is placed, writes
+   it into the path, and comes again. */
+int r47_approach_along(const r47_approach *approach, r47_path *path);
 
 #endif

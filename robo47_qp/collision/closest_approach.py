@@ -93,7 +93,7 @@ class ClosestApproach:
                 f"No geom of robot {robot.name!r} that moves can touch anything: its distance "
                 "from obstacles is not known. Give its links collision geoms."
             )
-        self._reach = reach[moves]
+        self._reach = np.ascontiguousarray(reach[moves])
         compiled = bool(self._pairs) and backend() == "compiled"
         self._compiled = self._in_core() if compiled else None
         self._around = set(around)
@@ -114,13 +114,13 @@ class ClosestApproach:
         first = np.array([self._distances(q[row]) for row in rows])
         k, which = divmod(int(first.argmin()), len(self._pairs))
         best, at = float(first[k, which]), (rows[k], which)
-        for i in np.argsort(first.min(axis=0), kind="stable").tolist():
+        order = np.argsort(first.min(axis=0), kind="stable")
+        if self._compiled is not None:
+            start = first[0], best, at
+            best, at = self._followed(self._compiled, q, travelled, order, start)
+            return Nearest(best, at[0], *self._names(at[1]))
+        for i in order.tolist():
             closed, row, apart = travelled @ self._reach[i], 0, float(first[0, i])
-            if self._compiled is not None:
-                closer, row = self._followed(self._compiled, i, q, closed, (apart, best))
-                if closer < best:
-                    best, at = closer, (row, i)
-                continue
             while True:
                 far = closed[row] + apart - best + RESOLUTION
                 row = max(row + 1, int(np.searchsorted(closed, far, side="right")))
@@ -148,26 +148,40 @@ class ClosestApproach:
         return self._measure.between(*self._pairs[pair], inf)
 
     def _followed(
-        self, core: Structure, pair: int, q: Matrix, closed: Vector, given: tuple[float, float]
-    ) -> tuple[float, int]:
-        """Return what `along` finds for a pair in the compiled core: distance and row.
+        self,
+        core: Structure,
+        q: Matrix,
+        travelled: Matrix,
+        order: NDArray[np.intp],
+        found: tuple[Vector, float, tuple[int, int]],
+    ) -> tuple[float, tuple[int, int]]:
+        """Return what `along` finds in the compiled core: the smallest distance, its row and pair.
 
         Args:
             core: The structure `r47_approach`.
-            pair: Number of the pair.
             q: As in `along`.
-            closed: By how much the pair can have come closer since the first row (N,) [m].
-            given: Its distance in the first row, and the smallest of all pairs so far [m]; the
-                latter is returned where nothing is closer.
+            travelled: How far each joint has come since the first row (N, joints) [rad or m].
+            order: Order in which the pairs are followed (pairs,).
+            found: Distances in the first row (pairs,), and the smallest so far, with its place [m].
         """
-        distance, row = np.array(given), np.zeros(2, np.int32)
-        motion = pointer(q), pointer(closed), RESOLUTION
-        state = pointer(distance), pointer(row)
-        while functions().r47_approach_along(core.pointer, pair, len(q), *motion, *state):
-            distance[0] = self._between(pair)
-            if distance[0] < distance[1]:
-                distance[1], row[1] = distance[0], row[0]
-        return float(distance[1]), int(row[1])
+        start, best, (row, pair) = found
+        path = Structure(
+            "r47_path",
+            rows=len(q),
+            q=q,
+            travelled=travelled,
+            start=start,
+            order=order.astype(np.int32),
+            resolution=RESOLUTION,
+            best=best,
+            best_row=row,
+            best_pair=pair,
+            row=-1,
+        )
+        p = path.pointer
+        while functions().r47_approach_along(core.pointer, p):
+            p.distance = self._between(int(order[p.next]))
+        return float(p.best), (int(p.best_row), int(p.best_pair))
 
     def _in_core(self) -> Structure:
         m, d = self._model, self._data
@@ -191,6 +205,7 @@ class ClosestApproach:
             capsule=capsule.astype(np.int32),
             box=box.astype(np.int32),
             far=FAR,
+            reach=self._reach,
         )
 
     def _place(self, q: Vector) -> None:
