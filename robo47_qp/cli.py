@@ -288,9 +288,15 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     def run(options: RunOptions, console: Console) -> int:
-        names = [one.name for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
-        task = kind(**{name: getattr(options, name) for name in names})
+        own = [one for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
+        task = kind(**{one.name: getattr(options, one.name) for one in own})
         stream = getattr(kind, "scene_stream", None)
+        for one in own:
+            given = getattr(options, one.name)
+            if options.seed is not None and one.metadata.get("drawn") and given != one.default:
+                raise InvalidValueError(
+                    f"--{one.name}", given, "left out with --seed, which draws it"
+                )
         if options.seed is not None and stream is not None:
             task = task.variant(np.random.default_rng([options.seed, stream]))
         return run_task(task, options.robot_for(task), options, console)

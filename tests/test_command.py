@@ -281,6 +281,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         (["--pick", "nan", "0"], ["pick must be two finite numbers", "nan"]),
         (["--place", "2", "0"], ["Waypoint 'carry' cannot be planned", "beyond the reach"]),
         (["--seed", "-1"], ["seed", "-1"]),
+        (["--seed", "1", "--pick", "0.5", "0.1"], ["--pick must be left out with --seed", "0.5"]),
         (["--speed", "1e-5"], ["speed"]),
     ],
     ids=" ".join,

@@ -112,7 +112,10 @@ def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Consol
 def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) -> int:
     """Run an evaluation whose files are this process's own; see `evaluate`."""
     several = len(jobs) > 1
-    _prepare(jobs, options)
+    fresh = _prepare(jobs, options)
+    if options.resume and fresh:
+        told = f"nothing to continue, so from the first episode: no {', '.join(map(str, fresh))}"
+        _print(console, [told])
     reports = []
     try:
         for job in jobs:
@@ -136,8 +139,10 @@ def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) 
     return OK if all(report.sound for report in reports) else FAILED
 
 
-def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
+def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> list[Path]:
     """Check files and pairing before anything runs, and create every journal.
+
+    Returns the journals that were not there before.
 
     With --resume, all journals are read before one is opened, so that a refused evaluation leaves
     none with its settings. Without, all old ones are renamed now, so that a later --resume finds
@@ -151,6 +156,7 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
         for path in (*job.options.files.values(), *(options.files[name] for name in _COMPARISON)):
             check_writable(path)
     journals = [(job.options.files["journal"], job.evaluation.settings) for job in jobs]
+    fresh = [path for path, _ in journals if not path.exists()]
     if options.resume:
         for path, settings in journals:
             Journal.read(path, settings)
@@ -161,6 +167,7 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> None:
                 files[name].unlink(missing_ok=True)
     for path, settings in journals:
         Journal(path, settings, resume=options.resume).close()
+    return fresh
 
 
 def _other(path: Path) -> EvaluationReport:

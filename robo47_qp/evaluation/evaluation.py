@@ -1,5 +1,6 @@
 """Evaluation: episodes on consecutive seeds, each run once, across interruptions."""
 
+import json
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -9,9 +10,12 @@ from hashlib import sha256
 from os import walk
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
-from robo47_qp.arrays import CheckedOptions, Count, CountOrZero
+import mujoco
+import numpy as np
+
+from robo47_qp.arrays import CheckedOptions, CountOrZero, Range
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.perturbation import Perturbation
@@ -23,12 +27,16 @@ from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.run_report import versions
+from robo47_qp.run.foreign_code import files_beside
 from robo47_qp.run.policy.drivers import check_judged
 from robo47_qp.run.start import checked_start
 from robo47_qp.run.task import Task
+from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 
 Show = Callable[[Sequence[EpisodeResult]], None]
+Episodes: TypeAlias = Annotated[int, Range(at_least=1, at_most=1_000_000, whole=True)]
+"""Number of episodes of an evaluation, whose results are all held in memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +46,7 @@ class Evaluation(CheckedOptions):
     episode: Episode
     settings: Mapping[str, Any]
     """All that the results depend on, as JSON."""
-    episodes: Count
+    episodes: Episodes
     seed: CountOrZero = 0
     """Episode i has the seed `seed + i`."""
 
@@ -139,6 +147,7 @@ class PolicyEvaluation:
         settings = {
             "task": plain(self.task),
             "robot": self.robot.name,
+            "robot_sha256": robot_digest(self.robot),
             "policy": policy_settings(self.policy, self.name),
             "perturbation": plain(self.perturbation),
             "speed": stack.pace,
@@ -207,10 +216,20 @@ def evaluate_policy(
 
 
 def _sources(task: Task) -> list[Path]:
-    """Where the code of this package and of a task is: folders of packages, or a single file."""
+    """Where the code of this package and of a task is: folders of packages, or files."""
     names = {__name__.partition(".")[0], type(task).__module__.partition(".")[0]}
     files = [Path(sys.modules[name].__file__ or "") for name in sorted(names)]
-    return [file.parent if file.name == "__init__.py" else file for file in files]
+    places = [[f.parent] if f.name == "__init__.py" else files_beside(str(f)) for f in files]
+    return [Path(place) for some in places for place in some]
+
+
+def robot_digest(robot: Robot) -> str:
+    """Return the SHA-256 of a robot's description and of its model as compiled from its files."""
+    model = Simulation(robot, lambda _: None).model
+    compiled = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, compiled)
+    told = json.dumps(plain(robot), sort_keys=True)
+    return sha256(told.encode() + compiled.tobytes()).hexdigest()
 
 
 def code_digest(places: Sequence[Path]) -> str:

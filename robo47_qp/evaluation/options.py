@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Suffix
 from robo47_qp.cli import LOGS, StackOptions, option_group
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.evaluation import PolicyEvaluation
+from robo47_qp.evaluation.evaluation import Episodes, PolicyEvaluation
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
 from robo47_qp.evaluation.policies import (
     CLASSICAL,
@@ -43,7 +43,7 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     """Decisions per second of another policy, at most 1000 [1/s]."""
     time_limit: Positive | None = None
     """Simulated time for an episode, the same for every policy; by default that of the task [s]."""
-    episodes: Count = 100
+    episodes: Episodes = 100
     """Number of episodes; episode i has the seed `seed` + i."""
     seed: CountOrZero = 0
     """Seed of the first episode."""
@@ -89,6 +89,10 @@ class EvaluateOptions(CheckedOptions, StackOptions):
             raise InvalidValueError("--rate", f"{self.rate:g}", expected)
         if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
             raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
+        for name in ("against", "resume"):
+            if self.replay is not None and getattr(self, name):
+                expected = "left out with --replay, which runs a single episode"
+                raise InvalidValueError(f"--{name}", getattr(self, name), expected)
         for name in ("against", "replay"):
             found = getattr(self, name)
             if len(contenders) > 1 and found is not None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -14,6 +15,9 @@ from robo47_qp.sim.sensing import About, Growth, SensorErrors
 
 PUSHES = 3
 """Pushes that are drawn for every episode, used or not."""
+LARGEST, LONGEST = 1e6, 10.0
+"""Largest size of a perturbation in its SI unit, and of a delay in seconds: far beyond what an arm
+can stand, and what MuJoCo can still integrate."""
 LINKS, JOINTS, OBJECTS = 64, 32, 16
 """Bodies and joints of a robot, and free objects, that errors are drawn for, used or not."""
 
@@ -123,6 +127,20 @@ class Perturbation(SensorErrors):
     ] = 0.0
     push_time: Annotated[NotNegative, About("Latest start of a push", "s")] = 10.0
 
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: A value breaks the rule of its field, or is beyond all measure.
+        """
+        super().__post_init__()
+        for name, _, about in options().values():
+            value, late = getattr(self, name), about.unit == "ms"
+            most = LONGEST if late else LARGEST
+            if value is not None and max(map(abs, ends(value))) > most:
+                unit = {"-": "", "ms": " s"}.get(about.unit, f" {about.unit}")
+                raise InvalidValueError(name, value, f"at most {most:g}{unit}")
+
     def draw(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode.
 
@@ -181,6 +199,7 @@ class Perturbation(SensorErrors):
             raise InvalidValueError(_label(option), chosen[option], error.expected) from error
 
 
+@cache
 def options() -> dict[str, tuple[str, type, About]]:
     """Return field, type and meaning of every perturbation by the name of its option.
 

@@ -34,8 +34,8 @@ class PolicyReference:
         known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
         return PolicyProcess(self.absolute.text, known)
 
-    def load(self) -> str | None:
-        """Load the class in a process of its own, and return its source file.
+    def load(self) -> list[str]:
+        """Load the class in a process of its own; see `PolicyProcess.files` for what is returned.
 
         Raises:
             ClassLoadError: There is no such class, or its module cannot be imported.
@@ -45,7 +45,7 @@ class PolicyReference:
             process.start()
         finally:
             process.close()
-        return process.file
+        return process.files
 
     def driver(self) -> PolicyDriver:
         """Return a driver with the policy, whose process begins anew with every episode."""
@@ -58,13 +58,15 @@ class PolicyReference:
 
     @cached_property
     def digest(self) -> str | None:
-        """SHA-256 of the source file; None if there is no file.
+        """SHA-256 of the source file and of what it loads from beside it; None without a file.
 
         Raises:
             ClassLoadError: See `load`.
         """
-        file = self.load()
-        return None if file is None else sha256(Path(file).read_bytes()).hexdigest()
+        digest, files = sha256(), self.load()
+        for file in map(Path, files):
+            digest.update(file.name.encode() + b"\0" + file.read_bytes())
+        return digest.hexdigest() if files else None
 
 
 IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)

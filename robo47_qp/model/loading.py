@@ -63,7 +63,8 @@ def robot_from_mjcf(
 
     Raises:
         UnknownNameError: The file lacks the site, the body or a joint.
-        InvalidValueError: A vector is not of n finite numbers, or home is outside the limits.
+        InvalidValueError: A vector is not of n finite numbers, home is outside the limits, or no
+            joint is named, or one twice.
         ModelError: The file does not exist, MuJoCo cannot read it, or it holds no arm.
     """
     path = Path(mjcf)
@@ -74,7 +75,7 @@ def robot_from_mjcf(
         gripper = gripper.gripper.prefixed(Hand.PREFIX)
     spec = spec_with_hand(path, hand)
     site, tool = _tool_frame(spec, tcp)
-    chain = _chain(spec, site, tool) if joints is None else tuple(joints)
+    chain = _chain(spec, site, tool) if joints is None else _named(joints)
     kinds = {joint.name: joint.type for joint in spec.joints}
     n, still = len(chain), MotionProfile.uniform(len(chain), v=1.0, a=1.0, j=1.0)
     draft = Robot(
@@ -119,6 +120,18 @@ def robot_from_menagerie(
         file, tcp=tcp, home=home, joints=joints, gripper=gripper, ratings=ratings
     )
     return replace(robot, menagerie=model)
+
+
+def _named(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of joints as they were chosen.
+
+    Raises:
+        InvalidValueError: There are none, or one is named twice.
+    """
+    if isinstance(joints, str) or not joints or len(set(joints)) < len(joints):
+        found = repr(joints) if isinstance(joints, str) else list(joints)
+        raise InvalidValueError("joints", found, "names of one joint or more, each of them once")
+    return tuple(joints)
 
 
 def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robot:

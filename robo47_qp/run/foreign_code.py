@@ -104,6 +104,14 @@ def loaded_files() -> tuple[Path, ...]:
     return tuple(_FILES)
 
 
+def files_beside(file: str) -> list[str]:
+    """Return a module's file and those of all loaded modules in its folder, sorted."""
+    folder = Path(file).parent
+    loaded = [(name, getattr(module, "__file__", None)) for name, module in sys.modules.items()]
+    beside = {one for name, one in loaded if one and name != "__main__"}
+    return sorted({file, *(one for one in beside if Path(one).parent == folder)})
+
+
 def file_module(path: Path) -> ModuleType:
     """Return the module of a file, the same one every time in a process.
 

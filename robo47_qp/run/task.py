@@ -23,9 +23,15 @@ Program = Generator[StepLike, None, Failure | None]
 fails raises `StepFailed` at its yield, which ends a program that does not catch it."""
 
 
-def option(default: Any, help: str) -> Any:
-    """Declare a field of a task that is an option of the command line; `help` states its unit."""
-    return field(default=default, metadata={"help": help})
+def option(default: Any, help: str, *, drawn: bool = False) -> Any:
+    """Declare a field of a task that is an option of the command line.
+
+    Args:
+        default: Its default.
+        help: What it is, with its unit.
+        drawn: A seed draws it, so that it is left out beside one.
+    """
+    return field(default=default, metadata={"help": help, "drawn": drawn})
 
 
 class Task(Checked, ABC):

@@ -75,8 +75,10 @@ class CarryTray(Task):
     tools_needed: ClassVar[int] = 2
     opening_needed: ClassVar[float | None] = 0.022
 
-    start: tuple[float, float] = option((0.35, 0.0), "Start of the tray without a seed: x, y [m].")
-    end: tuple[float, float] = option((0.65, 0.0), "Its goal without a seed: x, y [m].")
+    start: tuple[float, float] = option(
+        (0.35, 0.0), "Start of the tray without a seed: x, y [m].", drawn=True
+    )
+    end: tuple[float, float] = option((0.65, 0.0), "Its goal without a seed: x, y [m].", drawn=True)
     tray: Tray = field(default_factory=Tray)
     """The tray."""
     wall: tuple[float, float, float] = (0.50, 0.015, 0.08)

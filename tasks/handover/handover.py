@@ -59,8 +59,12 @@ class Handover(Task):
     tools_needed: ClassVar[int] = 2
     opening_needed: ClassVar[float | None] = 0.052
 
-    start: tuple[float, float] = option((0.45, 0.24), "Start of the bar without a seed: x, y [m].")
-    end: tuple[float, float] = option((0.45, -0.24), "Its goal without a seed: x, y [m].")
+    start: tuple[float, float] = option(
+        (0.45, 0.24), "Start of the bar without a seed: x, y [m].", drawn=True
+    )
+    end: tuple[float, float] = option(
+        (0.45, -0.24), "Its goal without a seed: x, y [m].", drawn=True
+    )
     bar: Item = Item(name="bar", size=(0.03, 0.22, 0.03), mass=0.15, rgba=BLUE, friction=(0.5, 0.9))
     """The bar; it is held at both ends of its y axis."""
     grip_force: Positive = 40.0

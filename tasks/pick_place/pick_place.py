@@ -42,10 +42,10 @@ class PickPlace(Task):
     """
 
     pick: tuple[float, float] = option(
-        (0.40, 0.20), "Where the item is picked without a seed: x, y [m]."
+        (0.40, 0.20), "Where the item is picked without a seed: x, y [m].", drawn=True
     )
     place: tuple[float, float] = option(
-        (0.40, -0.20), "Where the item is placed without a seed: x, y [m]."
+        (0.40, -0.20), "Where the item is placed without a seed: x, y [m].", drawn=True
     )
     item: Item = Item(name="cube", size=(0.04, 0.04, 0.04), mass=0.1, rgba=RED)
     """The item."""

@@ -61,7 +61,7 @@ class Stack(Task):
     )
     """The cubes, all of one edge length."""
     goal: tuple[float, float] = option(
-        (0.45, -0.20), "Where the tower stands without a seed: x, y [m]."
+        (0.45, -0.20), "Where the tower stands without a seed: x, y [m].", drawn=True
     )
     tolerance: Positive = 5e-3
     """Largest horizontal distance of each cube's centre from the goal's vertical [m]."""

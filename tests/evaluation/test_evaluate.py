@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import re
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +32,7 @@ from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.files import claimed
+from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
@@ -38,6 +41,7 @@ from robo47_qp.stack import ClassicalStack
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
 
+ROOT = Path(__file__).resolve().parents[2]
 QUIET = Console(quiet=True)
 
 
@@ -168,6 +172,35 @@ def test_an_evaluation_goes_on_and_prints_json_alone(
         evaluate(Odd(), PANDA, options(done, resume=True, friction=0.2), QUIET)
 
 
+def test_what_cannot_be_gone_on_with_is_begun_and_told(tmp_path: Path) -> None:
+    screen = StringIO()
+    chosen = options(tmp_path, resume=True, episodes=1, failures=0)
+    assert evaluate(Odd(), PANDA, chosen, Console(file=screen)) == 0
+    assert f"from the first episode: no {tmp_path / 'eval.jsonl'}" in screen.getvalue()
+
+
+def test_a_robot_whose_files_changed_is_another_one(tmp_path: Path) -> None:
+    """A mass in its MJCF, or a rating in its TOML."""
+    mjcf, toml = tmp_path / "arm.xml", tmp_path / "arm.toml"
+    shutil.copy(ROOT / "tests" / "models" / "free7.xml", mjcf)
+    text = 'tcp = "tool"\nhome = [0.0, 0.26, 0.0, 1.9, 0.0, 0.98, 0.0]\n'
+    ones = [1.0] * 7
+    toml.write_text(text)
+    chosen = options(tmp_path, resume=True, episodes=1, failures=0)
+    assert evaluate(Odd(), load_robot(str(mjcf)), chosen, QUIET) == 0
+    assert evaluate(Odd(), load_robot(str(mjcf)), chosen, QUIET) == 0
+    before = mjcf.read_text()
+    for path, changed in (
+        (toml, f"{text}[profile]\nv_max = {ones}\na_max = {ones}\nj_max = {ones}\n"),
+        (mjcf, re.sub(r'mass="([\d.]+)"', r'mass="1\1"', before, count=1)),
+    ):
+        kept = path.read_text()
+        path.write_text(changed)
+        with pytest.raises(JournalError, match=r"these differ: robot_sha256\."):
+            evaluate(Odd(), load_robot(str(mjcf)), chosen, QUIET)
+        path.write_text(kept)
+
+
 def test_an_internal_error_is_seen(tmp_path: Path) -> None:
     screen = StringIO()
     chosen = options(tmp_path, episodes=1)
@@ -249,7 +282,7 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"episodes": 0}, "--episodes must be a whole number, 1 or more; found 0"),
+        ({"episodes": 0}, "--episodes must be a whole number, at least 1 and at most 1e.06; found 0"),
         ({"seed": -1}, "--seed must be a whole number, 0 or more"),
         ({"workers": 0}, "--workers must be a whole number, 1 or more"),
         ({"failures": -1}, "--failures must be a whole number, 0 or more"),
@@ -257,6 +290,9 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
         ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
         ({"time_limit": float("nan")}, "--time-limit must be above 0 and finite"),
         ({"log": Path("eval.json")}, r"--log must be a file that ends with \.rrd"),
+        ({"episodes": 10**9}, "--episodes must be .* at most 1e.06; found 1000000000"),
+        ({"replay": 0, "resume": True}, "--resume must be left out with --replay"),
+        ({"replay": 0, "against": Path("a.json")}, "--against must be left out with --replay"),
     ],
 )
 def test_other_options_are_refused(setting: dict[str, Any], message: str) -> None:

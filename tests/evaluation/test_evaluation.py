@@ -20,6 +20,7 @@ from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.replay import picked
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
+from robo47_qp.run.registry import load_task
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
@@ -296,6 +297,19 @@ def test_code_behind_a_link_counts(tmp_path: Path) -> None:
     before = code_digest([inside])
     (outside / "task.py").write_text("x = 1")
     assert code_digest([inside]) != before
+
+
+def test_the_code_of_a_task_of_a_file_is_its_file_and_what_it_loads_from_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "places_beside.py").write_text("HERE = 1")
+    (tmp_path / "unrelated.py").write_text("HERE = 2")
+    text = "import places_beside\nfrom tests.runs import Reach\nclass Mine(Reach):\n    pass\n"
+    (tmp_path / "mine.py").write_text(text)
+    task = load_task(f"{tmp_path}/mine.py:Mine")()
+    found = [path.name for path in _sources(task) if path.parent == tmp_path]
+    assert found == ["mine.py", "places_beside.py"]
 
 
 def test_the_code_of_a_task_is_that_of_its_whole_package() -> None:

@@ -159,6 +159,9 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
         ({"outliers": 1.5}, "outliers must be at least 0 and below 1; found 1.5"),
         ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite; found 0"),
         ({"pushes": 4}, "pushes must be a whole number, at least 0 and at most 3; found 4"),
+        ({"push_force": 1e308}, r"push_force must be at most 1e\+06 N; found 1e\+308"),
+        ({"link_mass": (0.0, 1e7)}, r"link_mass must be at most 1e\+06; found \(0.0, 1"),
+        ({"camera_latency": 1e9}, "camera_latency must be at most 10 s; found 1"),
     ],
 )
 def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> None:
@@ -176,6 +179,7 @@ def test_other_ranges_are_refused(setting: dict[str, float], message: str) -> No
         ({"link_mass": "0.1:-0.1"}, r"^--link-mass must be .* in rising order; found 0.1:-0.1\.$"),
         ({"pose_noise": np.nan}, r"^--pose-noise must be 0 or more and finite; found nan\.$"),
         ({"pushes": 4}, r"^--pushes must be a whole number, at least 0 and at most 3; found 4\.$"),
+        ({"torque_delay": "1e9"}, r"^--torque-delay must be at most 10 s; found 1e9\.$"),
     ],
 )
 def test_an_option_is_refused_by_its_own_name(chosen: dict[str, float], message: str) -> None:

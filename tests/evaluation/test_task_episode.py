@@ -207,9 +207,24 @@ def test_a_policy_is_found_in_a_module_and_in_a_file(
     near = PolicyReference(text="mine.py:Mine")
     far = near.absolute
     monkeypatch.chdir("/")
-    assert far.load() == str(path)
+    assert far.load() == [str(path)]
     assert len(far.digest or "") == 64
     assert far.digest != module.digest
+
+
+def test_what_a_policy_imports_from_beside_it_is_part_of_it(tmp_path: Path) -> None:
+    (tmp_path / "beside_it.py").write_text("SPEED = 1")
+    (tmp_path / "mine.py").write_text(
+        "import beside_it\nclass Mine:\n    def reset(self, o): pass\n    def act(self, o): pass\n"
+    )
+
+    def digest() -> str | None:
+        return PolicyReference(text=f"{tmp_path}/mine.py:Mine").digest
+
+    before = digest()
+    assert digest() == before
+    (tmp_path / "beside_it.py").write_text("SPEED = 2")
+    assert digest() != before
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,19 @@ CANNOT = {
         None,
         {"joints": ["x"], "home": [0.0]},
     ),
+    "no joints": (
+        InvalidValueError,
+        "joints must be names of .*; found \\[\\]",
+        None,
+        {"joints": []},
+    ),
+    "a joint twice": (
+        InvalidValueError,
+        "joints must be names of one joint or more, each of them once; found .*'waist', 'waist'",
+        None,
+        {"joints": ["waist", "waist"], "home": [0.0, 0.0]},
+    ),
+    "joints as text": (InvalidValueError, "found 'waist'", None, {"joints": "waist"}),
     "short home": (InvalidValueError, "home must be a vector of 6", None, {"home": [0.0]}),
     "home outside": (
         InvalidValueError,

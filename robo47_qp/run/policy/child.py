@@ -86,7 +86,7 @@ def _children() -> list[int]:
 
 def _answer(settings: dict[str, Any]) -> None:
     """Load the policy and answer until the run is over."""
-    from robo47_qp.run.foreign_code import ClassLoadError, Guard, load_class
+    from robo47_qp.run.foreign_code import ClassLoadError, Guard, files_beside, load_class
     from robo47_qp.run.policy.wire import receive, send
 
     line = socket.socket(fileno=settings["line"])
@@ -101,7 +101,8 @@ def _answer(settings: dict[str, Any]) -> None:
         kind = "load" if isinstance(guard.error, ClassLoadError) else "raise"
         send(line, {"failed": kind, "why": told(guard.error)})
         os._exit(1)
-    send(line, {"ready": getattr(sys.modules[made.__module__], "__file__", None)})
+    file = getattr(sys.modules[made.__module__], "__file__", None)
+    send(line, {"ready": [] if file is None else files_beside(file)})
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(settings["seed"])
     answers = _Answers(made)

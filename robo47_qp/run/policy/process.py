@@ -46,8 +46,9 @@ class PolicyProcess:
         self._reference, self._known = reference, list(known)
         self._process: subprocess.Popen[bytes] | None = None
         self._number = 0
-        self.file: str | None = None
-        """Source file of the policy, once started."""
+        self.files: list[str] = []
+        """Source files of the policy and of the modules that it has loaded from beside it, once
+        started."""
 
     def start(self, seed: int | None = None) -> None:
         """Start the process and load the policy's class.
@@ -92,7 +93,8 @@ class PolicyProcess:
         if "ready" not in said:
             self.close()
             raise PolicyLoadError(str(said.get("why"))[:4000])
-        self.file = said["ready"] if isinstance(said["ready"], str) else None
+        ready = said["ready"]
+        self.files = [str(file) for file in ready] if isinstance(ready, list) else []
 
     def reset(self, observation: Observation) -> None:
         """See `Policy.reset`.

@@ -147,7 +147,7 @@ def test_a_module_beside_the_file_can_be_imported(tmp_path: Path) -> None:
     try:
         policy.reset(seen())
         assert isinstance(policy.act(seen()), JointTarget)
-        assert policy.file == str(tmp_path / "mine.py")
+        assert policy.files == [str(tmp_path / name) for name in ("beside_it.py", "mine.py")]
     finally:
         policy.close()
 
