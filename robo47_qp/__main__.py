@@ -1,9 +1,20 @@
 """The command `robo47`, also `python -m robo47_qp`: run, evaluate, compare, view, recover."""
 
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from signal import SIGINT, signal
+from threading import current_thread, main_thread
+from typing import TypeAlias
 
+from robo47_qp.errors import RecordingError, RenderingError
+from robo47_qp.report.output import forgiving_output
+
+Command: TypeAlias = Callable[[Sequence[str]], int]
+"""Takes what follows its name on the command line, and returns the exit code."""
 HELP = """\
 usage: robo47 COMMAND [OPTIONS]
 
@@ -24,54 +35,97 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 success, 1 failure, 2 bad input, 130 Ctrl-C."""
     given = list(sys.argv[1:] if args is None else args)
     if given and given[0] in ("-h", "--help"):
-        sys.stdout.write(HELP)
-        return 0
+        return _told(HELP, 0)
     if not given or given[0] not in _COMMANDS:
         what = f"no command is called {given[0]!r}" if given else "a command is missing"
-        sys.stderr.write(f"error: {what}; known: {', '.join(_COMMANDS)}.\n")
-        return 2
+        return _told(f"error: {what}; known: {', '.join(_COMMANDS)}.\n", 2)
     try:
-        return _COMMANDS[given[0]](given[1:])
-    except KeyboardInterrupt:  # in the imports: a command that runs says what it keeps
-        sys.stderr.write("interrupted; nothing has run\n")
-        return 130
+        with _interrupted_in_imports():
+            _check_renderer()
+            command = _COMMANDS[given[0]]()
+    except RenderingError as error:
+        return _told(f"error: {error}\n", 2)
+    return command(given[1:])
 
 
-def _run(args: Sequence[str]) -> int:
+def _told(text: str, code: int) -> int:
+    """Print a text where its exit code says, and return the code; 2 if nothing can be printed."""
+    try:
+        with forgiving_output():
+            print(text, end="", file=sys.stderr if code else sys.stdout)
+    except RecordingError as error:
+        return _told(f"error: {error}\n", 2)
+    return code
+
+
+def _check_renderer() -> None:
+    """Import MuJoCo, and with it the renderer that MUJOCO_GL names.
+
+    Raises:
+        RenderingError: There is no such renderer here.
+    """
+    if "MUJOCO_GL" not in os.environ:
+        return
+    try:
+        import_module("mujoco")
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        raise RenderingError(
+            f"MUJOCO_GL must name a renderer of this machine; found {os.environ['MUJOCO_GL']!r} "
+            f"({error}). On Debian or Ubuntu, egl needs libegl1 and libgl1, and osmesa "
+            "libosmesa6; without MUJOCO_GL everything but pictures works."
+        ) from error
+
+
+@contextmanager
+def _interrupted_in_imports() -> Iterator[None]:
+    """End the process at once on Ctrl-C: extension modules turn it into errors of their own."""
+    if current_thread() is not main_thread():
+        yield
+        return
+
+    def leave(*_: object) -> None:
+        os.write(2, b"interrupted; nothing has run\n")
+        os._exit(130)
+
+    before = signal(SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal(SIGINT, before)
+
+
+def _run() -> Command:
     from robo47_qp.cli import run_command
 
-    return run_command(None, args, "robo47 run TASK")
+    return lambda args: run_command(None, args, "robo47 run TASK")
 
 
-def _evaluate(args: Sequence[str]) -> int:
+def _evaluate() -> Command:
     from robo47_qp.evaluation.command import evaluate_command
 
-    return evaluate_command(args, "robo47 evaluate")
+    return lambda args: evaluate_command(args, "robo47 evaluate")
 
 
-def _compare_ik(args: Sequence[str]) -> int:
+def _compare_ik() -> Command:
     from robo47_qp.evaluation.benchmarks.ik.command import compare_command
 
-    return compare_command(args, "robo47 compare-ik")
+    return lambda args: compare_command(args, "robo47 compare-ik")
 
 
-def _view(args: Sequence[str]) -> int:
-    def view(path: Path) -> None:
-        from robo47_qp.report.rerun.viewer import open_recording
+def _view() -> Command:
+    from robo47_qp.report.rerun import viewer
 
-        open_recording(path)
-
-    return _with_file(args, "view RECORDING.rrd", view)
+    return lambda args: _with_file(args, "view RECORDING.rrd", viewer.open_recording)
 
 
-def _recover(args: Sequence[str]) -> int:
+def _recover() -> Command:
+    from robo47_qp.report.rerun import recovery
+
     def recover(path: Path) -> None:
-        from robo47_qp.report.rerun.recovery import recover
-
-        recording, seconds = recover(path)
+        recording, seconds = recovery.recover(path)
         sys.stdout.write(f"{recording} holds {seconds:.3f} s\n")
 
-    return _with_file(args, "recover RUN.rows", recover)
+    return lambda args: _with_file(args, "recover RUN.rows", recover)
 
 
 def _with_file(args: Sequence[str], usage: str, command: Callable[[Path], None]) -> int:
@@ -80,8 +134,7 @@ def _with_file(args: Sequence[str], usage: str, command: Callable[[Path], None])
 
     if len(args) != 1 or args[0].startswith("-"):
         asked = args and args[0] in ("-h", "--help")
-        (sys.stdout if asked else sys.stderr).write(f"usage: robo47 {usage}\n")
-        return 0 if asked else 2
+        return _told(f"usage: robo47 {usage}\n", 0 if asked else 2)
 
     def run() -> int:
         command(Path(args[0]))
@@ -90,7 +143,7 @@ def _with_file(args: Sequence[str], usage: str, command: Callable[[Path], None])
     return guarded(run)
 
 
-_COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+_COMMANDS: dict[str, Callable[[], Command]] = {
     "run": _run,
     "evaluate": _evaluate,
     "compare-ik": _compare_ik,

@@ -5,14 +5,13 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import dataclass, field, make_dataclass
 from inspect import getdoc
 from pathlib import Path
 from signal import SIGTERM, default_int_handler, signal
 from threading import current_thread, main_thread
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
@@ -26,6 +25,7 @@ from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.metrics import metrics
+from robo47_qp.report.output import forgiving_output
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.report.run_plot import plot_run
@@ -38,7 +38,7 @@ from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.row_file import ENDING, RowFile
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.task import Task
+from robo47_qp.run.task import Task, own_options, task_of_options
 from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
@@ -200,7 +200,7 @@ def guarded(command: Callable[[], int]) -> int:
         # So that files are closed and temporary files are removed.
         signal(SIGTERM, default_int_handler)
     try:
-        with threadpool_limits(1, user_api="blas"):
+        with forgiving_output(), threadpool_limits(1, user_api="blas"):
             return command()
     except Robo47Error as error:
         Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
@@ -278,8 +278,7 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
             Annotated[one.type, tyro.conf.arg(help=one.metadata["help"])],
             field(default=one.default),
         )
-        for one in fields(kind)  # type: ignore[arg-type]
-        if "help" in one.metadata
+        for one in own_options(kind)
     ]
     return make_dataclass(
         f"{kind.__name__}Options", own, bases=(RunOptions,), frozen=True, kw_only=True
@@ -288,17 +287,7 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     def run(options: RunOptions, console: Console) -> int:
-        own = [one for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
-        task = kind(**{one.name: getattr(options, one.name) for one in own})
-        stream = getattr(kind, "scene_stream", None)
-        for one in own:
-            given = getattr(options, one.name)
-            if options.seed is not None and one.metadata.get("drawn") and given != one.default:
-                raise InvalidValueError(
-                    f"--{one.name}", given, "left out with --seed, which draws it"
-                )
-        if options.seed is not None and stream is not None:
-            task = task.variant(np.random.default_rng([options.seed, stream]))
+        task = task_of_options(kind, vars(options), options.seed)
         return run_task(task, options.robot_for(task), options, console)
 
     return run

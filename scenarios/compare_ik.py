@@ -2,7 +2,7 @@
 
 import sys
 
-from robo47_qp.evaluation.benchmarks.ik.command import compare_command
+from robo47_qp.__main__ import main
 
 if __name__ == "__main__":
-    sys.exit(compare_command())
+    sys.exit(main(["compare-ik", *sys.argv[1:]]))

@@ -2,8 +2,7 @@
 
 import sys
 
-if __name__ == "__main__":
-    # Workers import this file: what only the main process needs is imported here.
-    from robo47_qp.evaluation.command import evaluate_command
+from robo47_qp.__main__ import main
 
-    sys.exit(evaluate_command())
+if __name__ == "__main__":
+    sys.exit(main(["evaluate", *sys.argv[1:]]))

@@ -2,7 +2,7 @@
 
 import sys
 
-from robo47_qp.cli import run_command
+from robo47_qp.__main__ import main
 
 if __name__ == "__main__":
-    sys.exit(run_command("peg_insert"))
+    sys.exit(main(["run", "peg_insert", *sys.argv[1:]]))

@@ -2,7 +2,7 @@
 
 import sys
 
-from robo47_qp.cli import run_command
+from robo47_qp.__main__ import main
 
 if __name__ == "__main__":
-    sys.exit(run_command("wipe"))
+    sys.exit(main(["run", "wipe", *sys.argv[1:]]))

@@ -1,8 +1,8 @@
 """Task: a job for the robot that ends in success or in a named failure."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Sequence
-from dataclasses import field
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import Field, field, fields
 from typing import Any, ClassVar, Self
 
 import mujoco
@@ -166,3 +166,31 @@ class Task(Checked, ABC):
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Return figures of the final state, by name with unit."""
         return {}
+
+
+def own_options(kind: type[Task]) -> list[Field[Any]]:
+    """Return the fields of a task that it declares with `option`."""
+    return [one for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
+
+
+def task_of_options(kind: type[Task], given: Mapping[str, Any], seed: int | None) -> Task:
+    """Return a task by its options, as it is in a single run.
+
+    Args:
+        kind: Its class.
+        given: Values of all of its options, by name.
+        seed: Draws its `variant`; None leaves it as the options say.
+
+    Raises:
+        InvalidValueError: An option has no sense, or the seed draws it in place of what is given.
+    """
+    own = own_options(kind)
+    task = kind(**{one.name: given[one.name] for one in own})
+    if seed is None:
+        return task
+    for one in own:
+        if one.metadata.get("drawn") and given[one.name] != one.default:
+            expected = "left out with --seed, which draws it"
+            raise InvalidValueError(f"--{one.name}", given[one.name], expected)
+    stream = getattr(kind, "scene_stream", None)
+    return task if stream is None else task.variant(np.random.default_rng([seed, stream]))
