@@ -43,7 +43,7 @@ from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
-from robo47_qp.stack import CONTROLLERS, IK_SOLVERS, QP_SOLVERS, ClassicalStack
+from robo47_qp.stack import CONTROLLERS, IK_SOLVERS, PROFILES, QP_SOLVERS, ClassicalStack
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: success, the robot tried and failed, bad input, Ctrl-C or SIGTERM."""
@@ -97,6 +97,8 @@ class StackOptions:
     observer: bool = True
     """Estimate the joints' state and compensate what disturbs them, such as heavier links, an
     unknown payload and dry friction; without it, the measured state is taken as it is."""
+    profile: Annotated[str, one_of(PROFILES)] = ClassicalStack.profile
+    """Bounds of all motions: gentle, or rated, as fast as the arm's ratings and motors allow."""
     speed: float = ClassicalStack.pace
     """Pace, 0.01 to 1: at 0.5 the motions take twice the time."""
 
@@ -122,6 +124,7 @@ class StackOptions:
                 qp_solver=self.qp_solver,
                 controller=self.controller,
                 observer=ClassicalStack.observer if self.observer else None,
+                profile=self.profile,
                 pace=self.speed,
             )
         except InvalidValueError as error:

@@ -21,10 +21,13 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
+from robo47_qp.model.ratings import profile_at_ratings
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.collision_check import Collisions, Surroundings
 from robo47_qp.motion.detour import Detour
+from robo47_qp.motion.motor_share import MotorShare
+from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
 from robo47_qp.run.scenario import Scenario
 from robo47_qp.run.task import Task
@@ -58,6 +61,11 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "operational_space": OperationalSpace,
 }
 """Controllers by name."""
+PROFILES = ("gentle", "rated")
+"""Bounds of all motions by name: the robot's own profile with a slow tool on its paths, or as fast
+as ratings and motors allow."""
+_RATED_TOOL = PathProfile(linear=(1.7, 13.0, 500.0), angular=(2.5, 25.0, 1000.0))
+"""Bounds of the tool on its paths where the joints may move as fast as they are rated for."""
 PACE_MIN = 0.01
 """A run at this pace takes 100 times as long."""
 _IK_CLEARANCE = 0.01
@@ -84,6 +92,8 @@ class ClassicalStack:
     observer: DisturbanceObserver | None = DisturbanceObserver()
     """What estimates the joints' state and compensates what disturbs them; None takes the state
     as it is measured, and leaves disturbances to the controller."""
+    profile: str = "gentle"
+    """Bounds of all motions, a name of `PROFILES`."""
     pace: float = 1.0
     """Pace of all motions, 0.01 to 1: at 0.5 they take twice the time."""
 
@@ -91,12 +101,13 @@ class ClassicalStack:
         """Check the names and the pace.
 
         Raises:
-            UnknownNameError: No solver or controller has this name.
+            UnknownNameError: No solver, controller or profile has this name.
             InvalidValueError: The pace is out of range, or a QP solver is named that is not used.
         """
         for kind, name, known in (
             ("inverse kinematics", self.ik, IK_SOLVERS),
             ("QP solver", self.qp_solver, QP_SOLVERS),
+            ("profile", self.profile, PROFILES),
             ("controller", self.controller, CONTROLLERS),
         ):
             if name not in known:
@@ -122,6 +133,14 @@ class ClassicalStack:
         that would touch what stands in the scene, and chooses configurations accordingly.
         """
         planner = Planner(ik=self.solver(), profile=robot.profile, pace=self.pace)
+        if self.profile == "rated":
+            planner = replace(
+                planner,
+                profile=profile_at_ratings(robot.rated),
+                motors=MotorShare(),
+                lin=replace(planner.lin, profile=_RATED_TOOL),
+                continuous=replace(planner.continuous, profile=_RATED_TOOL),
+            )
         if not task.obstacles:
             itself = _itself(robot)
             return replace(

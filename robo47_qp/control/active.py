@@ -106,6 +106,7 @@ class ActiveController:
             state: The joints' state now.
         """
         compiled, observed = self.compiled, self.observed
+        reference = self.sampled(reference)
         if compiled is not None:
             self.enter(compiled, state.q)
             tau = compiled.torque(reference, state)
@@ -121,6 +122,16 @@ class ActiveController:
             arm.inverse_dynamics(*state, reference.a)
         observed.expect(arm, reference, tau)
         return tau
+
+    def sampled(self, reference: JointReference) -> JointReference:
+        """Return a reference, or many, with the velocity that sampled joints have on it.
+
+        Both the velocity of a joint that is simulated by steps, q' = q + T v', and one estimated
+        from sampled positions are the mean of the period that has ended: T a / 2 less than at its
+        end. A law that held it against the latter would let q run ahead by T ζ a / ω.
+        """
+        q, v, a = reference
+        return JointReference(q, v - 0.5 * self._dt * a, a)
 
     @property
     def compiled(self) -> CompiledControl | None:

@@ -199,7 +199,9 @@ class ObservedJoints:
             known = np.concatenate((now.estimate, self._pending.reshape(-1)))
             state = JointState(*self._predict.dot(known).reshape(2, self._n))
             t = self._late
-            q_ref, v_ref = q_ref + t * (v_ref + 0.5 * t * a_ref), v_ref + t * a_ref
+            # As in `ActiveController.sampled`, v_ref is the mean of the period that has ended.
+            q_ref = q_ref + t * (v_ref + 0.5 * (t + self._dt) * a_ref)
+            v_ref = v_ref + t * a_ref
         return JointReference(q_ref, v_ref, a_ref - self._compensation), state
 
     def expect(self, arm: Arm, reference: JointReference, tau: Vector) -> None:

@@ -151,4 +151,5 @@ def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) 
 
 
 def _control(stack: ClassicalStack) -> dict[str, Any]:
-    return {"controller": stack.controller, "observer": stack.observer is not None}
+    observed = stack.observer is not None
+    return {"controller": stack.controller, "observer": observed, "profile": stack.profile}

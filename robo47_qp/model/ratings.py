@@ -91,6 +91,13 @@ def default_profile(rated: MotionProfile) -> MotionProfile:
     return MotionProfile(v_max=v_max, a_max=a_max, j_max=j_max)
 
 
+def profile_at_ratings(rated: MotionProfile) -> MotionProfile:
+    """Return PROFILE_SHARE of the ratings."""
+    bounds = (rated.v_max, rated.a_max, rated.j_max)
+    v_max, a_max, j_max = (PROFILE_SHARE * bound for bound in bounds)
+    return MotionProfile(v_max=v_max, a_max=a_max, j_max=j_max)
+
+
 def torque_rates(tau_max: Vector) -> Vector:
     """Return torque-rate limits (n,) [N·m/s]."""
     return tau_max / TORQUE_RISE_TIME

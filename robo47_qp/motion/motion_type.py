@@ -16,6 +16,7 @@ from robo47_qp.motion.continuous import Continuous, ContinuousMotion
 from robo47_qp.motion.detour import Detour
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.following.tracking import IkEffort
+from robo47_qp.motion.motor_share import MotorShare
 from robo47_qp.motion.paths.segments import Segment
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.timing.lower_bound import lower_bound
@@ -37,6 +38,8 @@ class PlannerSettings:
     """How arcs and motions without stops are planned."""
     law: TimeLaw = S_CURVE
     """How PTP and LIN motions run from rest to rest."""
+    motors: MotorShare | None = None
+    """What the motors may spend on a motion; None leaves it to the profile."""
     collisions: Collisions | None = None
     """Collision check of all motions; None for none."""
     surroundings: Collisions | None = None

@@ -1,7 +1,8 @@
 """Planner: from waypoints to the trajectories that lead there."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 
 from mink import SE3
@@ -19,6 +20,11 @@ from robo47_qp.motion.paths.together import ToolsPath
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Waypoint, goal_pose
+
+_ROOM = 1.02
+"""Bounds are lowered by so much more than is needed."""
+_ROUNDS = 8
+"""Attempts with lower bounds, of which the second or third usually does."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,8 +146,35 @@ class Planner(PlannerSettings):
         self, arm: Arm, waypoint: Waypoint, reached: IkResult | None, q_start: Vector, dt: float
     ) -> Leg:
         request = waypoint.request(arm, self.ik, self.pace, reached)
-        planned = waypoint.motion.type.plan(self, arm, request, q_start, dt)
-        return _leg(arm, waypoint, request, planned)
+        plan = partial(_between, arm, [waypoint], [request], q_start, dt)
+        return self._within_motors(arm, plan, dt)[0]
+
+    def _within_motors(
+        self, arm: Arm, plan: Callable[["Planner"], list[Leg]], dt: float
+    ) -> list[Leg]:
+        """Plan with less acceleration and jerk until the motors have to spend no more than said."""
+        planner, legs, most = self, plan(self), [0.0]
+        if self.motors is None:
+            return legs
+        for _ in range(_ROUNDS):
+            asked = [self.motors.excess(arm, leg.trajectory, dt) for leg in legs]
+            most = [max(each) for each in zip(*asked, strict=True)]
+            if max(most) <= 1.0:
+                return legs
+            planner = planner.gentler(*(1.0 if share <= 1.0 else _ROOM * share for share in most))
+            legs = plan(planner)
+        name = legs[-1].waypoint.name
+        raise PlanError(name, f"its motors would have to do {max(most):.2g} times what they may")
+
+    def gentler(self, torque: float, rate: float) -> "Planner":
+        """Return the planner with accelerations and jerks that are smaller by these factors."""
+        lin, continuous, joints = self.lin, self.continuous, self.profile
+        return replace(
+            self,
+            profile=replace(joints, a_max=joints.a_max / torque, j_max=joints.j_max / rate),
+            lin=replace(lin, profile=lin.profile.gentler(torque, rate)),
+            continuous=replace(continuous, profile=continuous.profile.gentler(torque, rate)),
+        )
 
     def _blended(
         self,
@@ -162,11 +195,8 @@ class Planner(PlannerSettings):
             legs, q = list[Leg](), q_start
             for part in split_at(len(run), stops):
                 mine, asked = run[part], requests[part]
-                if len(mine) == 1:
-                    found = [mine[0].motion.type.plan(self, arm, asked[0], q, dt)]
-                else:
-                    found = self.without_stops(arm, asked, q, dt)
-                legs += [_leg(arm, *one) for one in zip(mine, asked, found, strict=True)]
+
+                legs += self._within_motors(arm, partial(_between, arm, mine, asked, q, dt), dt)
                 q = legs[-1].trajectory.end.q
             return legs
 
@@ -174,6 +204,22 @@ class Planner(PlannerSettings):
         if corners:
             floor = least_with_stops(arm, q_start, requests, self.profile, self.lin.profile)
         return quickest(corners, plan, duration, floor)
+
+
+def _between(
+    arm: Arm,
+    run: Sequence[Waypoint],
+    requests: Sequence[Request],
+    q: Vector,
+    dt: float,
+    planner: Planner,
+) -> list[Leg]:
+    """Return the legs of one motion from rest through waypoints to rest at the last."""
+    if len(run) == 1:
+        found = [run[0].motion.type.plan(planner, arm, requests[0], q, dt)]
+    else:
+        found = planner.without_stops(arm, requests, q, dt)
+    return [_leg(arm, *one) for one in zip(run, requests, found, strict=True)]
 
 
 def _tools_of(arm: Arm, waypoint: Waypoint) -> tuple[str, ...]:

@@ -296,7 +296,12 @@ class ControlLoop:
         world.prepare(columns.now.start, columns.last.start)
         periods = min(self.control.enter(compiled, self.sim.state().q), len(rows))
         done, complete = compiled.run(
-            world.structure, periods, references, rows, columns.command.start, count
+            world.structure,
+            periods,
+            self.control.sampled(references),
+            rows,
+            columns.command.start,
+            count,
         )
         self.control.leave(compiled, references.q[done - 1], done)
         if not complete:

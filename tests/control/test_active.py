@@ -4,13 +4,16 @@ import pytest
 from robo47_qp.arrays import Vector
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.control.joint_stops import JointStops
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
-from robo47_qp.model.robot import Robot
+from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
 from robo47_qp.sim.simulation import Simulation
@@ -293,3 +296,20 @@ def test_a_reference_near_the_lower_limit_is_followed_for_nothing_too(arm: Arm) 
     assert not tau.any()
     stops.push(tau, arm, near, near - 0.1 * 0.03 * (arm.q_max - arm.q_min))
     assert tau == pytest.approx(0.01 * arm.robot.tau_max)
+
+
+@pytest.mark.parametrize("observer", [None, DisturbanceObserver(noise_q=0.0)], ids=["no", "with"])
+def test_joints_do_not_run_ahead_of_a_reference_that_accelerates(
+    observer: DisturbanceObserver | None,
+) -> None:
+    """By T ζ a / ω they would: 0.25 mrad at 7.5 rad/s²."""
+    arm, sim = Arm(PANDA), Simulation(PANDA, no_objects)
+    active = ActiveController(ComputedTorque(), arm, dt=DT, observer=observer)
+    profile = MotionProfile.uniform(arm.n, v=2.0, a=7.5, j=150.0)
+    way = plan_ptp(arm.home, arm.home + 0.3, profile, DT)
+    worst = 0.0
+    for sample in zip(way.q, way.v, way.a, strict=True):
+        worst = max(worst, float(np.abs(sim.true_state().q - sample[0]).max()))
+        sim.step(active.torque(JointReference(*sample), sim.state()))
+    assert np.abs(way.a).max() == pytest.approx(7.5, rel=1e-3)
+    assert worst < 0.1e-3

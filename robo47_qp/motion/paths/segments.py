@@ -244,6 +244,12 @@ class PathProfile:
         """Return the time to move a length and turn an angle at full speed [s]."""
         return max(length / self.linear[0], angle / self.angular[0])
 
+    def gentler(self, torque: float, rate: float) -> "PathProfile":
+        """Return the bounds with accelerations and jerks that are smaller by these factors."""
+        (v, a, j), (w, b, k) = self.linear, self.angular
+        linear, angular = (v, a / torque, j / rate), (w, b / torque, k / rate)
+        return PathProfile(linear=linear, angular=angular)
+
     def slowed(self, pace: float) -> "PathProfile":
         """Return the bounds for the same paths at `pace` times the full speed."""
         v, a, j = self.linear
