@@ -55,6 +55,7 @@ class Job:
             ClassLoadError: The policy cannot be loaded.
             InvalidValueError: The task is done before it begins.
         """
+        self.origin = provenance()
         self.options, self.chosen = options, options.evaluation(task, robot)
         self.evaluation, self.executor = self.chosen.evaluation, self.chosen.executor
 
@@ -69,8 +70,12 @@ class Job:
             report = self.evaluation.run(self.executor, files["journal"], bar.show, resume=True)
         if self.options.against is not None:
             report = replace(report, comparison=compare(report, _other(self.options.against)))
-        write_json(files["report"], _told(report))
+        write_json(files["report"], self.told(report))
         return report
+
+    def told(self, report: EvaluationReport | PolicyComparison) -> dict[str, Any]:
+        """Return what a report file holds: the report, and where it comes from."""
+        return {**report.as_json(), "provenance": self.origin}
 
     def finish(self, report: EvaluationReport) -> EvaluationReport:
         """Record failures and write all files; returns the report with the replays.
@@ -82,7 +87,7 @@ class Job:
         episode = self.evaluation.episode
         replayed = record_failures(episode, self.executor, failures, files["recording"])
         report = replace(report, replayed=replayed)
-        write_json(files["report"], _told(report))
+        write_json(files["report"], self.told(report))
         write_text(files["text"], markdown(report, [files["plot"].name]))
         plot_evaluation(report, files["plot"])
         return report
@@ -133,7 +138,7 @@ def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) 
     if several:
         _conclude(jobs, reports, options, console)
     elif options.json:
-        _print_json(_told(reports[0]))
+        _print_json(jobs[0].told(reports[0]))
     else:
         _print(console, _summary(reports[0], options))
     return OK if all(report.sound for report in reports) else FAILED
@@ -209,11 +214,6 @@ def _replay(job: Job, seed: int, console: Console) -> int:
     return FAILED if result.error is not None or same is False else OK
 
 
-def _told(report: EvaluationReport | PolicyComparison) -> dict[str, Any]:
-    """Return what a report file holds: the report, and where it comes from."""
-    return {**report.as_json(), "provenance": provenance()}
-
-
 def _conclude(
     jobs: Sequence[Job],
     reports: Sequence[EvaluationReport],
@@ -223,7 +223,7 @@ def _conclude(
     """Write and print the comparison of several policies."""
     names = [job.options.files["report"].name for job in jobs]
     found = compare_policies(dict(zip(names, reports, strict=True)))
-    told = _told(found)
+    told = jobs[0].told(found)
     write_json(options.files["report"], told)
     write_text(options.files["text"], paired_markdown(found))
     if options.json:

@@ -20,9 +20,9 @@ def provenance() -> dict[str, Any]:
     checkout from which the package was imported, None for an installed
     one; `changed` tells that its files were not those of the commit.
     """
-    commit = _git("rev-parse", "HEAD")
+    commit, program = _git("rev-parse", "HEAD"), Path(sys.argv[0]).name
     return {
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": shlex.join(["robo47" if program == "__main__.py" else program, *sys.argv[1:]]),
         "commit": commit,
         "changed": commit is not None and bool(_git("status", "--porcelain")),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),

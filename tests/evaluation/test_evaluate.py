@@ -172,6 +172,27 @@ def test_an_evaluation_goes_on_and_prints_json_alone(
         evaluate(Odd(), PANDA, options(done, resume=True, friction=0.2), QUIET)
 
 
+def test_a_report_tells_the_files_that_it_was_begun_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[str] = []
+    run = InProcess.run
+
+    def origin() -> dict[str, Any]:
+        looked.append("made")
+        return {"order": list(looked)}
+
+    def ran(self: InProcess, *arguments: Any) -> Iterator[EpisodeResult]:
+        looked.append("ran")
+        return run(self, *arguments)
+
+    monkeypatch.setattr(InProcess, "run", ran)
+    monkeypatch.setattr("robo47_qp.evaluation.evaluate.provenance", origin)
+    assert evaluate(Odd(), PANDA, options(tmp_path, episodes=1, failures=0), QUIET) == 0
+    assert "ran" in looked
+    assert read(tmp_path)["provenance"] == {"order": ["made"]}
+
+
 def test_what_cannot_be_gone_on_with_is_begun_and_told(tmp_path: Path) -> None:
     screen = StringIO()
     chosen = options(tmp_path, resume=True, episodes=1, failures=0)
