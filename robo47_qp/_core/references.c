@@ -2,6 +2,7 @@
 
 #include "elementary_inline.h"
 
+typedef void (*kinematics)(const void *model, void *data);
 typedef void (*quaternion_of)(double *quaternion, const double *matrix);
 
 void r47_reference_rows(const r47_references *r, int count, const double *q, const double *v,
@@ -24,5 +25,16 @@ void r47_reference_rows(const r47_references *r, int count, const double *q, con
       ((quaternion_of)r->quaternion)(rows + 3, r->xmat + 9 * r->site[t]);
       rows += 7;
     }
+  }
+}
+
+void r47_tool_places(r47_dynamics *arm, const double *position, const double *quaternion, int count,
+                     const double *q, double *positions, double *quaternions) {
+  const size_t bytes = (size_t)arm->n * sizeof(double);
+  for (int k = 0; k < count; k++) {
+    memcpy(arm->qpos, q + k * arm->n, bytes);
+    ((kinematics)arm->kinematics)(arm->model, arm->data);
+    memcpy(positions + 3 * k, position, 3 * sizeof(double));
+    memcpy(quaternions + 4 * k, quaternion, 4 * sizeof(double));
   }
 }

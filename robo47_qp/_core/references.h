@@ -17,4 +17,9 @@ typedef struct {
 void r47_reference_rows(const r47_references *references, int count, const double *q,
                         const double *v, const double *a, double *rows);
 
+/* Positions (count, 3) [m] and quaternions (count, 4) of a tool at q (count, n); where its position
+   and its quaternion are in the data is given. */
+void r47_tool_places(r47_dynamics *arm, const double *position, const double *quaternion, int count,
+                     const double *q, double *positions, double *quaternions);
+
 #endif

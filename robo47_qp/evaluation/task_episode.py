@@ -113,7 +113,7 @@ def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: floa
         "audit_ok": not broken,
         "broken_promises": broken,
         "disturbance": wrong,
-        "sha256": sha256(run.rows.values.tobytes()).hexdigest(),
+        "sha256": sha256(run.rows.values.data.cast("B")).hexdigest(),
     }
     more["timing"] = {"wall_s": perf_counter() - started, **timing}
     if run.failure is not None:

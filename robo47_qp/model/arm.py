@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple, TypeVar, TypeVarTuple
@@ -381,6 +382,12 @@ class Arm:
         self._q[:] = q
         mujoco.mj_kinematics(self.model, self._data)
         return self._data
+
+
+@lru_cache(maxsize=8)
+def bare_arm(robot: Robot) -> Arm:
+    """Return the arm of a robot with nothing in its hands: the same one, scratch state included."""
+    return Arm(robot)
 
 
 Load = Payload | Mapping[str, Payload] | None

@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robo47_qp._core.library import Structure, backend, functions, pointer
+from robo47_qp._core.mujoco_functions import dynamics
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
 
@@ -34,14 +36,19 @@ def tool_rates(arm: Arm, q: Matrix, dt: float) -> ToolRates:
 
 def rates_of(arm: Arm, q: Matrix, dt: float, tool: int) -> ToolRates:
     """Return the same of one tool."""
-    positions, quats = tool_places(arm, q, tool)
-    rotations = Rotation.from_quat(quats, scalar_first=True)
-    turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
-    steps = np.stack([np.diff(positions, axis=0), turns], axis=1)
+    steps = tool_steps(arm, q, tool)
     still = np.zeros((2, 2, 3))
     v = np.concatenate([still, steps, still]) / dt
     a = np.diff(v, axis=0) / dt
     return ToolRates(*(_sizes(x) for x in (v[2:-2], a, np.diff(a, axis=0) / dt)))
+
+
+def tool_steps(arm: Arm, q: Matrix, tool: int = 0) -> Matrix:
+    """Return the displacements [m] and turns [rad] between configurations (N - 1, 2, 3)."""
+    positions, quats = tool_places(arm, q, tool)
+    rotations = Rotation.from_quat(quats, scalar_first=True)
+    turns = rotations[:-1].apply((rotations[:-1].inv() * rotations[1:]).as_rotvec())
+    return np.stack([np.diff(positions, axis=0), turns], axis=1)
 
 
 def tool_places(arm: Arm, q: Matrix, tool: int = 0) -> tuple[Matrix, Matrix]:
@@ -50,11 +57,21 @@ def tool_places(arm: Arm, q: Matrix, tool: int = 0) -> tuple[Matrix, Matrix]:
     m, d = arm.model, arm.scratch
     site = arm.tool_sites[tool]
     joints, position, quat = d.qpos, d.site_xpos[site], d.site_xquat[site]
+    if backend() == "compiled":
+        arrays = (np.ascontiguousarray(q), positions, quats)
+        places = map(pointer, (position, quat))
+        core = arm.derived(_in_core).pointer
+        functions().r47_tool_places(core, *places, len(q), *map(pointer, arrays))
+        return positions, quats
     for k, row in enumerate(q):
         joints[:] = row
         mujoco.mj_kinematics(m, d)
         positions[k], quats[k] = position, quat
     return positions, quats
+
+
+def _in_core(arm: Arm) -> Structure:
+    return dynamics(arm.model, arm.scratch)
 
 
 def _sizes(values: Matrix) -> Matrix:
@@ -91,7 +108,7 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int 
 
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
     """
-    screws, point = _at_rest(arm, tool)
+    screws, point = arm.derived(_at_rest, tool)
     count, own = len(q), arm.tool_joints(tool)
     R, p = np.tile(np.eye(3)[:, :, None], count), np.zeros((3, count))
     w, u, dw, du, ddw, ddu = np.zeros((6, 3, count))
@@ -135,8 +152,7 @@ class _Screw(NamedTuple):
 def _at_rest(arm: Arm, tool: int) -> tuple[list[_Screw], Vector]:
     """Return the axes of the joints that move a tool, and its point, with all joints at zero."""
     m = arm.model
-    d = mujoco.MjData(m)
-    mujoco.mj_kinematics(m, d)
+    d = arm.place_only(m.qpos0)
     screws = []
     for i in np.flatnonzero(arm.tool_joints(tool)).tolist():
         zero = float(m.qpos0[i])

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.model.arm import Arm
+from robo47_qp.model.arm import bare_arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
@@ -133,7 +133,7 @@ def _tool(run: Run) -> ToolMotion:
     """Return the motion of the tool from that of the joints."""
     q, v, a = (run.rows[f"joints/{name}"] for name in "qva")
     jerk = np.diff(a, axis=0, append=a[-1:]) / TIMESTEP
-    return tool_motion(Arm(run.scenario.robot), q, v, a, jerk)
+    return tool_motion(bare_arm(run.scenario.robot), q, v, a, jerk)
 
 
 def _smoothness(run: Run, motion: ToolMotion) -> dict[str, float]:

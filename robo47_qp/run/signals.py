@@ -87,7 +87,7 @@ def _tool_errors(label: str) -> dict[Signal, Callable[[Rows], Matrix]]:
 
     def angle(rows: Rows) -> Matrix:
         reference, measured = poses(rows)
-        return _angle_between(reference[:, 3:], measured[:, 3:])
+        return angle_between(reference[:, 3:], measured[:, 3:])
 
     return {
         Signal(name=f"errors/{label}tool_position", labels=("distance",), unit="m"): distance,
@@ -127,7 +127,7 @@ def followed_errors() -> dict[Signal, Callable[[Rows], Matrix]]:
             rows[TARGET_POSE][:, :3] - rows["tool/pose"][:, :3]
         ),
         Signal(name="target/angle_error", labels=("angle",), unit="rad"): lambda rows: (
-            _angle_between(rows[TARGET_POSE][:, 3:], rows["tool/pose"][:, 3:])
+            angle_between(rows[TARGET_POSE][:, 3:], rows["tool/pose"][:, 3:])
         ),
     }
 
@@ -225,7 +225,7 @@ def _size(vectors: Matrix) -> Matrix:
     return size
 
 
-def _angle_between(a: Matrix, b: Matrix) -> Matrix:
+def angle_between(a: Matrix, b: Matrix) -> Matrix:
     """Return the angle between the rotations of unit quaternions (N, 4), accurate near 0 (N, 1)."""
     # |a ∓ b| = 2 sin(angle/4): unlike arccos of the dot product, exact for small angles.
     chord = np.minimum(_size(a - b), _size(a + b))

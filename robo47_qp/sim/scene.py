@@ -52,6 +52,10 @@ def compile_scene(robot: Robot, build_scene: BuildScene, *, drawn: bool = True) 
     own = {body.name for body in spec.bodies}
     spec.add_numeric(name=MOUNT_GEOMS, size=1, data=[len(spec.worldbody.geoms)])
     build_scene(spec)
+    if not drawn:
+        unseen: list[Any] = [*spec.lights, *spec.cameras]
+        for element in unseen:
+            spec.delete(element)
     add_contact_sensors(spec, robot, _fixed(spec, own))
     model = spec.compile()
     for name, ids in (

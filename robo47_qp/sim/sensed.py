@@ -8,7 +8,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import NoGripperError, UnknownNameError
-from robo47_qp.model.arm import Arm, JointState
+from robo47_qp.model.arm import JointState, bare_arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import Sight
@@ -80,7 +80,7 @@ class Sensed:
         """Describe a cell before anything is measured; `objects` are the names of free bodies."""
         self.robot, self.sheet = robot, sheet
         self.objects = tuple(objects)
-        self._arm = Arm(robot)
+        self._arm = bare_arm(robot)
         self._now: Reading | None = None
         self._poses: dict[int, SE3] = {}
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -99,7 +100,7 @@ class CarryTray(Task):
         check_place("start", self.start)
         check_place("end", self.end)
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the tray counts as placed."""
         return PlaceCriterion(distance=self.place_tolerance)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -73,7 +74,7 @@ class ConveyorPick(Task):
         if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the item counts as placed."""
         return PlaceCriterion(distance=self.place_tolerance)

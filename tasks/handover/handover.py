@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -90,7 +91,7 @@ class Handover(Task):
             expected = f"at most 0.07 m along x and at least {_LONG[0]} m along y"
             raise InvalidValueError("size of the bar", self.bar.size, expected)
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the bar counts as placed."""
         return PlaceCriterion(distance=self.place_tolerance)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import mujoco
@@ -71,7 +72,7 @@ class PegInsert(Task):
     """See `Task.force_max` [N]."""
     name: str = "peg_insert"
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the peg counts as inserted, beside its depth: distance and tilt are in the hole."""
         return PlaceCriterion(distance=_ASIDE, tilt=_TILT)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -70,7 +71,7 @@ class PickPlace(Task):
         check_place("pick", self.pick)
         check_place("place", self.place)
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the item counts as placed."""
         return PlaceCriterion(distance=self.place_tolerance)

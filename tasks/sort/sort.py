@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -99,7 +100,7 @@ class Sort(Task):
             if count > len(place.slots):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When an item in its bin counts as at rest, and as lying on a face."""
         return PlaceCriterion()

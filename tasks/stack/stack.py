@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import mujoco
@@ -97,7 +98,7 @@ class Stack(Task):
         """Edge length of the cubes [m]."""
         return self.cubes[0].height
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When a cube counts as placed; positions are judged by the tolerances of the tower."""
         return PlaceCriterion(distance=self.tolerance)

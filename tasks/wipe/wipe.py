@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import mujoco
@@ -156,7 +157,7 @@ class Wipe(Task):
         yield HOME
         return None
 
-    @property
+    @cached_property
     def placed(self) -> PlaceCriterion:
         """When the sponge counts as back in its place."""
         return PlaceCriterion(distance=self.place_tolerance)

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import mujoco
 import numpy as np
 import pytest
 
-from robo47_qp._core.library import using
+from robo47_qp._core.library import functions, pointer, using
+from robo47_qp._core.mujoco_functions import dynamics
 from robo47_qp.arrays import Matrix
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
@@ -243,3 +245,20 @@ def test_a_torque_that_is_no_number_is_refused_and_moves_nothing(backend: str) -
         loop.track(Trajectory(q=home, v=np.zeros((31, 7)), a=a, dt=DT))
     assert len(loop.recording) == 13
     assert sim.time == pytest.approx(13 * DT)
+
+
+def test_inverse_dynamics_by_parts_are_those_of_mujoco_to_the_bit(
+    arm: Arm, rng: np.random.Generator
+) -> None:
+    data = mujoco.MjData(arm.model)
+    core, y = dynamics(arm.model, data), rng.normal(size=(1, arm.n))
+    for q in rng.uniform(arm.q_low, arm.q_high, (50, arm.n)):
+        v, a = rng.normal(size=(2, arm.n))
+        tau = arm.inverse_dynamics(q, v, a)
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        functions().r47_inverse(core.pointer)
+        np.testing.assert_array_equal(data.qfrc_inverse, tau)
+        expected, found = np.zeros((2, 1, arm.n))
+        mujoco.mj_solveM(arm.model, arm.scratch, expected, y)
+        functions().r47_solve(core.pointer, pointer(found), pointer(y))
+        np.testing.assert_array_equal(found, expected)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robo47_qp._core.library import using
 from robo47_qp.arrays import Matrix
 from robo47_qp.model.arm import Arm
-from robo47_qp.motion.tool_motion import tool_motion
+from robo47_qp.motion.tool_motion import tool_motion, tool_places
 from tests.small_robots import small_robot
 
 COUNT = 12
@@ -99,3 +100,14 @@ def test_an_arm_at_rest_has_a_tool_at_rest(arm: Arm) -> None:
     still = np.zeros((3, arm.n))
     for part in tool_motion(arm, np.tile(arm.home, (3, 1)), still, still, still):
         assert not part.any()
+
+
+def test_places_are_the_same_to_the_bit_in_the_core(arm: Arm, rng: np.random.Generator) -> None:
+    q = rng.uniform(arm.q_low, arm.q_high, (50, arm.n))[::2]
+    for tool in range(len(arm.robot.tools)):
+        found = []
+        for backend in ("compiled", "numpy"):
+            with using(backend):
+                found.append(tool_places(arm, q, tool))
+        for one, other in zip(*found, strict=True):
+            np.testing.assert_array_equal(one, other)

@@ -8,7 +8,7 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.tool_motion import rates_of
+from robo47_qp.motion.tool_motion import tool_steps
 
 
 def least_time(distance: float, v_max: float, a_max: float, j_max: float) -> float:
@@ -62,7 +62,7 @@ def lower_bound(
     times.append(float(steps.max(axis=1).sum()))
     if tool is not None:
         for one in range(len(arm.robot.tools)):
-            length, angle = rates_of(arm, q, 1.0, one).v.sum(axis=0)
+            length, angle = np.linalg.norm(tool_steps(arm, q, one), axis=2).sum(axis=0)
             for way, (v, a, j) in ((length, tool.linear), (angle, tool.angular)):
                 times.append(least_time(float(way), v, a, j if straight else inf))
     return max(times)

@@ -45,6 +45,18 @@ class Transition:
         rows = (x + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j)
         return np.column_stack(rows)
 
+    def from_rest(self, times: Vector) -> Matrix:
+        """Return what `at` does for the one coordinate, from rest, at times (N, 3), to the bit."""
+        profile = self._plan.profiles[0][0]
+        ends = np.cumsum(profile.t)
+        k = np.minimum(np.searchsorted(ends, times, side="right"), len(ends) - 1)
+        x, v, a, j = (
+            np.array(values)[k] for values in (profile.p, profile.v, profile.a, profile.j)
+        )
+        t = times - np.append(0.0, ends)[k]
+        rows = (x + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j)
+        return np.column_stack(rows)
+
     @property
     def reach(self) -> Matrix:
         """Least and largest position of each coordinate, between samples too (2, n).
@@ -184,8 +196,7 @@ def s_curve(length: float, bounds: Vector, dt: float) -> Matrix:
     v_max, a_max, j_max = bounds[:, None]
     motion = to_state(np.zeros((3, 1)), goal, v_max, a_max, j_max, dt)
     steps = round(motion.duration / dt)
-    rows = np.array([motion.at(k * dt) for k in range(steps)]).reshape(steps, 3)
-    return np.vstack([rows, goal.T])
+    return np.vstack([motion.from_rest(dt * np.arange(steps, dtype=np.float64)), goal.T])
 
 
 def check_motion(

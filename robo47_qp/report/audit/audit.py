@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix
 from robo47_qp.collision.closest_approach import ClosestApproach, closest_approach
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.model.arm import Arm
+from robo47_qp.model.arm import Arm, bare_arm
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.report.audit.finding import Exempt, Finding, at_most, bounded, judged, within
 from robo47_qp.report.audit.objects import object_jumps
@@ -32,7 +32,7 @@ def audit(run: Run) -> list[Finding]:
     Every row of every signal is in a finding with its true values. Rows in which something is not
     promised are in a finding of their own, which says why and for how long.
     """
-    arm = Arm(run.scenario.robot)
+    arm = bare_arm(run.scenario.robot)
     return [
         *_joints(run, arm),
         *tool_paths(run),

@@ -1,12 +1,12 @@
 """Audit of free objects: that they move by their velocities, and change these by forces alone."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.report.audit.finding import Finding, at_most
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.signals import angle_between
 
 _ROUNDING = 1e-6
 """What rounding may leave unexplained in a period, in metres or radians."""
@@ -45,10 +45,19 @@ def _moved(run: Run, name: str) -> Vector:
 
 
 def _turned(run: Run, name: str) -> Vector:
-    rotation = Rotation.from_quat(run.rows[f"objects/{name}"][:, 3:], scalar_first=True)
-    step = Rotation.from_rotvec(TIMESTEP * _twist(run, name)[1:, 3:])
-    left: Vector = ((rotation[:-1] * step).inv() * rotation[1:]).magnitude()
-    return left
+    quaternion = run.rows[f"objects/{name}"][:, 3:]
+    half = 0.5 * TIMESTEP * _twist(run, name)[1:, 3:]
+    w, x, y, z = quaternion[:-1].T
+    a, (b, c, d) = np.cos(_size(half)), (np.sinc(_size(half) / np.pi) * half.T)
+    expected = np.column_stack(
+        [
+            w * a - x * b - y * c - z * d,
+            w * b + x * a + y * d - z * c,
+            w * c - x * d + y * a + z * b,
+            w * d + x * c - y * b + z * a,
+        ]
+    )
+    return angle_between(expected, quaternion[1:])[:, 0]
 
 
 def _kicked(run: Run, name: str) -> Vector:

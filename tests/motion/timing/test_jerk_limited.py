@@ -7,6 +7,7 @@ from hypothesis.extra.numpy import arrays
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.timing.rest_to_rest import rest_to_rest
+from robo47_qp.motion.timing.state_to_state import s_curve, to_state
 from robo47_qp.motion.trajectory import Trajectory
 
 DT = 1e-3
@@ -226,3 +227,17 @@ def test_a_period_that_is_none_is_refused(dt: float) -> None:
 def test_a_motion_of_years_is_refused() -> None:
     with pytest.raises(InvalidValueError, match=r"motion must be one that Ruckig can plan; found"):
         move(1e12, (1.0, 1.0, 1.0))
+
+
+@given(st.floats(1e-3, 4.0), bounds, dts)
+def test_samples_of_one_coordinate_are_those_of_ruckig_to_the_bit(
+    length: float, limits: Bounds, dt: float
+) -> None:
+    goal = np.array([[length], [0.0], [0.0]])
+    v, a, j = np.array(limits)[:, None]
+    motion = to_state(np.zeros((3, 1)), goal, v, a, j, dt)
+    samples = s_curve(length, np.array(limits), dt)
+    assert len(samples) == round(motion.duration / dt) + 1
+    for k, row in enumerate(samples[:-1]):
+        np.testing.assert_array_equal(row, motion.at(k * dt))
+    np.testing.assert_array_equal(samples[-1], goal[:, 0])
