@@ -1,7 +1,6 @@
 """Arm: the controller's model of the robot, with exactly n joints."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from math import sqrt
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from robo47_qp.arrays import Matrix, Range, Vector, checked_vector
 from robo47_qp.model.mjcf import compile_arm
 from robo47_qp.model.obstacle import Obstacle
-from robo47_qp.model.payload import Payload
+from robo47_qp.model.payload import Load, loads
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.tool_poses import Target, ToolPoses
 
@@ -92,7 +91,7 @@ class Arm:
     def __init__(
         self,
         robot: Robot,
-        payload: "Load" = None,
+        payload: Load = None,
         obstacles: Sequence[Obstacle] = (),
         margin: float = 0.0,
     ) -> None:
@@ -150,7 +149,7 @@ class Arm:
         self.evaluated = False
         """Whether the inverse dynamics was evaluated; for a caller that resets it."""
 
-    def with_payload(self, payload: "Load") -> "Arm":
+    def with_payload(self, payload: Load) -> "Arm":
         """Return the same arm among the same obstacles with another payload."""
         return Arm(self.robot, payload, self.obstacles)
 
@@ -388,19 +387,3 @@ class Arm:
 def bare_arm(robot: Robot) -> Arm:
     """Return the arm of a robot with nothing in its hands: the same one, scratch state included."""
     return Arm(robot)
-
-
-Load = Payload | Mapping[str, Payload] | None
-"""What the main tool holds, or what each of several tools holds, by their names."""
-
-
-def loads(robot: Robot, load: Load, factor: float = 1.0) -> dict[str, Payload]:
-    """Return what the tools of a robot hold, by their names, with mass and moments by a factor."""
-    held = {robot.tools[0].name: load} if isinstance(load, Payload) else dict(load or {})
-    if factor == 1.0:
-        return held
-    for name, one in held.items():
-        x, y, z = one.inertia
-        moments = (factor * x, factor * y, factor * z)
-        held[name] = replace(one, mass=factor * one.mass, inertia=moments)
-    return held

@@ -1,11 +1,13 @@
 """Payload: a rigid body held by the tool, as the controller believes it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from mink import SE3
 
 from robo47_qp.arrays import Checked, Positive, check_pose, checked_vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,3 +40,19 @@ class Payload(Checked):
 
     def _label(self, field: str) -> str:
         return f"payload {field}"
+
+
+Load = Payload | Mapping[str, Payload] | None
+"""What the main tool holds, or what each of several tools holds, by their names."""
+
+
+def loads(robot: Robot, load: Load, factor: float = 1.0) -> dict[str, Payload]:
+    """Return what the tools of a robot hold, by their names, with mass and moments by a factor."""
+    held = {robot.tools[0].name: load} if isinstance(load, Payload) else dict(load or {})
+    if factor == 1.0:
+        return held
+    for name, one in held.items():
+        x, y, z = one.inertia
+        moments = (factor * x, factor * y, factor * z)
+        held[name] = replace(one, mass=factor * one.mass, inertia=moments)
+    return held

@@ -23,8 +23,9 @@ from robo47_qp.errors import NO_PATH, InvalidValueError, PlanError
 from robo47_qp.ik.objectives import Objective, TaskSource
 from robo47_qp.ik.solver import IkResult, IkSolver, composed_ik
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
-from robo47_qp.model.arm import Arm, Load
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
+from robo47_qp.model.payload import Load
 from robo47_qp.model.tool_poses import Target, ToolPoses
 from robo47_qp.motion.motion_type import MotionType
 from robo47_qp.motion.paths.segments import ToolPath

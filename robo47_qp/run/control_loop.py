@@ -12,8 +12,8 @@ from robo47_qp.control.active import ActiveController
 from robo47_qp.control.compiled import CompiledControl
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
-from robo47_qp.model.arm import Arm, JointReference, JointState, Load, loads
-from robo47_qp.model.payload import Payload
+from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.payload import Load, Payload, loads
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.timing.stopping import stop
