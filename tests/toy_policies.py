@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.run.failure import Failure
-from robo47_qp.run.runner import Runner
+
+if TYPE_CHECKING:  # every process of a policy imports this
+    from robo47_qp.run.failure import Failure
+    from robo47_qp.run.runner import Runner
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Drive:
     def __call__(self) -> "Drive":
         return self
 
-    def drive(self, runner: Runner) -> Failure | None:
+    def drive(self, runner: "Runner") -> "Failure | None":
         simulation = runner.loop.sim
         simulation.step(simulation.motor_torque())
         match self.way:
