@@ -21,6 +21,14 @@ print(main(["view", "missing.rrd"]), main(["dance"]))
 # No display: there is nothing to view it on.
 print(main(["view", "logs/run.rrd"]))
 """
+COMPARE = """
+from contextlib import redirect_stdout
+from io import StringIO
+from robo47_qp.__main__ import main
+with redirect_stdout(StringIO()):
+    compared = main("compare-ik --n 5 --targets uniform --solvers dls default".split())
+assert compared == 0, compared
+"""
 GYM = """
 import gymnasium
 import robo47_qp
@@ -93,12 +101,11 @@ def try_commands(python: Path, folder: Path) -> None:
     assert json.loads((folder / "logs" / "run.json").read_text(encoding="utf-8"))["success"]
     evaluated = ("evaluate", "--task", "pick_place", "--episodes", "1", "--workers", "1")
     run(folder, where, "-m", "robo47_qp", *evaluated)
-    compared = ("compare-ik", "--n", "5", "--targets", "uniform", "--solvers", "dls", "default")
-    run(folder, robo47, *compared)
+    # The imports of one process serve for all the rest.
+    told = run(folder, where, "-c", GYM + COMPARE + BAD_INPUT)
     assert {path.name for path in folder.iterdir()} == {"logs"}
     logs = {path.name for path in (folder / "logs").iterdir()}
     assert {"run.rrd", "run.json", "run.png", "eval.json", "ik.json"} <= logs
-    told = run(folder, where, "-c", GYM + BAD_INPUT)
     assert told.stdout.split() == ["2"] * 7
     assert told.stderr.count("error") == 7, told.stderr
     assert "error: No Rerun viewer" in told.stderr
