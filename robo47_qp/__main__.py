@@ -1,5 +1,6 @@
 """The command `robo47`, also `python -m robo47_qp`: run, evaluate, compare, view, recover."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -40,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
         what = f"no command is called {given[0]!r}" if given else "a command is missing"
         return _told(f"error: {what}; known: {', '.join(_COMMANDS)}.\n", 2)
     try:
-        with _interrupted_in_imports():
+        with _interrupted_in_imports(), _uncollected():
             _check_renderer()
             command = _COMMANDS[given[0]]()
     except RenderingError as error:
@@ -92,6 +93,19 @@ def _interrupted_in_imports() -> Iterator[None]:
         yield
     finally:
         signal(SIGINT, before)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Import without garbage collection; what is imported stays, and is not looked at again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        if enabled:
+            gc.enable()
 
 
 def _run() -> Command:

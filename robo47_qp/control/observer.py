@@ -6,12 +6,12 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.signal import place_poles
 
 from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Positive, Range, Vector
 from robo47_qp.control.controller import dry_friction_torque
 from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
 from robo47_qp.control.jitter import Jitter
+from robo47_qp.control.pole_placement import observer_gains
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.sampling import spread
 
@@ -324,8 +324,7 @@ def _gains(omega: float, dt: float) -> Vector:
     """Return the gains (3,) that correct q, v, d by the error of q, with poles at omega."""
     F, H = _transition(dt), np.array([[1.0, 0.0, 0.0]])
     poles = np.exp(omega * dt * _POLES)
-    gains: Vector = place_poles(F.T, (H @ F).T, poles).gain_matrix[0].real
-    return gains
+    return observer_gains(F, H @ F, (poles[0].real, poles[1]))
 
 
 def _transition(dt: float) -> Matrix:

@@ -1,5 +1,6 @@
 """Worker: a process that runs one episode after the other until it is stopped."""
 
+import gc
 import json
 import os
 import pickle
@@ -170,6 +171,8 @@ def _work(link: Connection, payload: bytes, files: Sequence[Path]) -> None:
     if guard.error is not None:
         link.send_bytes(json.dumps({"said": guard.words}).encode())
         return
+    # What is imported stays: garbage is looked for among the rest only.
+    gc.freeze()
     link.send_bytes(json.dumps({"said": READY}).encode())
     while True:
         spec = _unpacked(json.loads(link.recv_bytes()))
