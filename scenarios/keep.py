@@ -11,6 +11,7 @@ from robo47_qp.cli import OK, main
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.files import read_json, write_json
 from scenarios.papers.kept import RESULTS, to_keep
+from scenarios.papers.tables import OWN_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +36,11 @@ class KeepOptions:
 def run(options: KeepOptions, console: Console) -> int:
     """Keep a report; returns the exit code."""
     kept = to_keep(read_json(options.report, "Name the report (.json) of a command."))
+    kind = options.name.partition("_")[0]
+    if kind in OWN_NAMES and options.name != OWN_NAMES[kind](kept):
+        raise InvalidValueError(
+            "--name", options.name, f"{OWN_NAMES[kind](kept)}, which is what the report is of"
+        )
     write_json(RESULTS / f"{options.name}.json", kept)
     console.print(f"kept in docs/results/{options.name}.json; now: make tables", soft_wrap=True)
     return OK

@@ -1,7 +1,6 @@
 """The documentation holds: its code runs, its commands parse, what it links to and names exists."""
 
 import ast
-import json
 import os
 import pkgutil
 import re
@@ -307,20 +306,3 @@ def test_every_page_is_linked_from_the_readme() -> None:
 
 def test_the_readme_is_read_to_its_end() -> None:
     assert len((ROOT / "README.md").read_bytes()) <= 8192
-
-
-def test_the_table_of_the_readme_is_that_of_the_results() -> None:
-    def rows(page: Path) -> list[list[str]]:
-        lines = re.findall(r"^\| (.* of 1000 .*) \|$", page.read_text("utf-8"), re.MULTILINE)
-        return [line.split(" | ") for line in lines]
-
-    shown = sorted(rows(ROOT / "README.md"))
-    assert len(shown) > 10
-    assert shown == sorted([*row[:3], row[-1]] for row in rows(ROOT / "docs" / "results.md"))
-
-
-@pytest.mark.parametrize("study", ["settling", "cartpole_lqr"])
-def test_the_settling_times_shown_are_those_kept(study: str) -> None:
-    kept = json.loads((ROOT / "docs" / "reproduced.json").read_text("utf-8"))["figures"]
-    shown = f"{kept[f'{study}/mean_settling_time_s']:.3g} s | `python scenarios/{study}.py` |"
-    assert shown in (ROOT / "docs" / "results.md").read_text("utf-8")

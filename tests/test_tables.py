@@ -1,15 +1,21 @@
 """Tables and figures of README and documentation are those of the kept results."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
-from robo47_qp.errors import RecordingError
+from robo47_qp.errors import InvalidValueError, RecordingError
+from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.evaluation.policies import policy_settings
+from robo47_qp.files import plain
+from robo47_qp.stack import ClassicalStack
 from scenarios import keep, tables
 from scenarios.papers import kept as kept_module
+from scenarios.papers import tables as tables_
 from scenarios.papers.blocks import rendered
 from scenarios.papers.kept import ORIGIN, kept, to_keep
 from scenarios.papers.tables import TABLES
@@ -33,7 +39,15 @@ ENTRY: dict[str, Any] = {
 }
 REPORT: dict[str, Any] = {
     "task": "reach",
+    "settings": {
+        "task": {"name": "reach"},
+        "robot": "panda",
+        "perturbation": plain(PRESETS["none"]),
+        "policy": policy_settings(ClassicalStack(), None),
+    },
     "episodes": 2,
+    "judged": 2,
+    "first_attempts": 1,
     "successes": 1,
     "interval": [0.095, 0.905],
     "causes": {"ik": 1},
@@ -69,14 +83,85 @@ def test_every_kept_result_tells_where_it_comes_from(file: Path) -> None:
     assert not found["changed"]
 
 
-def test_a_kept_evaluation_becomes_a_row(results: Path) -> None:
-    (results / "toy.json").write_text(json.dumps(to_keep(REPORT)))
-    page = "a\n<!-- table: evaluations toy -->\nold\n<!-- end -->\nb\n"
+def test_kept_evaluations_become_rows(results: Path) -> None:
+    (results / "success_severe_reach.json").write_text(json.dumps(to_keep(REPORT)))
+    page = "a\n<!-- table: success -->\nold\n<!-- end -->\nb\n"
     lines = rendered(page, TABLES).splitlines()
-    assert lines[4] == "| `reach` | 7 to 8 | 1 of 2 | 9.5 – 90.5 % | ik 1 | 1 | 12.3 s |"
-    assert "`0123456789`, 2026-01-02" in lines[6]
+    row = "| `reach` | severe | 1 of 2 | 9.5 – 90.5 % | 1 | ik 1 | 1 | 12.3 s |"
+    assert lines[4] == row
+    assert lines[6] == "Commit `0123456789`, 2026-01-02; `docs/results/success_*.json`."
     assert lines[-2:] == ["<!-- end -->", "b"]
     assert rendered("\n".join(lines), TABLES) == "\n".join(lines)
+
+
+def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> None:
+    assert TABLES["success_short"]() == TABLES["success"]() == TABLES["robots"]() == tables_.NOTHING
+    told = to_keep(REPORT)
+    for name in ("success_moderate_reach", "success_none_reach", "success_none_stack"):
+        (results / f"{name}.json").write_text(json.dumps(told))
+    short = TABLES["success_short"]().splitlines()
+    rate = "1 of 2 (9.5 – 90.5 %)"
+    assert short[0] == "| task | `none` | `moderate` |"
+    assert short[2:4] == [f"| `reach` | {rate} | {rate} |", f"| `stack` | {rate} | – |"]
+    later = {**told, "commit": "fedcba9876543210", "date": "2026-01-05"}
+    (results / "robots_ur5e_obstacle_reach.json").write_text(json.dumps(later))
+    (results / "robots_panda_reach.json").write_text(json.dumps(told))
+    robots = TABLES["robots"]().splitlines()
+    assert robots[0] == "| robot | `reach` | `obstacle_reach` |"
+    assert robots[2:4] == [f"| `panda` | {rate} | – |", f"| `ur5e` | – | {rate} |"]
+    commits = "Commits `0123456789`, `fedcba9876`, 2026-01-02 to 2026-01-05"
+    assert robots[5] == f"{commits}; `docs/results/robots_*.json`."
+
+
+def test_policies_are_told_against_the_first(results: Path) -> None:
+    one = {key: REPORT[key] for key in ("successes", "judged", "interval", "causes")}
+    report = {
+        "baseline": "classical:qp",
+        "policies": [{**one, "policy": "classical:qp"}, {**one, "policy": "classical:dls"}],
+        "comparisons": [{"difference": -0.5, "interval": [-0.8, 0.1], "p": 0.1, "p_holm": 0.2}],
+        "provenance": ORIGIN_OF_TOY,
+    }
+    (results / "toy.json").write_text(json.dumps(to_keep(report)))
+    rows = TABLES["policies"]("toy").splitlines()
+    assert rows[2] == "| `classical:qp` | 1 of 2 | 9.5 – 90.5 % | ik 1 |  |"
+    assert rows[3].endswith("| -50.0 points (-80.0 to +10.0), p = 0.2 |")
+    assert TABLES["policies"]("another") == tables_.NOTHING
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("success_severe_reach", "success_none_reach"),
+        ("success_none_stack", "success_none_reach"),
+        ("robots_ur5e_reach", "robots_panda_reach"),
+    ],
+)
+def test_an_evaluation_is_kept_under_its_own_name(
+    name: str, words: str, results: Path, tmp_path: Path
+) -> None:
+    report = tmp_path / "eval.report"
+    report.write_text(json.dumps(REPORT))
+    with pytest.raises(InvalidValueError, match=f"--name must be .*{words}.*; found {name}"):
+        keep.run(keep.KeepOptions(report=report, name=name), Console(quiet=True))
+    keep.run(keep.KeepOptions(report=report, name=words), Console(quiet=True))
+    assert kept(words)["task"] == "reach"
+
+
+def test_only_the_default_stack_is_kept_as_a_success(tmp_path: Path, results: Path) -> None:
+    report = tmp_path / "eval.report"
+    other = {**REPORT["settings"], "policy": policy_settings(ClassicalStack(ik="dls"), None)}
+    report.write_text(json.dumps({**REPORT, "settings": other}))
+    options = keep.KeepOptions(report=report, name="success_none_reach")
+    with pytest.raises(InvalidValueError, match="--name must be none of those"):
+        keep.run(options, Console(quiet=True))
+
+
+@pytest.mark.parametrize("page", tables.pages(), ids=lambda page: page.name)
+def test_no_figure_of_a_table_is_kept_by_hand(page: Path) -> None:
+    text = re.sub(r"<!-- (table|figure): .*?<!-- end -->", "", page.read_text("utf-8"), flags=re.S)
+    rows = re.findall(r"^\|.*$", text, flags=re.MULTILINE)
+    measured = re.compile(r"\b\d+ of \d+\b|\d\.\d+ (?:%|ms|µs|mrad|s)\b|\d – \d")
+    assert [row for row in rows if measured.search(row)] == []
 
 
 def test_a_single_figure_is_written_into_its_line(results: Path) -> None:
@@ -88,9 +173,8 @@ def test_a_single_figure_is_written_into_its_line(results: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "<!-- table: evaluations toy -->\nno end\n",
+        "<!-- table: success -->\nno end\n",
         "<!-- table: nothing toy -->\n<!-- end -->\n",
-        "<!-- table: evaluations missing -->\n<!-- end -->\n",
         "x <!-- figure: toy figures.nothing .1f -->1<!-- end -->",
         "x <!-- figure: toy task .1f -->1<!-- end -->",
     ],

@@ -92,8 +92,8 @@ class RowFile:
         """Add a block.
 
         Returns:
-            Its rows (rows, columns), all zero, and the count of those that are filled (1,): to be
-            set whenever one more is.
+            Its rows (rows, columns), all zero, and the count of those that are filled (1,), which
+            is to be set whenever one more is.
 
         Raises:
             RecordingError: There is no room for it.

@@ -105,7 +105,7 @@ class ContactSensing:
 
     @property
     def tool_forces(self) -> tuple[list[Vector], list[Vector], Matrix]:
-        """Views of two sensors of each tool, and the forces (tools, 3): second less first."""
+        """Views of two sensors of each tool, and the forces (tools, 3), second less first."""
         whole, within = ([tool[i] for tool in self._tools] for i in (0, 1))
         return whole, within, self._forces
 

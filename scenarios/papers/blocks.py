@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from robo47_qp.errors import RecordingError
-from scenarios.papers.kept import kept
+from scenarios.papers.kept import REPRODUCED, kept, reproduced
 
 _TABLE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 _FIGURE = re.compile(r"(<!-- figure: (\S+) (\S+) (\S+) -->)[^\n]*?(<!-- end -->)")
@@ -47,7 +47,7 @@ def value(name: str, path: str) -> float:
     Raises:
         RecordingError: The result has no such number.
     """
-    found: object = kept(name)
+    found: object = reproduced() if name == REPRODUCED else kept(name)
     for key in path.split("."):
         found = found.get(key) if isinstance(found, dict) else None
     if isinstance(found, bool) or not isinstance(found, int | float):

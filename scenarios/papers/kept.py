@@ -9,8 +9,15 @@ from robo47_qp.files import read_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 """Folder of the kept results."""
+REPRODUCED = "reproduced"
+"""Name of the figures that `make reproduce` gives, beside that folder."""
 ORIGIN = ("command", "commit", "changed", "date", "machine", "versions")
 """What every kept result tells of its making, as `robo47_qp.report.provenance` does."""
+
+
+def is_kept(name: str) -> bool:
+    """Return whether a result of a name is kept."""
+    return (RESULTS / f"{name}.json").is_file()
 
 
 def kept(name: str) -> dict[str, Any]:
@@ -59,11 +66,21 @@ def to_keep(report: Mapping[str, Any]) -> dict[str, Any]:
     return {**origin, **rest}
 
 
-def origin_line(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return where the figures of some kept results come from, as a line of Markdown."""
+def reproduced() -> dict[str, Any]:
+    """Read the figures of `make keep`, which tests hold to those of the code as it is."""
+    return read_json(RESULTS.parent / f"{REPRODUCED}.json", "Make them with `make keep`.")
+
+
+def origin_line(results: Mapping[str, Mapping[str, Any]], files: str | None = None) -> str:
+    """Return where the figures of some kept results come from, as a line of Markdown.
+
+    Args:
+        results: The results by name.
+        files: What stands for their names; None names each.
+    """
     commits = dict.fromkeys(result["commit"][:10] for result in results.values())
     dates = sorted({result["date"] for result in results.values()})
-    files = ", ".join(f"`docs/results/{name}.json`" for name in results)
+    named = ", ".join(f"`docs/results/{name}.json`" for name in ([files] if files else results))
     when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
     word = "Commit" if len(commits) == 1 else "Commits"
-    return f"{word} {', '.join(f'`{one}`' for one in commits)}, {when}; {files}."
+    return f"{word} {', '.join(f'`{one}`' for one in commits)}, {when}; {named}."
