@@ -60,6 +60,9 @@ MAKERS = {**_discovered(), "hinge6": hinge6, "slider6": slider6}
 del MAKERS["panda_pair"]
 TURNING = ("panda", "iiwa14", "xarm7", "hinge6")
 MODULES = {
+    # The six hinges of the UR5e have more room, and are there, too.
+    "test_ik_contract": ("panda", "iiwa14", "xarm7", "slider6"),
+    "test_arm": ("panda", "iiwa14", "xarm7", "slider6"),
     "test_lin": ("panda", "slider6"),
     "test_planner": ("panda", "slider6"),
     "test_ptp": ("panda", "slider6"),
