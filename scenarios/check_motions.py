@@ -1,7 +1,7 @@
 """Random motions on several arms: checks that limits are kept and that refusals are justified."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import process_time
@@ -28,6 +28,7 @@ from robo47_qp.model.robots import load_robot
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
 from robo47_qp.report.provenance import provenance
 
 Kind: TypeAlias = Literal["PTP", "LIN", "CIRC", "blended", "via"]
@@ -104,13 +105,13 @@ def _near(pose: SE3, rng: np.random.Generator) -> SE3:
     return SE3.from_rotation_and_translation(rotation, pose.translation() + shift)
 
 
-def check(robot: Robot, kind: str, count: int, rng: np.random.Generator) -> Tally:
-    """Plan motions of one kind and check each."""
+def check(robot: Robot, kind: str, rng: np.random.Generator, steps: Iterable[int]) -> Tally:
+    """Plan motions of one kind and check each; `steps` are their numbers."""
     arm, look, tally = Arm(robot), ReferenceKinematics(robot), Tally()
     refusals = RefusalCheck(look)
     ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall()))
     planner = Planner(ik=ik, profile=robot.profile)
-    for k in range(count):
+    for k in steps:
         q, waypoints = draw(kind, arm, rng)
         began = process_time()
         try:
@@ -184,7 +185,8 @@ def run(options: CheckOptions, console: Console) -> int:
                 continue
             rng = np.random.default_rng([options.seed, number])
             count = options.ptp if kind == "PTP" else options.n
-            rows.append((name, kind, check(robot, kind, count, rng)))
+            with Steps(console, count, f"{name} {kind}") as steps:
+                rows.append((name, kind, check(robot, kind, rng, steps.over(range(count)))))
     show(console, rows)
     if options.out is not None:
         told = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}

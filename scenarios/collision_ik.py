@@ -25,6 +25,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
 from robo47_qp.report.provenance import provenance
 
 _LARGEST = 0.05
@@ -136,13 +137,15 @@ def run(options: CollisionIkOptions, console: Console) -> int:
         results = {}
         for name, solver in solvers(options.clearance).items():
             solver.solve(arm, poses[0], arm.home)
-            results[name] = [solver.solve(arm, pose, arm.home) for pose in poses]
+            with Steps(console, len(poses), f"{kind}, {name}", timed=True) as steps:
+                results[name] = [solver.solve(arm, pose, arm.home) for pose in steps.over(poses)]
         solvable = []
-        for k, pose in enumerate(poses):
-            found = any(result[k].converged for result in results.values())
-            # A target made from a clear configuration has an answer: that one.
-            known = found or kind == "clear"
-            solvable.append(known or patient.solve(arm, pose, arm.home).converged)
+        with Steps(console, len(poses), f"{kind}, in all ways") as steps:
+            for k, pose in enumerate(steps.over(poses)):
+                found = any(result[k].converged for result in results.values())
+                # A target made from a clear configuration has an answer: that one.
+                known = found or kind == "clear"
+                solvable.append(known or patient.solve(arm, pose, arm.home).converged)
         rows += [
             _figures(name, kind, poses, result, solvable, judge) for name, result in results.items()
         ]

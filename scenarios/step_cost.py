@@ -30,6 +30,8 @@ from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
+from robo47_qp.report.provenance import provenance
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.run import signals
 from robo47_qp.run.recording import Rows
@@ -78,31 +80,32 @@ def run(options: StepCostOptions, console: Console) -> int:
     task = PickPlace()
     scenario = ClassicalStack().scenario(PANDA, task)
     costs: dict[str, list[float]] = {}
-    numbers = 0
-    for _ in range(options.rounds):
-        with TemporaryDirectory() as folder:
-            simulation = Simulation(PANDA, task.build_scene)
-            runner = Runner(scenario, simulation)
-            described = simulation.model, PANDA, runner.signals
-            log = RerunLog(Path(folder) / "run.rrd", *described)
-            rows = RowFile(Path(folder) / "run.rows", *described)
-            timed = TimedLog(log)
-            done = runner.run(sinks=[timed], store=rows)
-            log.close()
-            rows.close()
-        steps, numbers = len(done.rows), done.rows.values.shape[1]
-        for name, seconds in {
-            "bare mj_step, same torques": _replay(done),
-            "controller": _control(done, done.scenario.controller, done.scenario.observer),
-            "controller without its observer": _control(done, done.scenario.controller),
-            "joint impedance instead": _control(done, JointImpedance()),
-            "Cartesian impedance instead": _control(done, CartesianImpedance()),
-            "operational space instead": _control(done, OperationalSpace()),
-            "recording: columns": _columns(done),
-            "recording: Rerun file": timed.seconds,
-            "whole loop": done.loop_seconds,
-        }.items():
-            costs.setdefault(name, []).append(1e6 * seconds / steps)
+    numbers, made = 0, provenance()
+    with Steps(console, options.rounds, "rounds", timed=True) as told:
+        for _ in told.over(range(options.rounds)):
+            with TemporaryDirectory() as folder:
+                simulation = Simulation(PANDA, task.build_scene)
+                runner = Runner(scenario, simulation)
+                described = simulation.model, PANDA, runner.signals
+                log = RerunLog(Path(folder) / "run.rrd", *described)
+                rows = RowFile(Path(folder) / "run.rows", *described)
+                timed = TimedLog(log)
+                done = runner.run(sinks=[timed], store=rows)
+                log.close()
+                rows.close()
+            steps, numbers = len(done.rows), done.rows.values.shape[1]
+            for name, seconds in {
+                "bare mj_step, same torques": _replay(done),
+                "controller": _control(done, done.scenario.controller, done.scenario.observer),
+                "controller without its observer": _control(done, done.scenario.controller),
+                "joint impedance instead": _control(done, JointImpedance()),
+                "Cartesian impedance instead": _control(done, CartesianImpedance()),
+                "operational space instead": _control(done, OperationalSpace()),
+                "recording: columns": _columns(done),
+                "recording: Rerun file": timed.seconds,
+                "whole loop": done.loop_seconds,
+            }.items():
+                costs.setdefault(name, []).append(1e6 * seconds / steps)
     table = FiguresTable(("part of a step", "µs"), texts=("part of a step",))
     for name, values in costs.items():
         table.add_row(name, f"{median(values):.1f}")
@@ -118,7 +121,7 @@ def run(options: StepCostOptions, console: Console) -> int:
         "loop_over_mj_step": loop / step,
         "all_us": {name: median(values) for name, values in costs.items()},
     }
-    write_json(REPORT, report)
+    write_json(REPORT, {**made, **report})
     console.print(f"backend {backend()}; the loop takes {loop / step:.2f} of mj_step; {REPORT}")
     factor = 1e3 / loop
     console.print(f"{numbers} numbers per step; {factor:.0f} times real time", highlight=False)

@@ -28,6 +28,7 @@ from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
 
 WARM_UP = 200
 """Ticks before the first one that is timed."""
@@ -75,7 +76,8 @@ def run(options: StreamOptions, console: Console) -> int:
         "pairs": len(arm.derived(Clearance, options.clearance).pairs.kept),
     }
     rng = np.random.default_rng(options.seed)
-    figures |= hostile_run(stream, options, rng)
+    with Steps(console, options.ticks, "ticks", timed=True) as steps:
+        figures |= hostile_run(stream, options, rng, steps)
     figures |= circle(options.settings().build(arm), speed=0.2, radius=0.1)
     figures |= far_targets(options.settings().build(arm), options, rng)
     figures["limits"] = options.limits
@@ -95,7 +97,7 @@ def run(options: StreamOptions, console: Console) -> int:
 
 
 def hostile_run(
-    stream: StreamSolver, options: StreamOptions, rng: np.random.Generator
+    stream: StreamSolver, options: StreamOptions, rng: np.random.Generator, steps: Steps
 ) -> dict[str, Any]:
     """Return the audit of the commands, and the times of the ticks, on hostile targets."""
     arm, q0, ticks = stream.arm, stream.q, options.ticks
@@ -109,6 +111,8 @@ def hostile_run(
         tick = stream.tick(target)
         spent[k] = process_time_ns() - started
         q[k], v[k], a[k], rows[k] = tick.q, tick.v, tick.a, tick.rows
+        if k % 2_000 == 0:
+            steps.show(k)
         if k % 10_000 == 0:
             gc.collect()
     gc.enable()

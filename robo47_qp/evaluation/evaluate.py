@@ -67,7 +67,7 @@ class Job:
         """
         files = self.options.files
         with EvaluationBar(console, self.options.episodes, title) as bar:
-            report = self.evaluation.run(self.executor, files["journal"], bar.show, resume=True)
+            report = self.evaluation.run(self.executor, files["journal"], bar.results, resume=True)
         if self.options.against is not None:
             report = replace(report, comparison=compare(report, _other(self.options.against)))
         write_json(files["report"], self.told(report))

@@ -1,6 +1,7 @@
 """Progress and summary of a run in the terminal."""
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from pathlib import Path
 
 from rich.console import Console
@@ -9,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
 from robo47_qp.report.rerun.viewer import view_command
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.scenario import Run
@@ -28,19 +30,25 @@ class ProgressBar(Observer):
             console=console,
             refresh_per_second=5,
             transient=True,
+            disable=not console.is_terminal,
         )
+        self._lines = Steps(console, ceil(expected), "seconds simulated", bar=False)
+        self._lines.__enter__()
+        self._phase = "start"
         self._expected = expected
         self._bar = self._progress.add_task("start", total=expected)
         self._progress.start()
 
     def phase(self, time: float, name: str) -> None:
         """Show the name of the phase."""
+        self._phase = name
         self._progress.update(self._bar, description=name)
 
     def tick(self, simulation: Simulation) -> None:
         """Move the bar."""
         now = simulation.time
         self._progress.update(self._bar, completed=now, total=max(now, self._expected))
+        self._lines.show(int(now), self._phase)
 
     def close(self) -> None:
         """Remove the bar."""

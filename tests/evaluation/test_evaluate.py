@@ -447,6 +447,6 @@ def test_the_bar_tells_the_rate_so_far() -> None:
     screen = StringIO()
     console = Console(file=screen, force_terminal=True, width=120)
     with EvaluationBar(console, 8) as bar:
-        bar.show(entries("+++-"))
+        bar.results(entries("+++-"))
     assert "4/8" in screen.getvalue()
     assert "75.0 %" in screen.getvalue()

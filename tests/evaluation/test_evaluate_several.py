@@ -533,6 +533,6 @@ def test_the_bar_tells_whose_episodes_they_are() -> None:
     screen = StringIO()
     console = Console(file=screen, force_terminal=True, width=120)
     with EvaluationBar(console, 8, "a.py:B [odd]") as bar:
-        bar.show([EpisodeResult(index=0, seed=0, success=True)])
+        bar.results([EpisodeResult(index=0, seed=0, success=True)])
     assert "a.py:B [odd]" in screen.getvalue()
     assert "1/8" in screen.getvalue()

@@ -3,41 +3,27 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from robo47_qp.evaluation.episode import EpisodeResult
 from robo47_qp.evaluation.statistics import wilson
+from robo47_qp.report.progress import Steps
 
 
-class EvaluationBar:
-    """Bar over the episodes, with the success rate so far and the time left."""
+class EvaluationBar(Steps):
+    """Tells episodes, with the success rate so far and the time left."""
 
     def __init__(self, console: Console, episodes: int, title: str = "episodes") -> None:
-        """Prepare an empty bar with a title."""
-        self._progress = Progress(
-            TextColumn(escape(title)),
-            BarColumn(bar_width=30),
-            MofNCompleteColumn(),
-            TextColumn("{task.description}"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-        )
-        self._bar = self._progress.add_task("", total=episodes)
+        """Prepare for a number of episodes."""
+        super().__init__(console, episodes, title)
 
     def __enter__(self) -> "EvaluationBar":
-        """Show the bar."""
-        self._progress.start()
+        """Begin."""
+        super().__enter__()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Remove the bar."""
-        self._progress.stop()
-
-    def show(self, results: Sequence[EpisodeResult]) -> None:
+    def results(self, found: Sequence[EpisodeResult]) -> None:
         """Show the results so far."""
-        self._progress.update(self._bar, completed=len(results), description=described(results))
+        self.show(len(found), described(found))
 
 
 def described(results: Sequence[EpisodeResult]) -> str:

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
 from robo47_qp.evaluation.benchmarks.ik.summary import rows
 from robo47_qp.report.figures_table import FiguresTable
+from robo47_qp.report.progress import Steps
 
 _REFRESH = 1.0
 """Time between two updates of the table [s]."""
@@ -38,11 +39,13 @@ class LiveTable:
         )
         self._bar = self._progress.add_task("start", total=total)
         self._live = Live(self._progress, console=console, transient=True, auto_refresh=False)
+        self._lines = Steps(console, total, "targets", bar=False)
         self._before, self._next = 0, 0.0
 
     def __enter__(self) -> "LiveTable":
         """Show the table."""
         self._live.start()
+        self._lines.__enter__()
         return self
 
     def __exit__(
@@ -58,6 +61,7 @@ class LiveTable:
         """Advance the progress bar, and redraw it and the table about once a second."""
         name = field[0].targets.name
         self._progress.update(self._bar, completed=self._before + done, description=name)
+        self._lines.show(self._before + done, name)
         if monotonic() >= self._next:
             # Between two blocks: a thread that draws would be timed with the solvers.
             table = Group(field_table(rows(field)), self._progress)
