@@ -14,6 +14,15 @@ from robo47_qp.errors import RecordingError
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
 
+_MARGINS = {
+    "left": 0.07,
+    "right": 0.99,
+    "bottom": 0.075,
+    "top": 0.945,
+    "wspace": 0.18,
+    "hspace": 0.32,
+}
+"""Edges of the panels and spaces between them, as shares of the figure and of a panel."""
 _BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
 
 
@@ -23,10 +32,13 @@ def plot_run(run: Run, path: Path) -> None:
     Raises:
         RecordingError: The file cannot be written.
     """
-    figure = Figure(figsize=(12.0, 7.2), dpi=110, layout="constrained")
+    figure = Figure(figsize=(12.0, 7.2), dpi=110)
     FigureCanvasAgg(figure)
+    # Fixed margins: a layout by the size of all labels takes half of the time of drawing.
     axes = figure.subplot_mosaic(
-        [["above", "joint"], ["above", "tool"], ["side", "torque"]], width_ratios=[1.0, 1.6]
+        [["above", "joint"], ["above", "tool"], ["side", "torque"]],
+        width_ratios=[1.0, 1.6],
+        gridspec_kw=_MARGINS,
     )
     robot, rows, t = run.scenario.robot, run.rows, run.rows["time"][:, 0]
     _tool_path(axes["above"], rows, run, (0, 1))
