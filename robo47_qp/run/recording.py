@@ -73,6 +73,8 @@ def slices(signals: Iterable[Signal]) -> dict[str, slice]:
     return found
 
 
+_CHUNKS = 15
+"""Chunks in a piece of memory: a minute."""
 CHUNK_ROWS = 4000
 """Rows that go to the sinks at once, unless asked otherwise: a row costs a Rerun file a third less
 than in chunks of 400."""
@@ -155,9 +157,17 @@ class Recording:
         if first < self._closed:
             self._hand_on(self._chunk[first : self._closed])
 
-    def rows(self) -> Rows:
-        """Return a copy of all closed rows."""
-        return Rows(self.signals, np.concatenate([*self._full, self._chunk[: self._closed]]))
+    def rows(self, *, copied: bool = True) -> Rows:
+        """Return all closed rows.
+
+        Args:
+            copied: False may return the memory of the recording itself, for who ends it.
+        """
+        parts = [*self._full, self._chunk[: self._closed]]
+        whole = None
+        if not copied and isinstance(self.store, _Memory):
+            whole = self.store.whole(parts)
+        return Rows(self.signals, np.concatenate(parts) if whole is None else whole)
 
     def _hand_on(self, values: Matrix) -> None:
         for sink in self.sinks:
@@ -165,11 +175,24 @@ class Recording:
 
 
 class _Memory:
-    """Keeps the rows in the memory of the process."""
+    """Keeps the rows in the memory of the process, side by side in pieces of many chunks.
+
+    Memory of a piece is taken from the system as rows are filled.
+    """
 
     def __init__(self, width: int) -> None:
-        self._width = width
+        self._piece = self._left = np.zeros((0, width))
 
     def block(self, rows: int) -> tuple[Matrix, NDArray[np.int64]]:
         """See `Store.block`."""
-        return np.zeros((rows, self._width)), np.zeros(1, np.int64)
+        if rows > len(self._left):
+            self._piece = self._left = np.zeros((_CHUNKS * rows, self._piece.shape[1]))
+        block, self._left = self._left[:rows], self._left[rows:]
+        return block, np.zeros(1, np.int64)
+
+    def whole(self, parts: Sequence[Matrix]) -> Matrix | None:
+        """Return blocks as one matrix without copying them; None if they lie in several pieces."""
+        count = sum(map(len, parts))
+        taken = len(self._piece) - len(self._left)
+        inside = taken and all(np.may_share_memory(part, self._piece) for part in parts)
+        return self._piece[:count] if inside and count <= taken else None

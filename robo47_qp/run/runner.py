@@ -175,7 +175,7 @@ class Runner:
         recording.flush()
         return Run(
             scenario=self.scenario,
-            rows=recording.rows(),
+            rows=recording.rows(copied=False),
             phases=loop.phases,
             failure=failure,
             measures=task.measures(self._sim),

@@ -174,3 +174,17 @@ def test_rows_count_as_they_are_filled() -> None:
     recording.close_rows()
     assert len(recording) == 1
     assert recording.room == 3
+
+
+def test_rows_that_are_not_copied_are_the_same() -> None:
+    """In one piece of memory and in several, with a chunk that is not full."""
+    for count in (1, 7, 200):
+        recording = Recording(SIGNALS, chunk_rows=4)
+        for k in range(count):
+            row = recording.open_rows(1)
+            row[:] = k + np.arange(row.shape[1])
+            recording.count[0] += 1
+            recording.close_rows()
+        whole = recording.rows(copied=False).values
+        np.testing.assert_array_equal(whole, recording.rows().values)
+        assert len(whole) == count
