@@ -89,10 +89,10 @@ class ActiveController:
             )
         self._change(self.controller, arm, seconds)
 
-    def compensate(self, on: bool) -> None:
+    def compensate(self, on: bool, *, learn: bool = True) -> None:
         """Compensate disturbances, or hold the compensation; see `DisturbanceObserver`."""
         if self.observed is not None:
-            self.observed.compensate(on)
+            self.observed.compensate(on, learn=learn)
 
     def state(self, measured: JointState) -> JointState:
         """Return the state at the start of the next period: as the observer expects it."""

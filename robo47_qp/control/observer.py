@@ -128,7 +128,7 @@ class ObservedJoints:
         self._least = float(self._high.min()) ** 2
         self._slowed = _slowed(arm, dt)
         self._special = arm.has_dry_friction or self._delayed or self._slowed is not None
-        self._started, self._on = False, True
+        self._started, self._on, self._learns = False, True, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
         # For the compiled core, whose arrays keep their place.
@@ -162,8 +162,14 @@ class ObservedJoints:
         """True while the compensation follows the estimate."""
         return self._on
 
-    def compensate(self, on: bool) -> None:
-        """Follow the estimate with the compensation, or hold it at what it is."""
+    def compensate(self, on: bool, *, learn: bool = True) -> None:
+        """Follow the estimate with the compensation, or hold it at what it is.
+
+        Args:
+            on: Whether to follow it.
+            learn: Whether to learn dry friction meanwhile; forces of contact are none of it.
+        """
+        self._learns = learn
         if on is self._on:
             return
         if on:
@@ -292,7 +298,7 @@ class ObservedJoints:
         change = friction.change(arm, q_ref)
         # All at once, a torque that turns within a few periods would be a step.
         self._turned = None if change is None else change / PERIODS
-        if self._on:
+        if self._on and self._learns:
             friction.learn(arm, self._now.d)
 
     def _faded(self) -> Vector:

@@ -1,24 +1,32 @@
 """Steps that seek contact or keep it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Annotated, ClassVar
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, NotNegative, Positive, Range
+from robo47_qp.arrays import Checked, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
-from robo47_qp.motion.trajectory import hold
+from robo47_qp.motion.planner import Leg
+from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.motion.waypoint import PRESCRIBED, Waypoint
 from robo47_qp.run.compliance import Compliance
+from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
 from robo47_qp.run.steps import Step, StepExecutor
 
 _TICK_ROWS = 2
 """Control periods between two checks of the world while contact is expected."""
+
+_PRESS_ROWS = 10
+"""The same while a stiff tool presses: often enough for an admittance of a few hertz."""
+
+_SHARE = 0.3
+"""Share of the accelerations allowed for the joints that a stiff tool that presses may use."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,13 +121,8 @@ class Comply(Checked, Step):
             InvalidValueError: A waypoint is reached by PTP, a number is out of range, or there is
                 neither a waypoint nor a time.
         """
-        ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
-        if ptp:
-            raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
         super().__post_init__()
-        if not self.waypoints and self.seconds == 0.0:
-            found = "no waypoint and 0 s"
-            raise InvalidValueError(self.name, found, "waypoints, or a time to stay")
+        _check_path(self.name, self.waypoints, self.seconds)
 
     @property
     def path(self) -> tuple[Waypoint, ...]:
@@ -157,6 +160,134 @@ class Comply(Checked, Step):
             loop.begin(self.name, compliant=True)
             still = hold(loop.reference.q, round(self.seconds / TIMESTEP), TIMESTEP)
             loop.track(still, monitor, block=_TICK_ROWS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Press(Checked, Step):
+    """Move the stiff tool along waypoints, and press it along an axis by moving it there.
+
+        m δ̈ + d δ̇ = F - f,   |δ⃛| ≤ j
+
+    is the admittance by which the tool leaves its path along the axis by δ, with f the force that
+    is felt and F the one that is asked for (Villani and De Schutter, Force control, in: Springer
+    Handbook of Robotics, 2nd ed. 2016, ch. 9). Without contact it moves at F / d. Disturbances
+    are compensated in contact, too: friction and heavier links, which a compliant arm would pass
+    on to the surface, stay in the joints. So the surface, or what is held, has to be softer than
+    the arm: with a stiffness k, the damping ratio is d / (2 √(k m)).
+    """
+
+    waypoints: tuple[Waypoint, ...] = ()
+    """LIN and CIRC waypoints; none to stay in place for `seconds`."""
+    axis: Annotated[Vector, Size(3)]
+    """Direction to press in, a unit vector in the world (3,)."""
+    force: NotNegative
+    """F [N]; 0 stays on the path."""
+    felt: Callable[[], float]
+    """Returns f, as the program estimates it [N]; called every few control periods."""
+    mass: Positive = 10.0
+    """m [kg]."""
+    damping: Positive = 200.0
+    """d [N·s/m]."""
+    jerk: Positive = 30.0
+    """j [m/s³]."""
+    speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
+    """Speed limit along the waypoints, besides their own pace [m/s]."""
+    seconds: NotNegative = 0.0
+    """Longest time at the last waypoint [s]."""
+    until: Condition | None = None
+    """Ends the step once it holds; the step fails with its cause if it never does. None: the step
+    runs to its end."""
+    during: tuple[Condition, ...] = ()
+    """Conditions that must hold all the time: on a violation the arm stops and the step fails."""
+    observe: Callable[[], None] | None = None
+    """Called every few control periods to observe the world."""
+    name: str = "press"
+
+    def __post_init__(self) -> None:
+        """Check waypoints and numbers.
+
+        Raises:
+            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or there is
+                neither a waypoint nor a time.
+        """
+        super().__post_init__()
+        _check_path(self.name, self.waypoints, self.seconds)
+
+    @property
+    def path(self) -> tuple[Waypoint, ...]:
+        """See `Step.path`."""
+        return self.waypoints
+
+    def carry_out(self, executor: StepExecutor) -> None:
+        """See `Step.carry_out`."""
+        loop, yielding = executor.loop, executor.loop.yielding
+        monitor = StepMonitor(self.name, self.during, self.until, self.observe)
+        legs = executor.plan(self.waypoints, self.speed) if self.waypoints else []
+        loop.compensate(on=True, in_contact=True)
+        try:
+            self._move(loop, legs, monitor)
+            loop.halt()
+        finally:
+            loop.compensate(on=not yielding)
+        monitor.judge()
+
+    def _move(self, loop: ControlLoop, legs: Sequence[Leg], monitor: StepMonitor) -> None:
+        depth = _Depth(self, loop)
+        for leg in legs:
+            loop.begin(leg.waypoint.name, compliant=True, streamed=True)
+            if depth.track(loop, leg.trajectory, monitor):
+                return
+        if self.seconds:
+            loop.begin(self.name, compliant=True, streamed=True)
+            q = loop.reference.q - depth.q
+            depth.track(loop, hold(q, round(self.seconds / TIMESTEP), TIMESTEP), monitor)
+
+
+class _Depth:
+    """The tool's displacement δ along the axis of a `Press`, added to the joints' reference."""
+
+    def __init__(self, step: Press, loop: ControlLoop) -> None:
+        """Start at rest on the path."""
+        self._step, self._arm, self._a_max = step, loop.arm, loop.profile.a_max
+        self.q: Vector = np.zeros(loop.arm.n)
+        """Displacement of the joints (n,) [rad]."""
+        self._speed = self._acceleration = 0.0
+
+    def track(self, loop: ControlLoop, path: Trajectory, monitor: StepMonitor) -> bool:
+        """Track a path with the displacement; return True if `monitor` ended it."""
+        for first in range(0, path.steps, _PRESS_ROWS):
+            rows = slice(first, min(first + _PRESS_ROWS, path.steps) + 1)
+            if loop.track(self._moved(path, rows, loop.reference.q), monitor, block=_PRESS_ROWS):
+                return True
+        return False
+
+    def _moved(self, path: Trajectory, rows: slice, q: Vector) -> Trajectory:
+        """Return some periods of a path with the displacement, that in q (n,) the first."""
+        step, axis = self._step, np.zeros(6)
+        axis[:3] = self._arm.pose(q).rotation().as_matrix().T @ step.axis
+        way = np.linalg.pinv(self._arm.jacobian(q)) @ axis
+        asked = step.force - step.felt() if step.force else 0.0
+        largest = _SHARE * float((self._a_max / np.maximum(np.abs(way), 1e-9)).min())
+        states = [(self.q, self._speed * way, self._acceleration * way)]
+        for _ in range(rows.start + 1, rows.stop):
+            wanted = (asked - step.damping * self._speed) / step.mass if step.force else 0.0
+            wanted = min(max(wanted, -largest), largest)
+            most = step.jerk * TIMESTEP
+            self._acceleration += min(max(wanted - self._acceleration, -most), most)
+            self._speed += TIMESTEP * self._acceleration
+            self.q = self.q + TIMESTEP * self._speed * way
+            states.append((self.q, self._speed * way, self._acceleration * way))
+        q, v, a = (np.array(column) for column in zip(*states, strict=True))
+        return Trajectory(dt=path.dt, q=path.q[rows] + q, v=path.v[rows] + v, a=path.a[rows] + a)
+
+
+def _check_path(name: str, waypoints: Sequence[Waypoint], seconds: float) -> None:
+    """Check that a step in contact has somewhere to go, on paths that are prescribed, or stays."""
+    ptp = [waypoint.name for waypoint in waypoints if not waypoint.prescribes_path]
+    if ptp:
+        raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
+    if not waypoints and seconds == 0.0:
+        raise InvalidValueError(name, "no waypoint and 0 s", "waypoints, or a time to stay")
 
 
 @dataclass(frozen=True, kw_only=True)

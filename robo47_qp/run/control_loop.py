@@ -105,7 +105,7 @@ class ControlLoop:
         self.phases: list[Phase] = []
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
-        self._check, self._yielding = check, False
+        self._check, self._yielding, self._insisting = check, False, False
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self.rest(np.array(arm.robot.home))
@@ -128,10 +128,16 @@ class ControlLoop:
         """Return the joints' state now: as the controller estimates it, if it does."""
         return self.control.state(self.sim.state())
 
-    def compensate(self, *, on: bool) -> None:
-        """Let the controller compensate disturbances, or hold that while the arm has to yield."""
-        self._yielding = not on
-        self.control.compensate(on)
+    def compensate(self, *, on: bool, in_contact: bool = False) -> None:
+        """Let the controller compensate disturbances, or hold that while the arm has to yield.
+
+        Args:
+            on: Whether it compensates while the tool is free.
+            in_contact: Whether it does so in contact, too: for what is softer than the arm. Dry
+                friction is then not learned.
+        """
+        self._yielding, self._insisting = not on, in_contact
+        self.control.compensate(on, learn=not in_contact)
 
     @property
     def resting(self) -> bool:
@@ -197,7 +203,8 @@ class ControlLoop:
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             if not self._yielding and self.control.observed is not None:
-                self.control.compensate(not self._touching())
+                on, learn = self._insisting or not self._touching(), not self._insisting
+                self.control.compensate(on, learn=learn)
             for observer in self.observers:
                 observer.tick(self.sim)
             if self._check is not None:

@@ -38,6 +38,11 @@ class FreeWrist:
         return hypot(drifted, float(noise["noise_force"]) / _READINGS**0.5)
 
 
+def wrist_errs(sensed: Sensed) -> bool:
+    """Return whether the data sheet tells of an error of the force at the wrist."""
+    return any(sensed.sheet.noise[name] for name in ("noise_force", "force_drift"))
+
+
 def read_free_wrist(sensed: Sensed) -> Generator[StepLike, None, FreeWrist]:
     """Read the sensor at the wrist while the tool touches nothing and is at rest."""
     readings = []

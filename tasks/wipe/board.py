@@ -87,8 +87,8 @@ class WipeMonitor:
 
     def pressed(self) -> float:
         """Return the force of the sponge on the board: that on the hand without its weight [N]."""
-        force = float(self._simulation.last_tool_force()[2])
-        return force + 9.81 * self._sponge.mass
+        mass = float(self._simulation.model.body(self._sponge.name).mass[0])
+        return float(self._simulation.last_tool_force()[2]) + 9.81 * mass
 
     def update(self) -> None:
         """Wipe marks off, and record the force error if the sponge slides."""

@@ -16,7 +16,7 @@ from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import estimate_goal
-from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, HeldItem
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, miss, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.heading import upright
@@ -133,20 +133,20 @@ class Wipe(Task):
         hand = self._wiper(sensed, (yield from estimate_pose(sensed, "board")))
         home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
         back = (yield from estimate_goal(sensed, "place of the sponge")) @ home
-        held = False
+        held: HeldItem | None = None
         for attempt in range(1 + self.retries):
             try:
-                if not held:
-                    hand = hand.holding((yield from hand.pick()))
-                    held = True
+                if held is None:
+                    held = yield from hand.pick()
+                    hand = hand.holding(held)
                 yield from hand.wipe()
                 if marks_seen(sensed) and attempt < self.retries:
                     continue
-                yield from hand.place(back)
+                yield from hand.place(back, held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
-                held = False
+                held = None
                 yield from hand.back_off()
                 if attempt == self.retries:
                     yield HOME
@@ -222,6 +222,7 @@ class Wipe(Task):
             item=self.sponge,
             above=above,
             force=self.grip_force,
+            resting=TABLE_TOP + 0.5 * self.sponge.height,
             settings=self.settings,
             T_world_board=T_world_board,
         )

@@ -8,6 +8,8 @@ import pytest
 from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.report.audit.audit import audit
@@ -17,6 +19,7 @@ from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.watchdog import Watchdog
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.heading import upright
@@ -96,6 +99,48 @@ def test_it_meets_the_board_at_a_tenth_of_a_metre_per_second_and_not_too_hard() 
     z = rows_of(run, "touch down", "tool/pose")[:, 2]
     assert 0.05 < -np.diff(z).min() / 1e-3 <= 0.101
     assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() <= 30.0
+
+
+@cache
+def wiped_by_foam() -> tuple[Run, float]:
+    """A run with a wrist that errs and a light sponge, and the weight of that [N]."""
+    erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
+    episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
+    scenario = episode.scenario(80001)
+    return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
+
+
+def test_where_the_wrist_drifts_the_foam_tells_the_force() -> None:
+    """The drift of the sensor is twice the band of the force; judged by a hand of its own."""
+    run, weight = wiped_by_foam()
+    assert run.failure is None
+    stroke = np.concatenate([rows_of(run, f"stroke {i}", "contact/tool")[:, 2] for i in (1, 2, 3)])
+    assert len(stroke) > 20000
+    assert np.mean(np.abs(stroke + weight - 10.0) <= 0.5) >= 0.99
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+
+
+def test_touches_of_a_drifting_wrist_are_averaged() -> None:
+    """Touches are even in truth, each with an error of the wrist's; the strokes have less."""
+    run, weight = wiped_by_foam()
+    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
+    force = run.rows["contact/tool"][:, 2] + weight
+    touches = [
+        force[end - 100 : end].mean()
+        for phase, end in zip(run.phases, ends, strict=True)
+        if phase.name == "touch down"
+    ]
+    assert len(touches) == 17
+    stroke = np.mean([rows_of(run, f"stroke {i}", "contact/tool")[:, 2].mean() for i in (1, 2, 3)])
+    assert abs(stroke + weight - 10.0) < np.abs(np.array(touches) - 10.0).max()
+
+
+def test_the_force_is_judged_with_the_weight_that_the_sponge_has() -> None:
+    task = Wipe()
+    light = DisturbedSimulation(PANDA, task.build_scene, Disturbance(object_mass_factor=0.5))
+    task.reset(light, None)
+    lifted = WipeMonitor(light, task.sponge, task.settings).pressed()
+    assert lifted == pytest.approx(0.5 * WEIGHT)
 
 
 def test_a_sponge_lost_on_the_board_is_a_drop() -> None:
