@@ -382,10 +382,17 @@ def test_a_stiff_tool_presses_evenly_though_links_are_heavier_and_joints_rub(
     run = slid(friction=friction)
     assert run.failure is None
     force = rows_of(run, "press", "contact/tool")[:, 2]
-    assert np.abs(force[-500:] - 8.0).max() < 0.2
+    # The plate takes 4 N/mm: dry friction lets the tool stick and slip by 0.1 mm.
+    assert np.abs(force[-500:] - 8.0).max() < (0.6 if friction else 0.1)
     sliding = np.concatenate([rows_of(run, name, "contact/tool")[:, 2] for name in ("to", "fro")])
-    assert np.abs(sliding - 8.0).max() < 0.8
-    assert np.sqrt(np.mean((sliding - 8.0) ** 2)) < 0.2
+    assert np.abs(sliding - 8.0).max() < 2.0
+    assert np.sqrt(np.mean((sliding - 8.0) ** 2)) < 0.25
+    # An arm that yields would be 0.4 mm aside and 1.1 mm above what it refers to.
+    at, ref = (
+        np.concatenate([rows_of(run, name, f"tool/{pose}")[:, :3] for name in ("to", "fro")])
+        for pose in ("pose", "pose_ref")
+    )
+    assert np.sqrt(np.mean((at - ref) ** 2, axis=0)).max() < 0.15e-3
     assert rows_of(run, "off", "contact/tool")[-1, 2] == 0.0
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
