@@ -163,12 +163,7 @@ class ObservedJoints:
         return self._on
 
     def compensate(self, on: bool, *, learn: bool = True) -> None:
-        """Follow the estimate with the compensation, or hold it at what it is.
-
-        Args:
-            on: Whether to follow it.
-            learn: Whether to learn dry friction meanwhile; forces of contact are none of it.
-        """
+        """Follow the estimate, or hold the compensation; `learn` dry friction, but in contact."""
         self._learns = learn
         if on is self._on:
             return
