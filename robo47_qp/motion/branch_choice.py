@@ -129,7 +129,8 @@ class BranchChoice:
             total = ways + cost
             back.append([int(row.argmin()) for row in total])
             crowded = np.array([self.crowding * (1.0 - branch.room) for branch in layer])
-            cost = total.min(axis=1) + crowded
+            lines = np.array([_lines(branch, v_max) for branch in layer])
+            cost = total.min(axis=1) + crowded + lines
             ends = [branch.results[-1].q for branch in layer]
         chosen = best_sequence(layers, back, int(cost.argmin()))
         return _short_ways(arm, grouped, chosen, q_start) if arm.free.any() else chosen
@@ -270,6 +271,12 @@ class BranchChoice:
 
 def _way(arm: Arm, q: Vector, q_before: Vector, v_max: Vector, led: bool) -> float:
     return 0.0 if led else float((np.abs(arm.way(q_before, q)) / v_max).max())
+
+
+def _lines(branch: Branch, v_max: Vector) -> float:
+    """Return the way of the joints along the tool paths of a branch, as `_way` counts it."""
+    q = np.array([result.q for result in branch.results])
+    return float((np.abs(np.diff(q, axis=0)) / v_max).max(axis=1, initial=0.0).sum())
 
 
 def _short_ways(

@@ -23,6 +23,8 @@ from robo47_qp.motion.waypoint import Waypoint, goal_pose
 
 _ROOM = 1.02
 """Bounds are lowered by so much more than is needed."""
+_NEAR = 0.85
+"""Share of what the motors may do at which a motion counts as using it [-]."""
 _ROUNDS = 8
 """Attempts with lower bounds, of which the second or third usually does."""
 
@@ -153,16 +155,23 @@ class Planner(PlannerSettings):
         self, arm: Arm, plan: Callable[["Planner"], list[Leg]], dt: float
     ) -> list[Leg]:
         """Plan with less acceleration and jerk until the motors have to spend no more than said."""
-        planner, legs, most = self, plan(self), [0.0]
+        legs, best, most = plan(self), None, [0.0]
         if self.motors is None:
             return legs
+        less = [1.0, 1.0]
         for _ in range(_ROUNDS):
             asked = [self.motors.excess(arm, leg.trajectory, dt) for leg in legs]
             most = [max(each) for each in zip(*asked, strict=True)]
-            if max(most) <= 1.0:
-                return legs
-            planner = planner.gentler(*(1.0 if share <= 1.0 else _ROOM * share for share in most))
-            legs = plan(planner)
+            if max(most) <= 1.0 and (best is None or duration(legs) < duration(best)):
+                best = legs
+            if best is not None and (max(most) > _NEAR or max(less) == 1.0):
+                return best
+            # What follows a path does not change in proportion: it may have been slowed too much.
+            pairs = zip(less, most, strict=True)
+            less = [max(1.0, factor * _ROOM * share) for factor, share in pairs]
+            legs = plan(self.gentler(*less))
+        if best is not None:
+            return best
         name = legs[-1].waypoint.name
         raise PlanError(name, f"its motors would have to do {max(most):.2g} times what they may")
 

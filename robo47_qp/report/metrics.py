@@ -71,9 +71,20 @@ def metrics(run: Run) -> dict[str, float]:
         **_following(run),
         "energy_J": _energy(run),
         "cycle_time_s": simulated,
+        **({} if run.failure is not None else {"cycle_bound_s": _cycle_bound(run)}),
         "real_time_factor": simulated / run.loop_seconds,
         "step_us": 1e6 * run.loop_seconds / len(rows),
     }
+
+
+def _cycle_bound(run: Run) -> float:
+    """Return the least time of a run [s]: of its motions along their paths, see `Leg.lower_bound`.
+
+    What is no planned motion counts with the time that it took: fingers, waiting, streams.
+    """
+    rest = sum(rows.stop - rows.start for phase, rows in run.spans() if phase.leg is None)
+    least: float = rest * TIMESTEP + sum(leg.lower_bound for leg in run.legs)
+    return least
 
 
 def _friction(run: Run) -> dict[str, float]:

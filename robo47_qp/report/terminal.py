@@ -83,7 +83,7 @@ def print_summary(
         told = f"median {median:.2f} mm, largest {largest:.1f} mm, at the end {last:.3f} mm"
         console.print(f"  from the target  {told}", highlight=False)
     console.print(
-        f"  cycle time       {metrics['cycle_time_s']:.2f} s\n"
+        f"  cycle time       {metrics['cycle_time_s']:.2f} s{_bound(metrics)}\n"
         f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "
         f"{_slides(metrics)}"
         f"tool within {1e3 * metrics['max_tool_error_m']:.3f} mm, settled within "
@@ -102,6 +102,13 @@ def print_summary(
     if "recording" in files:
         told = f"Open the recording with: {view_command(files['recording'])}"
         console.print(told, highlight=False, soft_wrap=True, markup=False)
+
+
+def _bound(metrics: Mapping[str, float]) -> str:
+    least = metrics.get("cycle_bound_s")
+    return (
+        "" if least is None else f"; no motion along the same paths takes less than {least:.2f} s"
+    )
 
 
 def print_files(console: Console, files: Mapping[str, Path], width: int = 10) -> None:

@@ -155,6 +155,8 @@ class Move(Step):
     waypoints: tuple[Waypoint, ...]
     during: tuple[Condition, ...] = ()
     """What has to hold all the time: where it is violated, the arm stops and the step fails."""
+    meanwhile: Grip | None = None
+    """What the main gripper, which holds nothing, does on the way; it is not waited for."""
 
     def __post_init__(self) -> None:
         """Check that there is somewhere to go.
@@ -178,7 +180,10 @@ class Move(Step):
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
         loop = executor.loop
-        for leg in executor.plan(self.waypoints):
+        legs = executor.plan(self.waypoints)
+        if self.meanwhile is not None:
+            loop.sim.command_grip(self.meanwhile)
+        for leg in legs:
             waypoint = leg.waypoint
             loop.set_payload(waypoint.carried)
             if leg.trajectory.steps:

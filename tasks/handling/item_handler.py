@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from mink import SE3
 
+from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.steps import Grasp, Move, Release, StepLike
@@ -27,6 +28,8 @@ _ROUGH, _TO_GRASP = 4e-3, 1.5e-3
 """Accepted standard deviations of a coordinate: on the way, and of what is to be grasped [m]."""
 _NEAR = 0.012
 """Height above its goal at which a held item is looked at once more [m]."""
+_AROUND = 0.004
+"""Distance of each finger from an item whose pose is known, on the way down to it [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
 
@@ -61,7 +64,9 @@ class ItemHandler:
     def pick(self) -> Generator[StepLike, None, HeldItem]:
         """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift."""
         T_world_item = yield from self._look(self.resting, _TO_GRASP)
-        yield from self.approach(T_world_item)
+        approach, descend = self.approach(T_world_item)
+        yield self._closing(approach, descend, T_world_item)
+        yield descend
         known = self.sensed.weights_known
         free = None if known else (yield from read_free_wrist(self.sensed))
         held = (self._held(Cause.GRASP),)
@@ -152,6 +157,12 @@ class ItemHandler:
             self.retreat(self.release_pose(grasp, T_world_item, T_world_goal)),
         ]
 
+    def leave(self, T_world_tcp: SE3) -> Move:
+        """Return the move up from a released item and home, on which the fingers open."""
+        gripper = self.sensed.gripper
+        wide = Grip(width=gripper.width_max, force=gripper.force_max)
+        return Move(waypoints=(self.retreat(T_world_tcp), HOME), meanwhile=wide)
+
     def retreat(self, T_world_tcp: SE3) -> Waypoint:
         """Return the waypoint straight up from a pose."""
         return self._line("retreat", self._up(T_world_tcp))
@@ -168,6 +179,15 @@ class ItemHandler:
         # What leads down does not always lead up again: near a fold the way back may differ.
         onward = (descend, self._line("lift", up))
         return [Waypoint(name="approach", target=up, onward=onward), descend]
+
+    def _closing(self, approach: Waypoint, descend: Waypoint, T_world_item: SE3) -> Move:
+        """Return the move above the item; fingers close around one whose pose is known."""
+        around: Grip | None = None
+        if not camera_errs(self.sensed) and isinstance(descend.target, SE3):
+            width = self.item.width(descend.target, T_world_item) + 2.0 * _AROUND
+            gripper = self.sensed.gripper
+            around = Grip(width=min(width, gripper.width_max), force=gripper.force_max)
+        return Move(waypoints=(approach,), meanwhile=around)
 
     def lift(self, T_world_tcp: SE3, T_world_item: SE3) -> Move:
         """Return the move straight up with the item."""

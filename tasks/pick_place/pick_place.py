@@ -28,6 +28,8 @@ _APART = 0.15
 """Least distance between random start and goal [m]."""
 _SIDES, _HEIGHTS, _MASSES = (0.025, 0.072), (0.03, 0.08), (0.05, 0.5)
 """Sizes [m] and masses [kg] of random items."""
+_OPENING = 0.012
+"""Width by which the fingers open before the tool moves up from the item [m]."""
 _OFF = 5e-3
 """Largest distance of the centre of mass of random items from the middle, per axis [m]."""
 
@@ -136,8 +138,7 @@ class PickPlace(Task):
                     raise
             else:
                 break
-        yield hand.retreat(sensed.tool_pose())
-        yield HOME
+        yield hand.leave(sensed.tool_pose())
         return None
 
     def monitor(self, simulation: Simulation) -> None:
@@ -159,6 +160,7 @@ class PickPlace(Task):
             item=self.item,
             above=resting + self.clearance,
             force=self.item.grip_force(self.grip_force),
+            opening=_OPENING,
             resting=resting,
         )
 

@@ -42,6 +42,9 @@ def test_figures_of_made_up_rows() -> None:
     assert figures.pop("max_tool_acceleration_m_s2") < 1.0
     assert "smoothness_ldlj" in figures or speed < 1e-3
     figures.pop("smoothness_ldlj", None)
+    resting = sum(s.stop - s.start for phase, s in made_up.spans() if phase.leg is None)
+    moving = sum(leg.lower_bound for leg in made_up.legs)
+    assert figures.pop("cycle_bound_s") == pytest.approx(1e-3 * resting + moving)
     assert figures.pop("energy_J") == pytest.approx(19 * 2.0 * 0.5 * 1e-3)
     assert figures.pop("rms_tool_error_m") == pytest.approx(np.sqrt((999 * 9 + 16) / 2000))
     assert figures == pytest.approx(
@@ -113,6 +116,7 @@ def test_figures_of_a_real_run() -> None:
     assert figures["max_tool_error_m"] == pytest.approx(off.max())
     assert figures["rms_tool_error_m"] <= figures["max_tool_error_m"] < 1e-3
     assert figures["cycle_time_s"] == pytest.approx(rows["time"][-1, 0] + 1e-3)
+    assert 0.6 * figures["cycle_time_s"] < figures["cycle_bound_s"] < figures["cycle_time_s"]
     assert figures["place_error_m"] == run.measures["place_error_m"]
     assert figures["real_time_factor"] * figures["step_us"] == pytest.approx(1000.0)
     assert all(isinstance(value, float) for value in figures.values())
