@@ -64,6 +64,7 @@ class Collisions:
         joints = [self._model.joint(name) for name in robot.joints]
         self._addresses = [int(joint.qposadr[0]) for joint in joints]
         self._joint_bodies = [int(joint.bodyid[0]) for joint in joints]
+        self._body: list[int] = self._model.geom_bodyid.tolist()
         self._levers = _levers(self._model, [int(joint.id) for joint in joints])
         self._allowed: set[tuple[int, int]] = set()
         close = self._close(np.array(robot.home))
@@ -152,13 +153,16 @@ class Collisions:
         d = self._data
         d.qpos[self._addresses] = q
         mujoco.mj_kinematics(self._model, d)
-        mujoco.mj_comPos(self._model, d)
         mujoco.mj_collision(self._model, d)
         close: dict[tuple[int, int], float] = {}
-        bodies = np.sort(self._model.geom_bodyid[d.contact.geom], axis=1)
-        for (one, other), distance in zip(bodies.tolist(), d.contact.dist.tolist(), strict=True):
-            if (one, other) not in self._allowed:
-                close[one, other] = min(close.get((one, other), np.inf), distance)
+        body, allowed, contact = self._body, self._allowed, d.contact
+        for (first, second), distance in zip(
+            contact.geom.tolist(), contact.dist.tolist(), strict=True
+        ):
+            a, b = body[first], body[second]
+            pair = (a, b) if a < b else (b, a)
+            if pair not in allowed and distance < close.get(pair, np.inf):
+                close[pair] = distance
         return close
 
     def _mover(self, pair: tuple[int, int]) -> str:

@@ -120,8 +120,9 @@ class ContactSensing:
 
     def tool_force(self, tool: int = 0) -> Vector:
         """See `Simulation.last_tool_force`."""
-        self.update()
-        return self._tools[tool][2].copy()
+        whole, within, _ = self._tools[tool]
+        force: Vector = within - whole
+        return force
 
     def fixed_peak(self, tool: int) -> float:
         """See `Simulation.fixed_force_peak`."""
@@ -136,8 +137,7 @@ class ContactSensing:
 
     def links_force(self) -> float:
         """See `Simulation.last_links_force`."""
-        self.update()
-        return float(self._links[0])
+        return _total(self._on_links)
 
 
 def _total(values: Vector) -> float:

@@ -227,9 +227,8 @@ class DisturbedSimulation(Simulation):
 
     def seen_time(self, name: str) -> float:
         """See `Simulation.seen_time`."""
-        self._thing_pose(name)
         if self._camera is None or name not in (*self.objects, *self._seen_markers):
-            return self.time
+            return super().seen_time(name)
         return self._camera.seen(name).time
 
     @property

@@ -298,7 +298,7 @@ class Simulation:
         Raises:
             UnknownNameError: No free body and no marker has this name.
         """
-        if name not in self.objects:
+        if name not in self.objects and name not in self.markers:
             self.marker_pose(name)
         return self.time
 
