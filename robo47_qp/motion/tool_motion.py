@@ -108,6 +108,11 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int 
 
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
     """
+    if backend() == "compiled":
+        core, motion = arm.derived(_screws, tool).pointer, np.empty((len(q), 18))
+        joints = [pointer(np.ascontiguousarray(values)) for values in (q, v, a, j)]
+        functions().r47_tool_motion(core, len(q), *joints, pointer(motion))
+        return ToolMotion(*(motion[:, k : k + 3] for k in range(0, 18, 3)))
     screws, point = arm.derived(_at_rest, tool)
     count, own = len(q), arm.tool_joints(tool)
     R, p = np.tile(np.eye(3)[:, :, None], count), np.zeros((3, count))
@@ -160,6 +165,22 @@ def _at_rest(arm: Arm, tool: int) -> tuple[list[_Screw], Vector]:
         moment = np.cross(d.xanchor[i], axis) if turns else np.zeros(3)
         screws.append(_Screw(axis, moment, turns, zero))
     return screws, d.site_xpos[arm.tool_sites[tool]].copy()
+
+
+def _screws(arm: Arm, tool: int) -> Structure:
+    """Return the structure `r47_screws` of a tool."""
+    screws, point = _at_rest(arm, tool)
+    return Structure(
+        "r47_screws",
+        n=arm.n,
+        count=len(screws),
+        joint=np.flatnonzero(arm.tool_joints(tool)).astype(np.int32),
+        turns=np.array([screw.turns for screw in screws], dtype=np.int32),
+        axis=np.array([screw.axis for screw in screws]),
+        moment=np.array([screw.moment for screw in screws]),
+        zero=np.array([screw.zero for screw in screws]),
+        point=point,
+    )
 
 
 def _moved(

@@ -111,3 +111,15 @@ def test_places_are_the_same_to_the_bit_in_the_core(arm: Arm, rng: np.random.Gen
                 found.append(tool_places(arm, q, tool))
         for one, other in zip(*found, strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def test_motion_in_the_core_is_that_of_numpy(arm: Arm, rng: np.random.Generator) -> None:
+    q = rng.uniform(arm.q_low, arm.q_high, (300, arm.n))
+    v, a, j = (10.0**k * rng.normal(size=q.shape) for k in range(3))
+    for tool in range(len(arm.robot.tools)):
+        with using("numpy"):
+            expected = tool_motion(arm, q, v, a, j, tool)
+        with using("compiled"):
+            found = tool_motion(arm, q, v, a, j, tool)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
