@@ -161,7 +161,9 @@ class Checked:
         """Return fields with their rules, and the types that pass: None, what checks itself."""
         rules = []
         for field, hint in get_type_hints(cls, include_extras=True).items():
-            choices = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+            own = any(isinstance(one, Rule | Size) for one in getattr(hint, "__metadata__", ()))
+            inner = hint.__origin__ if get_origin(hint) is Annotated and not own else hint
+            choices = get_args(inner) if get_origin(inner) in (Union, UnionType) else (hint,)
             others = tuple(
                 one
                 for one in choices

@@ -1,6 +1,7 @@
 """Command line of one run, and what every command shares: options, messages, exit codes."""
 
 import json
+import os
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from threadpoolctl import threadpool_limits
 
+from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix
 from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.cell import in_cell
@@ -70,7 +72,25 @@ def option_group(members: Mapping[str, tuple[type, str]]) -> Any:
 
 def one_of(names: Sequence[str]) -> Any:
     """Annotate an option that is one of several names."""
-    return tyro.conf.arg(metavar="{" + ",".join(names) + "}")
+    return tyro.conf.arg(metavar="{" + ",".join(names) + "}", help_behavior_hint=_default)
+
+
+def unset(metavar: str) -> Any:
+    """Annotate an option that may be left out, and takes a value of this kind."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=_default)
+
+
+def _default(value: str) -> str:
+    """Return what the help says of a default; nothing of an option that is left out."""
+    return "" if value == "None" else f"(default: {value})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskOption:
+    """The option that comes first."""
+
+    task: str = DEFAULT_TASK
+    """Name of a task, or file.py:Class."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,17 +153,17 @@ class StackOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(StackOptions):
+class RunOptions(CheckedOptions, StackOptions):
     """Options of one run."""
 
-    seed: int | None = None
+    seed: Annotated[CountOrZero | None, unset("INT")] = None
     """Draw what the task leaves open, as starts and goals, at random from this seed; without it,
     the default ones are used."""
-    log: Path = LOGS / "run.rrd"
+    log: Annotated[Path, Suffix(".rrd")] = LOGS / "run.rrd"
     """Recording to write; the report goes beside it, with the ending .json."""
-    plot: Path | None = None
+    plot: Annotated[Annotated[Path, Suffix(".png")] | None, unset("PATH")] = None
     """Picture of path and errors to write (PNG); by default beside the recording."""
-    video: Path | None = None
+    video: Annotated[Annotated[Path, Suffix(".mp4")] | None, unset("PATH")] = None
     """Video to write (mp4); needs the extra "video" and OpenGL."""
     live: bool = False
     """Also show the recording in a viewer while it runs, at the pace of real time."""
@@ -158,36 +178,19 @@ class RunOptions(StackOptions):
     """Print the report as JSON on the standard output and nothing else."""
 
     def __post_init__(self) -> None:
-        """Check what no type can.
+        """Check every option.
 
         Raises:
             InvalidValueError: A number is out of range, or a file has the wrong ending.
             UnknownNameError: No solver or controller has the name.
         """
+        super().__post_init__()
         self.stack  # noqa: B018  # checks its settings
-        if self.seed is not None and self.seed < 0:
-            raise InvalidValueError("--seed", self.seed, "0 or more")
-        check_endings({"--log": (self.log, ".rrd"), "--plot": (self.plot, ".png")})
-        check_endings({"--video": (self.video, ".mp4")})
 
     @property
     def paced(self) -> bool:
         """True where the run must not go faster than real time."""
         return self.realtime or self.live or self.viewer
-
-
-def check_endings(files: dict[str, tuple[Path | None, str]]) -> None:
-    """Check the endings of file names.
-
-    Args:
-        files: File and ending by the name of the option; None where the file is left out.
-
-    Raises:
-        InvalidValueError: A file has another ending.
-    """
-    for option, (path, ending) in files.items():
-        if path is not None and path.suffix != ending:
-            raise InvalidValueError(option, path, f"a file that ends with {ending}")
 
 
 def guarded(command: Callable[[], int]) -> int:
@@ -237,6 +240,7 @@ def main(
         flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
         if repeated:
             flags += (tyro.conf.UseAppendAction,)
+        tyro._experimental_options["ansi_codes"] = not os.environ.get("NO_COLOR")
         chosen = tyro.cli(options, description=description, config=flags, args=args, prog=prog)
         return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))
 

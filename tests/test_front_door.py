@@ -3,11 +3,13 @@
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 import robo47_qp
 from robo47_qp.__main__ import main
+from robo47_qp.evaluation.benchmarks.ik import command as compare
 
 HEAVY = ("numpy", "mujoco", "mink", "scipy", "rerun", "matplotlib", "gymnasium", "tyro", "rich")
 
@@ -41,3 +43,48 @@ def test_a_task_option_without_a_name_is_bad_input(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--task"])
     assert capsys.readouterr().err.count("error: argument --task: expected one argument") == 1
+
+
+@pytest.mark.parametrize("command", [["run", "pick_place"], ["evaluate"], ["compare-ik"]])
+def test_help_names_values_and_not_what_is_left_out(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main([*command, "--help"])
+    told = capsys.readouterr().out
+    assert "--" in told
+    assert "None" not in told
+
+
+def test_the_help_of_an_evaluation_begins_with_the_task(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", "--help"])
+    told = capsys.readouterr().out
+    assert told.index("--task") < told.index("--robot") < told.index("--noise-q")
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_messages_on_usage_respect_no_color(
+    plain: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if plain:
+        monkeypatch.setenv("NO_COLOR", "1")
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "reach", "--nope", "3"])
+    told = capsys.readouterr()
+    assert ("\x1b[" not in told.out + told.err) == plain
+
+
+def test_a_peer_that_is_not_installed_is_named_with_its_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    missing = {"drake": "DrakeIk needs the package drake, which is not installed."}
+    monkeypatch.setattr(compare, "peers", lambda: ({}, missing))
+    asked = ["--peers", "--solvers", "drake", "--log", str(tmp_path / "ik.rrd")]
+    assert main(["compare-ik", *asked]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--solvers must be one that is installed; DrakeIk needs the package drake" in told

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Suffix
-from robo47_qp.cli import LOGS, StackOptions, option_group
+from robo47_qp.cli import LOGS, StackOptions, TaskOption, option_group, unset
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import Episodes, PolicyEvaluation
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
@@ -29,11 +29,9 @@ _PERTURBATIONS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(CheckedOptions, StackOptions):
+class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
     """Options of an evaluation on the command line."""
 
-    task: str = "pick_place"
-    """Name of a task."""
     policy: tuple[str, ...] = ()
     """The classical stack (the default): classical with the IK of --ik, or classical:mink,
     :qp, :lm or :dls, each also with -single. Or module:Class or file.py:Class of a policy: a
@@ -41,7 +39,7 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     the same seeds, and the first is the baseline that each other one is compared with."""
     rate: DecisionRate = PolicyTiming.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
-    time_limit: Positive | None = None
+    time_limit: Annotated[Positive | None, unset("FLOAT")] = None
     """Simulated time for an episode, the same for every policy; by default that of the task [s]."""
     episodes: Episodes = 100
     """Number of episodes; episode i has the seed `seed` + i."""
@@ -64,9 +62,9 @@ class EvaluateOptions(CheckedOptions, StackOptions):
     """Largest number of failed episodes that are recorded."""
     resume: bool = False
     """Continue an interrupted evaluation."""
-    replay: CountOrZero | None = None
+    replay: Annotated[CountOrZero | None, unset("INT")] = None
     """Run only the episode with this seed, and record it."""
-    against: Path | None = None
+    against: Annotated[Path | None, unset("PATH")] = None
     """Report (.json) of another evaluation on the same seeds to compare with."""
     log: Annotated[Path, Suffix(".rrd")] = LOGS / "eval.rrd"
     """Recording of the failures; the other files go beside it: report (.json and .md), journal

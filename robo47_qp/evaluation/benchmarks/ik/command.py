@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
-from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
-from robo47_qp.errors import UnknownNameError
+from robo47_qp.cli import INTERRUPTED, LOGS, OK, main, unset
+from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
 from robo47_qp.evaluation.benchmarks.ik.catalogue import (
     FIRST_SETS,
@@ -64,7 +64,7 @@ class CompareOptions(Checked):
     """Also compare the solvers of other packages; those that are not installed are listed."""
     log: Annotated[Path, Suffix(".rrd")] = LOGS / "ik.rrd"
     """Recording to write; the report goes beside it, with the ending .json."""
-    plot: Annotated[Path, Suffix(".png")] | None = None
+    plot: Annotated[Annotated[Path, Suffix(".png")] | None, unset("PATH")] = None
     """Picture to write (PNG); by default beside the recording."""
     json: bool = False
     """Print the report as JSON on the standard output and nothing else."""
@@ -97,6 +97,10 @@ def compare_chosen(options: CompareOptions, console: Console) -> int:
     others, left_out = peers() if options.peers else ({}, {})
     robot = load_robot(options.robot)
     known, sets = solvers() | others, target_sets(robot)
+    for name in options.solvers:
+        if name in left_out:
+            expected = f"one that is installed; {left_out[name].rstrip('.')}"
+            raise InvalidValueError("--solvers", name, expected)
     comparison = Comparison(
         arm=Arm(robot),
         solvers=chosen("solver", known, FIRST_SOLVERS if options.first else options.solvers),
