@@ -144,6 +144,7 @@ def test_policies_meet_the_same_worlds_with_their_own_ik(tmp_path: Path) -> None
         "qp_solver": "daqp",
         "controller": "computed_torque",
         "observer": True,
+        "profile": "gentle",
     }
     assert a["policy"] == "classical:lm"
     assert b["settings"]["policy"]["ik"] == "dls-single"

@@ -32,21 +32,27 @@ def plot_comparison(arm: Arm, fields: Sequence[Sequence[Answers]], path: Path) -
     Raises:
         RecordingError: The file cannot be written.
     """
+    figure = comparison_figure(arm, fields)
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
+
+
+def comparison_figure(arm: Arm, fields: Sequence[Sequence[Answers]]) -> Figure:
+    """Return the figure of `plot_comparison`."""
     shown = [field for field in fields if field[0].targets.reachable is not False]
     if not shown:
         shown = list(fields)
     solvers = [answers.solver for answers in shown[0]]
     rows = -(-len(solvers) // _MAPS_PER_ROW)
-    figure = Figure(figsize=(16.0, 8.4 + 3.1 * rows), dpi=100, layout="constrained")
+    figure = Figure(figsize=(16.0, 8.4 + 3.3 * rows), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    halves: Any = figure.subfigures(2, 1, height_ratios=[8.2, 0.4 + 3.1 * rows])
+    halves: Any = figure.subfigures(2, 1, height_ratios=[8.2, 0.6 + 3.3 * rows])
     curves, maps = halves
     _budgets(curves, shown, _styles(solvers))
     _failures(maps, arm, shown, rows)
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
+    return figure
 
 
 def _styles(solvers: Sequence[str]) -> dict[str, tuple[str, str]]:
@@ -118,16 +124,21 @@ def _failures(figure: SubFigure, arm: Arm, fields: Sequence[Sequence[Answers]], 
             some = results == outcome.name
             panel.plot(across[some], places[some, 2], ".", color=_share(outcome), ms=3.5, mew=0)
         failed = int((results != Outcome.COLLIDING.name)[~good].sum())
-        panel.set_title(f"{own[0].solver}: {failed} of {len(results)}", fontsize=9)
+        panel.set_title(f"{own[0].solver}\n{failed} of {len(results)}", fontsize=9)
+        panel.set_xlabel("distance [m]", fontsize=9)
+        panel.label_outer()
         panel.set_aspect("equal")
         panel.grid(alpha=0.3, lw=0.5)
-    figure.supxlabel("distance of the target from the axis of the first joint [m]", fontsize=10)
     figure.supylabel("height of the target [m]", fontsize=10)
     dots = [
         Line2D([], [], marker="o", ls="", ms=5, color=_share(o), label=o.value) for o in _SHOWN[:3]
     ]
-    figure.legend(handles=dots, loc="outside right upper", frameon=False, fontsize=9)
-    figure.suptitle("Where in the workspace each fails (failures of all targets)", fontsize=11)
+    figure.legend(handles=dots, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.suptitle(
+        "Where in the workspace each fails, of all targets: height over distance from the axis of "
+        "the first joint",
+        fontsize=11,
+    )
 
 
 def _share(outcome: Outcome) -> tuple[float, float, float]:

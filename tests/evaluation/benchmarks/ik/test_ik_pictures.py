@@ -1,6 +1,8 @@
 """Plot, tables and recording of a comparison: what people look at says what was judged."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from robo47_qp.evaluation.benchmarks.ik.answers import COLOURS, GOOD, Answers, O
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
 from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown, legend, why
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
-from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
+from robo47_qp.evaluation.benchmarks.ik.plots import comparison_figure, plot_comparison
 from robo47_qp.evaluation.benchmarks.ik.summary import summary
 from robo47_qp.evaluation.benchmarks.ik.targets import near_limits
 from robo47_qp.evaluation.benchmarks.ik.terminal import field_table, paired_table, reasons_table
@@ -57,6 +59,20 @@ def test_the_plot_is_a_picture(
     plot_comparison(ARM, compared[1][2:], tmp_path / "hostile.png")
     with pytest.raises(RecordingError, match=r"nowhere.*cannot be written"):
         plot_comparison(ARM, compared[1][:1], tmp_path / "nowhere" / "ik.png")
+
+
+@pytest.mark.parametrize("count", [8, 15])
+def test_no_title_of_many_solvers_covers_another(
+    compared: tuple[Comparison, list[Sequence[Answers]]], count: int
+) -> None:
+    one = compared[1][0][0]
+    names = [f"dls-position-multi{k}" for k in range(count)]
+    figure = comparison_figure(ARM, [[replace(one, solver=name) for name in names]])
+    figure.canvas.draw()
+    titles = [axes.title for part in figure.subfigs for axes in part.axes if axes.get_visible()]
+    boxes = [title.get_window_extent() for title in titles if title.get_text()]
+    assert len(boxes) == count + 1
+    assert not [(a, b) for a, b in combinations(boxes, 2) if a.overlaps(b)]
 
 
 def test_the_tables_say_what_the_rows_say(
