@@ -30,8 +30,9 @@ reproduce: install ## Run the main job (logs/run.rrd and its report), then the s
 	@$(BIN)/python scenarios/settling.py
 	@$(BIN)/python scenarios/cartpole_lqr.py
 
-keep: reproduce ## Keep the figures of a run here: docs/reproduced.json
+keep: reproduce ## Keep the figures of a run here: docs/reproduced.json, and where pages show them
 	@$(BIN)/python scenarios/retro.py --keep
+	@$(BIN)/python -m scenarios.tables
 
 # What runs keep in the user's cache must not help a fresh clone; downloaded packages may.
 fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRESH=folder)

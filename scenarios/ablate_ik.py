@@ -68,7 +68,7 @@ class AblateOptions(Checked):
     """Targets per set on which the settings of DLS are chosen, with the next seed."""
     targets: tuple[str, ...] = ("uniform", "near_limits")
     """Target sets of `robo47 compare-ik`."""
-    out: Path = LOGS / "ablate_ik.json"
+    report: Path = LOGS / "ablate_ik.json"
     """File for the figures (JSON)."""
 
     def _label(self, field: str) -> str:
@@ -77,7 +77,7 @@ class AblateOptions(Checked):
 
 def run(options: AblateOptions, console: Console) -> int:
     """Sweep, compare, print and write; return the exit code."""
-    check_writable(options.out)
+    check_writable(options.report)
     made = provenance()
     arm = Arm(load_robot(options.robot))
     swept, best = sweep(arm, options)
@@ -93,7 +93,7 @@ def run(options: AblateOptions, console: Console) -> int:
         "user's cache folder; no time above includes it."
     )
     write_json(
-        options.out,
+        options.report,
         {
             **made,
             **{name: getattr(options, name) for name in ("robot", "n", "seed", "tune")},
@@ -105,7 +105,7 @@ def run(options: AblateOptions, console: Console) -> int:
             "effects": effects,
         },
     )
-    console.print(f"{options.out}", soft_wrap=True)
+    console.print(f"{options.report}", soft_wrap=True)
     return OK
 
 

@@ -49,7 +49,7 @@ class CheckOptions(Checked):
     """Kinds of motions."""
     seed: CountOrZero = 0
     """Seed of the random motions."""
-    out: Annotated[Path, Suffix(".json")] | None = None
+    report: Annotated[Path, Suffix(".json")] | None = None
     """File for the figures (JSON)."""
 
     def _label(self, field: str) -> str:
@@ -176,8 +176,8 @@ def show(console: Console, rows: Sequence[tuple[str, str, Tally]]) -> None:
 
 def run(options: CheckOptions, console: Console) -> int:
     """Check and print; return the exit code."""
-    if options.out is not None:
-        check_writable(options.out)
+    if options.report is not None:
+        check_writable(options.report)
     robots, rows = {name: load_robot(name) for name in options.robots}, []
     for name, robot in robots.items():
         for number, kind in enumerate(KINDS):
@@ -188,9 +188,9 @@ def run(options: CheckOptions, console: Console) -> int:
             with Steps(console, count, f"{name} {kind}") as steps:
                 rows.append((name, kind, check(robot, kind, rng, steps.over(range(count)))))
     show(console, rows)
-    if options.out is not None:
+    if options.report is not None:
         told = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}
-        write_json(options.out, {**provenance(), "figures": told})
+        write_json(options.report, {**provenance(), "figures": told})
     bad = any(tally.violations or tally.unconfirmed for _, _, tally in rows)
     return 1 if bad else 0
 

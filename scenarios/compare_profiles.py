@@ -52,7 +52,7 @@ class ProfileOptions(CheckedOptions):
     """Pace in (0, 1]."""
     equal_time: bool = False
     """Slow all down to the time of the slowest, instead of each as fast as it can."""
-    out: Annotated[Path, Suffix(".json")] = LOGS / "profiles.json"
+    report: Annotated[Path, Suffix(".json")] = LOGS / "profiles.json"
     """Where to write the figures; the plot goes beside it, with the ending .png."""
 
 
@@ -120,8 +120,8 @@ def planned(robot: Robot, options: ProfileOptions) -> dict[str, Trajectory]:
 
 def run(options: ProfileOptions, console: Console) -> int:
     """Compare, print, plot; returns the exit code."""
-    plot = options.out.with_suffix(".png")
-    for path in (options.out, plot):
+    plot = options.report.with_suffix(".png")
+    for path in (options.report, plot):
         check_writable(path)
     results = {name: tried(PANDA, plan) for name, plan in planned(PANDA, options).items()}
     summary = {name: figures(one) for name, one in results.items()}
@@ -130,7 +130,7 @@ def run(options: ProfileOptions, console: Console) -> int:
     for name, row in summary.items():
         table.add_row(name, *(f"{value:.4g}" for value in row.values()))
     console.print(table)
-    write_json(options.out, summary)
+    write_json(options.report, summary)
     panels: dict[str, dict[str, tuple[Matrix, Matrix]]] = {}
     for name, one in results.items():
         joint = int(np.abs(_SWING).argmax())
@@ -145,7 +145,7 @@ def run(options: ProfileOptions, console: Console) -> int:
         ):
             panels.setdefault(panel, {})[name] = (x, y)
     plot_curves(panels, plot)
-    print_files(console, {"report": options.out, "plot": plot})
+    print_files(console, {"report": options.report, "plot": plot})
     return 0
 
 

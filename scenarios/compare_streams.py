@@ -36,7 +36,7 @@ class CompareOptions(Checked):
     """Ticks of each stream on each kind of targets."""
     seed: CountOrZero = 0
     """Draw the targets from this seed."""
-    out: Path = LOGS / "streams.json"
+    report: Path = LOGS / "streams.json"
     """File for the figures (JSON)."""
 
     def _label(self, field: str) -> str:
@@ -45,7 +45,7 @@ class CompareOptions(Checked):
 
 def run(options: CompareOptions, console: Console) -> int:
     """Run both on all targets, print the table, write the figures."""
-    check_writable(options.out)
+    check_writable(options.report)
     texts = ("arms", "targets", "stream")
     numbers = ("error mm", "p95", "q v a", "too close", "lacking mm", "relaxed")
     table = FiguresTable((*texts, *numbers), texts=texts)
@@ -70,10 +70,10 @@ def run(options: CompareOptions, console: Console) -> int:
                 )
     console.print(table)
     write_json(
-        options.out,
+        options.report,
         {**provenance(), "ticks": options.ticks, "seed": options.seed, "figures": figures},
     )
-    print_files(console, {"report": options.out})
+    print_files(console, {"report": options.report})
     return OK
 
 

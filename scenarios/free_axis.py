@@ -76,7 +76,7 @@ class FreeAxisOptions(Checked):
     the reach, where the fixed axis does not reach everything."""
     solvers: tuple[str, ...] = ("lm", "lm-single", "dls-single", "dls-free-single")
     """Solvers: mink, lm, dls, mink-single, lm-single, dls-single, dls-free-single."""
-    out: Path = LOGS / "free_axis.json"
+    report: Path = LOGS / "free_axis.json"
     """File for the figures (JSON)."""
 
     def _label(self, field: str) -> str:
@@ -85,7 +85,7 @@ class FreeAxisOptions(Checked):
 
 def run(options: FreeAxisOptions, console: Console) -> int:
     """Compare; return 0 if the first solver reaches all that any of them does, and all tight."""
-    check_writable(options.out)
+    check_writable(options.report)
     made = provenance()
     unknown = [name for name in options.solvers if name not in SOLVERS]
     if unknown:
@@ -120,7 +120,7 @@ def run(options: FreeAxisOptions, console: Console) -> int:
     )
     chosen = {name: getattr(options, name) for name in ("robot", "n", "seed", "box")}
     write_json(
-        options.out,
+        options.report,
         {
             **made,
             **chosen,
@@ -130,7 +130,7 @@ def run(options: FreeAxisOptions, console: Console) -> int:
             "missed_by_the_first": missed + by_yaw,
         },
     )
-    console.print(f"{options.out}", soft_wrap=True)
+    console.print(f"{options.report}", soft_wrap=True)
     return OK if missed + by_yaw == 0 else FAILED
 
 

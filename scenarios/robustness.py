@@ -50,7 +50,7 @@ class RobustnessOptions(Checked):
     """3 kinds, 3 levels each four times as wrong as the one before, 4 episodes: a first look."""
     resume: bool = False
     """Continue an interrupted campaign."""
-    out: Path = LOGS / "robustness.json"
+    report: Path = LOGS / "robustness.json"
     """File for the figures (JSON); picture (.png) and a folder of journals go beside it."""
 
     def _label(self, field: str) -> str:
@@ -59,8 +59,8 @@ class RobustnessOptions(Checked):
 
 def run(options: RobustnessOptions, console: Console) -> int:
     """Run the campaign, print the table, write figures and picture; return the exit code."""
-    picture = options.out.with_suffix(".png")
-    for path in (options.out, picture):
+    picture = options.report.with_suffix(".png")
+    for path in (options.report, picture):
         check_writable(path)
     made = provenance()
     robot, task = load_robot(options.robot), load_task(options.task)()
@@ -75,7 +75,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
         stride=2 if options.quick else 1,
         seed=options.seed,
         workers=options.workers,
-        folder=options.out.with_suffix(""),
+        folder=options.report.with_suffix(""),
     )
     curves, complete = list[Curve](), True
 
@@ -95,7 +95,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
     title = f"{options.task}, {campaign.episodes} episodes a level from seed {options.seed}"
     plot_robustness(curves, title, picture)
     write_json(
-        options.out,
+        options.report,
         {
             **made,
             "task": options.task,
@@ -114,7 +114,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
             ],
         },
     )
-    for path in (options.out, picture):
+    for path in (options.report, picture):
         console.print(f"{path}", soft_wrap=True)
     return OK
 

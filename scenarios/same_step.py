@@ -32,7 +32,7 @@ class SameStepOptions(Checked):
     """Seed of the states."""
     robot: str = "panda"
     """Robot."""
-    out: Path = LOGS / "same_step.json"
+    report: Path = LOGS / "same_step.json"
     """File for the figures (JSON)."""
 
     def _label(self, field: str) -> str:
@@ -41,7 +41,7 @@ class SameStepOptions(Checked):
 
 def run(options: SameStepOptions, console: Console) -> int:
     """Compare, print, write; return 0 if all steps of the fused solvers are exact to 1e-9 rad."""
-    check_writable(options.out)
+    check_writable(options.report)
     made = provenance()
     arm = Arm(load_robot(options.robot))
     headings = ("solver", "from exact", "mink from exact", "from mink", "> 1e-9", "at limits")
@@ -63,8 +63,8 @@ def run(options: SameStepOptions, console: Console) -> int:
         table.add_row(name, f"{exact:.1e}", f"{own:.1e}", f"{between:.1e}", *counts)
     console.print(table)
     options_told = {"robot": options.robot, "n": options.n, "seed": options.seed}
-    write_json(options.out, {**made, **options_told, "figures": figures})
-    print_files(console, {"report": options.out})
+    write_json(options.report, {**made, **options_told, "figures": figures})
+    print_files(console, {"report": options.report})
     fused = [one["largest_from_exact_rad"] for name, one in figures.items() if name != "mink"]
     return OK if max(fused) <= _SAME else FAILED
 

@@ -63,6 +63,14 @@ def test_the_help_of_an_evaluation_begins_with_the_task(capsys: pytest.CaptureFi
     assert told.index("--task") < told.index("--robot") < told.index("--noise-q")
 
 
+def test_files_of_figures_are_called_report_everywhere() -> None:
+    """A folder of demonstrations and a page of Markdown are none."""
+    scripts = (Path(__file__).resolve().parents[1] / "scenarios").glob("*.py")
+    others = {"record_demos", "retro"}
+    found = {one.stem for one in scripts if "    out: " in one.read_text(encoding="utf-8")}
+    assert found == others
+
+
 @pytest.mark.parametrize("plain", [True, False])
 def test_messages_on_usage_respect_no_color(
     plain: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

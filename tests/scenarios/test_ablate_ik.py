@@ -37,7 +37,7 @@ def test_a_small_ablation_is_printed_and_written(
     monkeypatch.setattr(ablate_ik, "LAWS", laws)
     monkeypatch.setattr(ablate_ik, "CENTRING", (0.0,))
     screen, out = StringIO(), tmp_path / "ablate.json"
-    options = AblateOptions(n=4, tune=3, targets=("uniform",), out=out)
+    options = AblateOptions(n=4, tune=3, targets=("uniform",), report=out)
     assert run(options, Console(file=screen, width=80)) == 0
     assert all(len(line) <= 80 for line in screen.getvalue().splitlines() if "ablate" not in line)
     told = json.loads(out.read_text())

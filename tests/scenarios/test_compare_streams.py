@@ -21,7 +21,7 @@ from scenarios.compare_streams import CompareOptions, gentle
 def test_a_short_comparison_is_printed_and_written(tmp_path: Path) -> None:
     console = Console(width=80, record=True, file=StringIO())
     file = tmp_path / "streams.json"
-    assert compare_streams.run(CompareOptions(ticks=60, out=file), console) == 0
+    assert compare_streams.run(CompareOptions(ticks=60, report=file), console) == 0
     figures = json.loads(file.read_text())["figures"]
     kinds = {(one["robot"], one["targets"], one["stream"]) for one in figures}
     assert len(figures) == len(kinds) == 8

@@ -15,7 +15,7 @@ from scenarios.free_axis import FreeAxisOptions, _error, drawn, run
 
 def test_a_free_axis_reaches_more_from_one_start_and_all_tight(tmp_path: Path) -> None:
     screen, out = StringIO(), tmp_path / "free.json"
-    options = FreeAxisOptions(n=12, solvers=("lm", "dls-single"), box="tabletop", out=out)
+    options = FreeAxisOptions(n=12, solvers=("lm", "dls-single"), box="tabletop", report=out)
     assert run(options, Console(file=screen, width=80)) == 0
     told = json.loads(out.read_text())
     lm, dls = (told["figures"][f"{name}, free axis"] for name in ("lm", "dls-single"))

@@ -12,7 +12,7 @@ QUIET = Console(quiet=True)
 
 def test_random_motions_keep_their_promises_and_refusals_hold(tmp_path: Path) -> None:
     out = tmp_path / "check.json"
-    options = check_motions.CheckOptions(n=2, ptp=10, seed=3, out=out)
+    options = check_motions.CheckOptions(n=2, ptp=10, seed=3, report=out)
     assert check_motions.run(options, QUIET) == 0
     summary = json.loads(out.read_text())["figures"]
     assert set(summary) == {f"panda {kind}" for kind in check_motions.KINDS}
@@ -26,14 +26,14 @@ def test_random_motions_keep_their_promises_and_refusals_hold(tmp_path: Path) ->
 
 
 def test_an_unknown_robot_is_refused_before_anything_is_planned(tmp_path: Path) -> None:
-    options = check_motions.CheckOptions(robots=("panda", "nobody"), out=tmp_path / "check.json")
+    options = check_motions.CheckOptions(robots=("panda", "nobody"), report=tmp_path / "check.json")
     with pytest.raises(UnknownNameError, match=r"No robot is called 'nobody'; known: .*panda"):
         check_motions.run(options, QUIET)
 
 
 def test_profiles_differ_in_what_they_are_compared_for(tmp_path: Path) -> None:
     out = tmp_path / "profiles.json"
-    assert compare_profiles.run(compare_profiles.ProfileOptions(out=out), QUIET) == 0
+    assert compare_profiles.run(compare_profiles.ProfileOptions(report=out), QUIET) == 0
     assert out.with_suffix(".png").stat().st_size > 10_000
     found = json.loads(out.read_text())
     times = {name: row["duration_s"] for name, row in found.items()}
@@ -47,7 +47,7 @@ def test_profiles_differ_in_what_they_are_compared_for(tmp_path: Path) -> None:
 
 def test_at_equal_time_none_is_slower_than_another(tmp_path: Path) -> None:
     out = tmp_path / "profiles.json"
-    options = compare_profiles.ProfileOptions(out=out, equal_time=True)
+    options = compare_profiles.ProfileOptions(report=out, equal_time=True)
     compare_profiles.run(options, QUIET)
     times = [row["duration_s"] for row in json.loads(out.read_text()).values()]
     assert max(times) - min(times) < 5e-3
@@ -57,14 +57,14 @@ def test_profiles_refuse_files_and_paces_before_anything_moves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare_profiles, "tried", None)
-    with pytest.raises(InvalidValueError, match=r"--out must be a file that ends with \.json"):
-        compare_profiles.ProfileOptions(out=tmp_path / "figures.txt")
+    with pytest.raises(InvalidValueError, match=r"--report must be a file that ends with \.json"):
+        compare_profiles.ProfileOptions(report=tmp_path / "figures.txt")
     with pytest.raises(InvalidValueError, match="--speed must be above 0 and at most 1; found 7"):
         compare_profiles.ProfileOptions(speed=7.0)
     for taken in ("figures.json", "figures.png"):
         (tmp_path / taken).mkdir()
         with pytest.raises(RecordingError, match=rf"{taken} cannot be written"):
             compare_profiles.run(
-                compare_profiles.ProfileOptions(out=tmp_path / "figures.json"), QUIET
+                compare_profiles.ProfileOptions(report=tmp_path / "figures.json"), QUIET
             )
         (tmp_path / taken).rmdir()

@@ -117,7 +117,7 @@ def test_a_campaign_ends_where_half_is_lost_and_is_continued(
         "stacks": ("stack", "dls"),
         "episodes": 3,
         "levels": 5,
-        "out": out,
+        "report": out,
     }
     screen = StringIO()
     assert robustness.run(RobustnessOptions(**chosen), Console(file=screen, width=80)) == 0
@@ -146,7 +146,7 @@ def test_a_campaign_ends_where_half_is_lost_and_is_continued(
 
 def test_wrong_names_are_refused_before_anything_runs(tmp_path: Path) -> None:
     for wrong in ({"kinds": ("gravity",)}, {"stacks": ("ppo",)}):
-        options = RobustnessOptions(out=tmp_path / "x.json", **wrong)  # type: ignore[arg-type]
+        options = RobustnessOptions(report=tmp_path / "x.json", **wrong)  # type: ignore[arg-type]
         with pytest.raises(UnknownNameError):
             robustness.run(options, Console(quiet=True))
 
