@@ -61,15 +61,17 @@ class Operator(Protocol):
 
 
 class ViewerWindow(Observer):
-    """MuJoCo's interactive viewer; if it is closed, a run without an operator continues."""
+    """MuJoCo's interactive viewer, its side panels closed (Tab and Shift-Tab open them).
+
+    If it is closed, a run without an operator continues.
+    """
 
     def __init__(self, simulation: Simulation, operator: Operator | None = None) -> None:
         """Open the window.
 
         Args:
             simulation: What is shown.
-            operator: Gets the keys and is told when the window is closed; its window has no
-                side panels.
+            operator: Gets the keys and is told when the window is closed.
 
         Raises:
             RenderingError: There is no display, or the window cannot be opened.
@@ -88,8 +90,8 @@ class ViewerWindow(Observer):
                 simulation.model,
                 simulation.data,
                 key_callback=None if operator is None else operator.press,
-                show_left_ui=operator is None,
-                show_right_ui=operator is None,
+                show_left_ui=False,
+                show_right_ui=False,
             )
         except (RuntimeError, mujoco.FatalError) as error:
             raise RenderingError(f"--viewer cannot open its window: {error}") from error

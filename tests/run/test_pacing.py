@@ -1,7 +1,9 @@
 """Pace: simulated time does not pass faster than the clock, and it is not delayed twice."""
 
 import sys
+from importlib import import_module
 from time import perf_counter, sleep
+from typing import Any
 
 import pytest
 
@@ -52,3 +54,16 @@ def test_a_viewer_without_a_display_is_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RenderingError, match="needs a display and neither DISPLAY nor"):
         ViewerWindow(Simulation(PANDA, no_objects))
+
+
+def test_the_viewer_opens_without_its_side_panels(monkeypatch: pytest.MonkeyPatch) -> None:
+    viewer: Any = import_module("mujoco.viewer")
+    asked: dict[str, Any] = {}
+
+    def launch_passive(*_: Any, **options: Any) -> None:
+        asked.update(options)
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(viewer, "launch_passive", launch_passive)
+    ViewerWindow(Simulation(PANDA, no_objects))
+    assert (asked["show_left_ui"], asked["show_right_ui"]) == (False, False)
