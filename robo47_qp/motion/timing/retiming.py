@@ -6,7 +6,6 @@ from itertools import pairwise
 from math import ceil, sqrt
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
@@ -216,7 +215,7 @@ def _excess(arm: Arm, motion: Trajectory, s: Vector, cuts: Vector, bounds: Matri
     """Return factors by which to stretch time in each section (K,); below 1 it may shrink."""
     section = np.clip(np.searchsorted(cuts, s, side="right") - 1, 0, len(cuts) - 2)
     # Differences span several samples: they are as quick as the quickest of them allows.
-    limit = maximum_filter1d(bounds[:, section], 2 * _SPAN + 1, axis=1)
+    limit = _largest_around(bounds[:, section])
     kinds = [(motion.v, motion.a, motion.jerk)]
     if bounds.shape[2] > arm.n:
         kinds.append(tool_rates(arm, motion.q, motion.dt))
@@ -259,3 +258,12 @@ def _caps(bend: Matrix, bounds: Matrix, share: float) -> Matrix:
     A = np.minimum(A, ((1.0 - share) * j / (6.0 * d2 * V)).min(axis=1)[:, None])
     J = ((j - d3 * V**3 - 3.0 * d2 * V * A) / d1).min(axis=1)[:, None]
     return np.hstack([V, A, J])
+
+
+def _largest_around(rows: Matrix) -> Matrix:
+    """Return the largest of each row (3, N, n) and those within `_SPAN` of it, to either side."""
+    padded = np.pad(rows, ((0, 0), (_SPAN, _SPAN), (0, 0)), mode="edge")
+    largest: Matrix = np.maximum.reduce(
+        [padded[:, k : k + rows.shape[1]] for k in range(2 * _SPAN + 1)]
+    )
+    return largest
