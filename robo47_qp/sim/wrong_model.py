@@ -116,7 +116,11 @@ def change_object(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, row: Ve
         x, y, z = body_spec.pos
         body_spec.pos = [x, y, z + (1.0 - size) * below]
     inside = 0.7 * size * np.abs(_corners(model, name)).max(axis=0)
-    shift = np.clip(row[2:], -inside, inside) + (size - 1.0) * model.body_ipos[body.id]
+    moved = np.clip(row[2:], -inside, inside)
+    if all(model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER for i in geoms):
+        # Cut along each axis, it could be over the rim of a standing cylinder, which falls over.
+        moved[:2] *= min(1.0, inside[0] / max(float(np.hypot(*moved[:2])), 1e-12))
+    shift = moved + (size - 1.0) * model.body_ipos[body.id]
     change_inertias(spec, model, [body.id], np.array([[mass, size**2, *shift]]))
 
 

@@ -17,7 +17,7 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, told, unfinished
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
@@ -152,6 +152,10 @@ class PegInsert(Task):
                     held = yield from hand.pick()
                     hand = hand.holding(held)
                     offset = yield from hand.offset()
+                    if camera_errs(sensed):
+                        yield hand.to_hole(offset)[:1]
+                        hand, offset = yield from hand.look_again()
+                        hand = yield from hand.level(offset)
                 yield from hand.insert(offset, radius, pitch)
             except StepFailed as error:
                 lost = error.failure.cause in LOST
@@ -163,6 +167,8 @@ class PegInsert(Task):
                 else:
                     radius, pitch = 1.5 * radius, 0.7 * pitch
                     yield from hand.draw_out()
+                    if camera_errs(sensed):
+                        hand, offset = yield from hand.look_again(levelled=True)
                 if attempt == self.retries:
                     yield HOME
                     raise
@@ -213,6 +219,7 @@ class PegInsert(Task):
         return PegInserter(
             sensed=sensed,
             item=self.peg,
+            resting=TABLE_TOP + 0.5 * LENGTH,
             above=TOP + LENGTH + 0.06,
             force=self.grip_force,
             search_force=self.search_force,

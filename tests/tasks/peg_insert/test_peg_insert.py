@@ -10,11 +10,15 @@ import pytest
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.contact_steps import Comply
 from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
@@ -56,6 +60,45 @@ def test_the_hole_is_not_where_it_is_thought_to_be() -> None:
     searching = next(phase.start for phase in run.phases if phase.name == "search 2")
     assert z[searching] - 0.5 * LENGTH == pytest.approx(0.04, abs=1.2e-3)
     assert z[-1] - 0.5 * LENGTH == pytest.approx(0.04 - DEPTH, abs=2e-4)
+
+
+def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_once() -> None:
+    """The hole is seen 5 mm beside where it is and tilted by 2.5 degrees."""
+    erring = Perturbation(
+        pose_bias=2e-3, rotation_bias=0.0087, pose_noise=2e-3, noise_force=0.3, force_drift=1.0
+    )
+    episode = TaskEpisode(robot=PANDA, task=PegInsert(), perturbation=erring)
+    scenario = episode.scenario(80001)
+    simulation = episode.simulation(scenario, 80001)
+    run = Runner(scenario, simulation).run()
+    off = simulation.seen_marker("hole seen").inverse() @ simulation.marker_pose("hole")
+    assert np.linalg.norm(off.translation()) > 4e-3
+    assert np.degrees(np.linalg.norm(off.rotation().log())) > 2.0
+    assert run.failure is None
+    names = [phase.name for phase in run.phases]
+    assert names.count("insert") == 1
+    # Three touches beside the hole, and one over it.
+    assert names.count("touch") == 4
+    level = rows_of(run, "insert", "objects/peg")[:, 3:]
+    tilt = [SO3(wxyz).as_matrix()[2, 2] for wxyz in level]
+    assert np.degrees(np.arccos(np.clip(min(tilt), -1.0, 1.0))) < 1.5
+    assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() < 60.0
+
+
+def test_the_mass_of_a_peg_that_is_off_its_axis_stays_over_its_foot() -> None:
+    task = PegInsert()
+    off = Disturbance(object_com_shift=(0.01, -0.01, 0.01))
+    world = DisturbedSimulation(PANDA, task.build_scene, off)
+    task.reset(world, None)
+    com = world.model.body("peg").ipos
+    assert np.hypot(com[0], com[1]) == pytest.approx(0.7 * 0.5 * DIAMETER)
+    assert com[0] == pytest.approx(-com[1])
+
+
+def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
+    """Rows of a signal in the first phase of a name."""
+    i = next(i for i, phase in enumerate(run.phases) if phase.name == name)
+    return run.rows[signal][run.phases[i].start : run.phases[i + 1].start]
 
 
 def test_a_peg_lost_on_the_way_is_a_drop() -> None:
