@@ -1,6 +1,7 @@
 """Item: a box or an upright cylinder that a parallel gripper can hold."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -27,6 +28,11 @@ _GENTLEST = 10.0
 """Least force of a finger [N]."""
 SPINNING = (0.003, 1e-4)
 """Coefficients of torsional and rolling friction of items [m]."""
+_FEET, _FOOT, _GROUND = 6, 1.5e-3, 2e-4
+"""Spheres on which a cylinder stands, their radius and the height of its bottom above what they
+stand on [m]. MuJoCo finds the contacts of cylinder and box by search, from period to period at
+other places of the rim: with its mass off the middle a cylinder never stood still, and rocked at up
+to 0.35 rad/s. Contacts of a sphere and a box are exact."""
 _DEPTH = 0.03
 """Largest depth of the tool point below the top of an item [m]."""
 
@@ -48,6 +54,8 @@ class Item:
     """What a data sheet tells of its coefficient of friction: least and largest [-]."""
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of mass in its frame [m]."""
+    on_feet: ClassVar[bool] = True
+    """Whether a cylinder stands on feet, with exact contacts."""
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -78,16 +86,31 @@ class Item:
         body = spec.worldbody.add_body(name=self.name, pos=position)
         body.add_freejoint()
         shape = mujoco.mjtGeom.mjGEOM_CYLINDER if self.round else mujoco.mjtGeom.mjGEOM_BOX
-        size = [x, z, 0.0] if self.round else [x, y, z]
+        feet = _FEET if self.round and self.on_feet else 0
+        # A cylinder on feet has its own bottom a little higher.
+        lifted = 0.5 * _GROUND if feet else 0.0
+        size = [x, z - lifted, 0.0] if self.round else [x, y, z]
+        friction = [float(np.mean(self.friction)), *SPINNING]
         body.add_geom(
             name=self.name,
             type=shape,
+            pos=[0.0, 0.0, lifted],
             size=size,
             mass=self.mass,
             rgba=self.rgba,
-            friction=[float(np.mean(self.friction)), *SPINNING],
+            friction=friction,
         )
-        if any(self.com):
+        for angle in np.linspace(0.0, 2.0 * np.pi, feet, endpoint=False):
+            out = x - _FOOT
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                pos=[out * np.cos(angle), out * np.sin(angle), _FOOT - z],
+                size=[_FOOT, 0.0, 0.0],
+                mass=0.0,
+                rgba=[0.0] * 4,
+                friction=friction,
+            )
+        if any(self.com) or feet:
             body.explicitinertial = True
             body.mass, body.ipos, body.inertia = self.mass, self.com, self._moments
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from typing import ClassVar
+
 import mujoco
 import numpy as np
 from mink import SE3, SO3
@@ -33,6 +35,8 @@ _FRICTION = [0.3, *SPINNING]
 @dataclass(frozen=True, kw_only=True)
 class Peg(Item):
     """A cylinder that is grasped near its top."""
+
+    on_feet: ClassVar[bool] = False
 
     def add(self, spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
         """See `Item.add`."""

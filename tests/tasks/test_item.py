@@ -158,3 +158,25 @@ def test_of_wide_sides_the_one_with_room_is_taken(size: tuple[float, ...], acros
     pose = upright([0.4, 0.0, 0.02], 0.0)
     width = item.width(item.grasp(pose, WIDTH_MAX), pose)
     assert width == (size[across] if across < 2 else 0.072)
+
+
+def test_a_cylinder_with_its_mass_off_the_middle_stands_still() -> None:
+    """It rocked, as MuJoCo found other contacts of cylinder and box in every period."""
+    com = (0.0044, 0.0048, 0.0017)
+    item = Item(name="cylinder", size=(0.025, 0.025, 0.058), round=True, mass=0.33, com=com)
+
+    def build(spec: mujoco.MjSpec) -> None:
+        add_table(spec)
+        item.add(spec, (0.45, 0.0, TABLE_TOP + 0.5 * item.height))
+
+    simulation = Simulation(PANDA, build)
+    simulation.reset()
+    Holder(simulation).hold(400)
+    before = simulation.object_pose("cylinder")
+    speeds: list[float] = []
+    look = lambda: speeds.append(float(np.abs(simulation.object_twist("cylinder")).max()))  # noqa: E731
+    Holder(simulation).hold(400, look)
+    assert max(speeds) < 1e-4
+    assert before.translation()[2] == pytest.approx(TABLE_TOP + 0.5 * item.height, abs=2e-4)
+    moved = simulation.object_pose("cylinder").translation() - before.translation()
+    assert np.abs(moved).max() < 1e-5
