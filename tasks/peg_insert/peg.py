@@ -1,7 +1,6 @@
 """Peg and hole: a cylinder, and a block with a hole for it."""
 
 from dataclasses import dataclass
-
 from typing import ClassVar
 
 import mujoco
