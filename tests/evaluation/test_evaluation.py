@@ -20,6 +20,7 @@ from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.replay import picked
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
+from robo47_qp.run import foreign_code
 from robo47_qp.run.registry import load_task
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import Reach
@@ -303,6 +304,8 @@ def test_the_code_of_a_task_of_a_file_is_its_file_and_what_it_loads_from_beside_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
+    # Workers of later tests do not find what is beside it.
+    monkeypatch.setattr(foreign_code, "_FILES", [])
     (tmp_path / "places_beside.py").write_text("HERE = 1")
     (tmp_path / "unrelated.py").write_text("HERE = 2")
     text = "import places_beside\nfrom tests.runs import Reach\nclass Mine(Reach):\n    pass\n"

@@ -22,7 +22,6 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import Reason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Place
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
@@ -218,7 +217,7 @@ def test_the_main_job_fails_without_mink(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_main_job_asks_mink_for_every_waypoint(monkeypatch: pytest.MonkeyPatch) -> None:
-    solved, asked, legs = mink.solve_ik, list[Vector](), list[Leg]()
+    solved, asked = mink.solve_ik, list[Vector]()
 
     def spy(configuration: mink.Configuration, tasks: Any, *more: Any, **options: Any) -> Vector:
         [tool] = [task for task in tasks if isinstance(task, mink.FrameTask)]
@@ -226,16 +225,11 @@ def test_the_main_job_asks_mink_for_every_waypoint(monkeypatch: pytest.MonkeyPat
         asked.append(tool.transform_target_to_world.wxyz_xyz)
         return solved(configuration, tasks, *more, **options)
 
-    def planned(*arguments: Any) -> Leg:
-        legs.append(plan(*arguments))
-        return legs[-1]
-
-    plan = Planner._leg
     monkeypatch.setattr(mink, "solve_ik", spy)
-    monkeypatch.setattr(Planner, "_leg", planned)
-    assert main_job().run().failure is None
-    assert len(legs) >= 7
-    for leg in legs:
+    run = main_job().run()
+    assert run.failure is None
+    assert len(run.legs) == 7
+    for leg in run.legs:
         # A place of the robot's own is given in its joints.
         if leg.waypoint.target is not Place.HOME:
             off = np.abs(np.array(asked) - leg.T_world_goal.wxyz_xyz).max(axis=1)

@@ -1,7 +1,8 @@
-"""Motions at the ratings: what the motors have to do on them, by MuJoCo's forward dynamics."""
+"""Motions at the ratings: what the motors have to do on them, by MuJoCo and the untouched file."""
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -31,19 +32,18 @@ def planner_of(robot: Robot, profile: str = "rated") -> Planner:
 
 
 def asked(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
-    """Largest shares of torque left by gravity and of torque rate: torques that M(q) takes.
-
-    M, gravity and the velocity forces are those of the welded file: the acceleration without
-    torque is -M⁻¹ h.
-    """
-    plain = PlainArm(robot)
-    torques, shares = list[Vector](), [0.0]
+    """Largest shares of the torque left by gravity and of the torque rate, of the welded file."""
+    m = PlainArm(robot).welded
+    d, torques, shares = mujoco.MjData(m), list[Vector](), [0.0]
     for q, v, a in zip(trajectory.q, trajectory.v, trajectory.a, strict=True):
-        tau = plain.mass_matrix(q) @ (a - plain.acceleration(q, v, np.zeros(len(q))))
-        g = plain.gravity_torque(q)
+        d.qpos[:], d.qvel[:], d.qacc[:] = q, 0.0, 0.0
+        mujoco.mj_inverse(m, d)
+        g = d.qfrc_inverse.copy()
+        d.qvel[:], d.qacc[:] = v, a
+        mujoco.mj_inverse(m, d)
         left = np.maximum(robot.tau_max - np.abs(g), 0.1 * robot.tau_max)
-        shares.append(float((np.abs(tau - g) / left).max()))
-        torques.append(tau)
+        shares.append(float((np.abs(d.qfrc_inverse - g) / left).max()))
+        torques.append(d.qfrc_inverse.copy())
     rates = np.abs(np.diff(torques, axis=0)) / DT / robot.tau_rate_max
     return max(shares), float(rates.max())
 

@@ -80,6 +80,8 @@ def test_a_renderer_that_is_not_there_is_one_message(name: str, tmp_path: Path) 
     if name == "osmesa" and any(Path("/usr/lib").rglob("libOSMesa.so*")):
         pytest.skip("osmesa is installed")
     environment = {**os.environ, "MUJOCO_GL": name}
+    # Set by MuJoCo where an earlier test has drawn something.
+    environment.pop("PYOPENGL_PLATFORM", None)
     done = subprocess.run(
         [*ROBO47, "run", "reach"],
         env=environment,
