@@ -41,7 +41,7 @@ _SAMPLES = 64
 
 def torque_limits(arm: Arm) -> Vector:
     """Return torque limits (n,): twice the largest gravity torque, and more to accelerate [N·m]."""
-    M, g = arm.derived(_inertia_and_gravity)
+    M, g = arm.derived(inertia_and_gravity)
     # A vertical axis carries no weight: it gets the torque that reaches full speed in time.
     start = M.diagonal(axis1=1, axis2=2).max(axis=0) * _speeds(arm) / RATED_RISE_TIME
     weight, friction = g.max(axis=0), arm.model.dof_frictionloss
@@ -67,7 +67,7 @@ def rated_profile(arm: Arm, tau_max: Vector) -> MotionProfile:
     slowed together until Σ_j |M_ij| a_j is no more than TORQUE_SHARE (τ_max,i - |g_i| - d_i) in
     every one.
     """
-    M, g = arm.derived(_inertia_and_gravity)
+    M, g = arm.derived(inertia_and_gravity)
     v_max = _speeds(arm)
     damping, friction = arm.model.dof_damping, arm.model.dof_frictionloss
     # At least a tenth of the limit counts as left, here and below.
@@ -110,7 +110,7 @@ def stiffness(arm: Arm, tau_max: Vector, period: float) -> Vector:
     D = 2 √(K M_ii) of a critically damped joint, the fastest rate of M(q)⁻¹ D stays below
     DAMPING_RATE / period in every configuration; explicit steps diverge at 2 / period.
     """
-    M, _ = arm.derived(_inertia_and_gravity)
+    M, _ = arm.derived(inertia_and_gravity)
     # Joint damping is integrated implicitly, where it acts like inertia.
     M = M + period * np.diag(arm.model.dof_damping)
     home = np.diag(arm.mass_matrix(arm.home))
@@ -137,7 +137,7 @@ def _drag(arm: Arm) -> Vector:
     return drag
 
 
-def _inertia_and_gravity(arm: Arm) -> tuple[Matrix, Matrix]:
+def inertia_and_gravity(arm: Arm) -> tuple[Matrix, Matrix]:
     """Return M (N, n, n) and |gravity torques| (N, n) in configurations over the joint ranges."""
     still = np.zeros(arm.n)
     qs = [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]

@@ -56,6 +56,11 @@ class PlannerSettings:
         """
         self.profile.slowed(self.pace)
 
+    def unplanned(self, arm: Arm) -> MotionProfile:
+        """Return the bounds of motions that are not planned whole: of stops and streams."""
+        profile = self.profile.slowed(self.pace)
+        return profile if self.motors is None else self.motors.smoothed(arm, profile)
+
     def check_collisions(self, waypoint: str, trajectory: Trajectory) -> None:
         """Check that a trajectory to a waypoint keeps the clearance.
 

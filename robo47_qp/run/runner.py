@@ -97,12 +97,13 @@ class Runner:
         self.scenario = scenario
         self._driver = ProgramDriver() if driver is None else driver
         self._sim, planner = simulation, scenario.planner
+        arm = Arm(scenario.robot, obstacles=scenario.task.obstacles)
         self.loop = ControlLoop(
-            Arm(scenario.robot, obstacles=scenario.task.obstacles),
+            arm,
             scenario.controller,
             simulation,
             observer=scenario.observer,
-            profile=planner.profile.slowed(planner.pace),
+            profile=planner.unplanned(arm),
             check=self._check,
             extra=extra,
         )

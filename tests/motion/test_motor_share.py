@@ -1,6 +1,6 @@
 """Motions at the ratings: what the motors have to do on them, by MuJoCo and the untouched file."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -14,11 +14,19 @@ from robo47_qp.motion.motor_share import Excess, MotorShare
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.steps import Move
+from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
+from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.examples import shifted
 from tests.plain_arm import PlainArm
 from tests.robots import robot_named
+from tests.runs import Reach
 
 DT = 1e-3
 
@@ -113,3 +121,32 @@ def test_profiles_have_names() -> None:
     assert planner_of(robot_named("panda"), "gentle").motors is None
     with pytest.raises(UnknownNameError, match="profile"):
         ClassicalStack(profile="fastest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped(Reach):
+    """Aside by 0.5 m, until something is found amiss."""
+
+    at: float
+
+    def program(self, sensed: Sensed) -> Program:
+        def late() -> str | None:
+            return "late" if sensed.time > self.at else None
+
+        amiss = Condition(name="in time", cause=Cause.DROP, against=late)
+        aside = Waypoint(name="aside", target=shifted(sensed.tool_pose(), np.array([0, 0.5, 0])))
+        yield Move(waypoints=(aside,), during=(amiss,))
+        return None
+
+
+@pytest.mark.parametrize("at", [0.15, 0.3, 0.5])
+def test_an_arm_at_its_ratings_is_stopped_within_what_its_motors_can_do(at: float) -> None:
+    """With the rated jerk the torque would have to change ten times as fast as it can."""
+    task, robot = Stopped(at=at), robot_named("panda")
+    scenario = ClassicalStack(profile="rated").scenario(robot, task)
+    run = Runner(scenario, Simulation(robot, task.build_scene)).run()
+    assert run.failure is not None
+    assert run.failure.evidence == "late"
+    assert "stop" in [phase.name for phase in run.phases]
+    assert np.abs(run.rows["joints/v"]).max() > 0.5
+    assert [found.signal for found in audit(run) if not found.ok] == []
