@@ -8,7 +8,7 @@ import pytest
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.broad_phase import BroadPhase
-from robo47_qp.collision.clearance import Clearance
+from robo47_qp.collision.clearance import Clearance, closest_pair
 from robo47_qp.collision.distance import GeomDistance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
@@ -209,3 +209,18 @@ def test_what_the_tool_cannot_help(crowded: Clearance) -> None:
         if a == "link0" and b in hand
     ]
     assert distance == pytest.approx(min(among + base), abs=1e-9)
+
+
+def test_what_the_leeway_of_the_tool_may_open_is_not_inevitable() -> None:
+    tool = Arm(PANDA).pose(PANDA.home).translation()
+    ball = Obstacle(
+        name="ball",
+        shape=Shape.SPHERE,
+        size=(0.05,),
+        T_world_obstacle=at(tool[0], tool[1], tool[2] - 0.08),
+    )
+    arm = Arm(PANDA, obstacles=[ball])
+    distance, pair = Clearance(arm, 0.0).nearest_of_tool(arm.home)
+    for required, inevitable in ((distance + 1e-3, False), (distance + 3e-3, True)):
+        found = closest_pair(arm, arm.home, required, 2e-3)
+        assert (found.inevitable, found.pair) == (inevitable, pair)

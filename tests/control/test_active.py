@@ -313,3 +313,12 @@ def test_joints_do_not_run_ahead_of_a_reference_that_accelerates(
         sim.step(active.torque(JointReference(*sample), sim.state()))
     assert np.abs(way.a).max() == pytest.approx(7.5, rel=1e-3)
     assert worst < 0.1e-3
+
+
+def test_two_switches_at_once_start_from_what_was_commanded_before_both(arm: Arm) -> None:
+    active = ActiveController(Fixed(home_torque(arm) + 0.1), arm, dt=DT)
+    ask(active, arm)
+    active.switch(Fixed(home_torque(arm) + 7.0))
+    active.switch(Fixed(home_torque(arm) - 3.0))
+    ask(active, arm)
+    assert active.commanded == pytest.approx(home_torque(arm) + 0.1, abs=1e-9)

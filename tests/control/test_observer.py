@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -342,3 +344,12 @@ def test_other_settings_are_refused(setting: dict[str, float], message: str) -> 
 def test_friction_settings_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidValueError, match="displacement must be above 0"):
         FrictionLearning(displacement=0.0)
+
+
+def test_a_reference_is_taken_ahead_of_the_commands_delay(arm: Arm) -> None:
+    observed = replace(NO_FRICTION, command_delay=4).build(arm, DT)
+    v, a, t = np.full(arm.n, 0.3), np.full(arm.n, 5.0), 4 * DT
+    sampled = JointReference(arm.home, v - 0.5 * DT * a, a)
+    ahead, _ = observed.estimate(sampled, arm.home)
+    assert ahead.q == pytest.approx(arm.home + t * v + 0.5 * t**2 * a, abs=1e-12)
+    assert ahead.v == pytest.approx(v + (t - 0.5 * DT) * a, abs=1e-12)

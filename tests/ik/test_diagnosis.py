@@ -315,3 +315,19 @@ def test_the_tolerance_is_that_of_the_search(arm: Arm, failures: dict[str, list[
     assert found.reason is not Reason.OUT_OF_REACH
     tight = diagnosed(arm, target, lost(arm, target), starts, Tolerance())
     assert tight.reason is Reason.OUT_OF_REACH
+
+
+def test_the_distance_that_is_left_is_the_least_from_any_start(
+    arm: Arm, failures: dict[str, list[Failure]], rng: np.random.Generator
+) -> None:
+    differ = 0
+    for target, result in failures["reach"]:
+        best = replace(result, reason=Reason.NOT_CONVERGED)
+        starts = [arm.drawn(rng) for _ in range(8)]
+        left = [
+            diagnosed(arm, target, best, one, SOLVER.tolerance).beyond_reach
+            for one in (starts, starts[::-1], *([start] for start in starts))
+        ]
+        assert left[0] == left[1] == min(left[2:])
+        differ += left[2] > left[0] + 1e-3 or left[-1] > left[0] + 1e-3
+    assert differ > 0

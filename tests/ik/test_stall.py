@@ -4,6 +4,7 @@ from hypothesis import strategies as st
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.gauss_newton import Stall
+from robo47_qp.ik.lm import LmIk
 
 
 @pytest.mark.parametrize("steps", [1, 3, 5])
@@ -58,3 +59,8 @@ def test_the_fall_is_a_share(fall: float) -> None:
         InvalidValueError, match=rf"stall fall must be above 0 and below 1; found {fall}"
     ):
         Stall(fall=fall)
+
+
+def test_a_patient_search_has_more_steps_never_fewer() -> None:
+    assert LmIk(max_iterations=20, stall=Stall()).thorough().max_iterations == 100
+    assert LmIk(max_iterations=300, stall=Stall()).thorough().max_iterations == 300

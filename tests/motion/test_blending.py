@@ -141,3 +141,27 @@ def test_a_ptp_waypoint_where_the_motion_already_is_is_refused() -> None:
         PLANNER.plan_chain(ARM, run, ARM.home, DT)
     assert caught.value.rejection is not None
     assert caught.value.rejection.reason is RefusalReason.SHAPE
+
+
+def test_corners_that_are_blended_again_stay_blended() -> None:
+    """Blending costs 3 at the first corner and saves 1 at each of the others."""
+
+    def time(stops: frozenset[int]) -> float:
+        return 10.0 - 3.0 * (0 in stops) + 1.0 * (1 in stops) + 1.0 * (2 in stops)
+
+    assert quickest([0, 1, 2], plans(time)[1], time, 9.0) == {0}
+
+
+def test_a_cut_may_be_as_fast_as_the_faster_of_its_sides() -> None:
+    pose = ARM.pose(ARM.home)
+    there = pose @ SE3.from_translation(np.array([0.0, 0.3, 0.0]))
+    onward = there @ SE3.from_translation(np.array([0.0, 0.25, 0.1]))
+    run = [
+        Waypoint(name="slow", target=there, blend=0.08, pace=0.3),
+        Waypoint(name="fast", target=onward),
+    ]
+    slow, fast = PLANNER.plan_chain(ARM, run, ARM.home, DT)
+    assert not slow.stops
+    shares = [np.abs(leg.trajectory.a / PANDA.profile.a_max).max() for leg in (slow, fast)]
+    assert shares[0] > 1.1 * 0.3**2
+    assert max(shares) <= 1.0 + 1e-9

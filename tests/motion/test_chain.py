@@ -1,6 +1,7 @@
 """Configurations of a chain, chosen together: judged by following lines in small steps."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +13,11 @@ from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.solver import IkResult
+from robo47_qp.ik.solver import IkResult, IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.branch_choice import BranchChoice
+from robo47_qp.motion.branch_choice import Branch, BranchChoice
 from robo47_qp.motion.collision_check import Collisions
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import Line
@@ -215,3 +216,50 @@ def test_where_every_configuration_is_touched_the_choice_is_left_to_the_planner(
         for chain in (BranchChoice(), BranchChoice(collisions=nowhere))
     ]
     assert chosen[0] == chosen[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given(BranchChoice):
+    """Has branches of certain room."""
+
+    rooms: tuple[float, ...]
+
+    def _usual(
+        self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
+    ) -> IkResult | None:
+        return None
+
+    def _branches(
+        self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
+    ) -> list[Branch]:
+        here = IK.solve(arm, arm.pose(arm.home), arm.home)
+        return [Branch(results=(replace(here, q=here.q + r),), room=r) for r in self.rooms]
+
+
+def test_cramped_configurations_come_last_the_roomiest_of_them_first() -> None:
+    given, waypoint = Given(rooms=(0.001, 0.5, 0.015, 0.01)), Waypoint(name="it", target=Place.HOME)
+    found = [one.q for one in given.candidates_for(ARM, IK, Lin(), waypoint, ARM.home)]
+    home = IK.solve(ARM, ARM.pose(ARM.home), ARM.home).q
+    assert [float((q - home)[0]) for q in found] == pytest.approx([0.5, 0.015, 0.01, 0.001])
+
+
+def test_the_way_along_lines_is_part_of_the_cost() -> None:
+    chain, v_max = BranchChoice(candidates=4, restarts=30, crowding=0.0), PANDA.profile.v_max
+    rng = np.random.default_rng(42)
+    start = ARM.pose(rng.uniform(0.5 * ARM.q_min, 0.5 * ARM.q_max))
+    run = [
+        Waypoint(name="start", target=start),
+        line("line", shifted(start, 0.1 * rng.normal(size=3))),
+    ]
+    ways, costs, firsts = list[float](), list[float](), list[list[float]]()
+    for answer in chain.answers(ARM, IK, run[0], ARM.home):
+        try:
+            one, other = chain.followed(ARM, IK, Lin(), answer, run[1:]).results
+        except PlanError:
+            continue
+        ways.append(float((np.abs(one.q - ARM.home) / v_max).max()))
+        costs.append(ways[-1] + float((np.abs(other.q - one.q) / v_max).max()))
+        firsts.append(one.q.tolist())
+    assert np.argmin(costs) != np.argmin(ways)
+    chosen = chain.choose(ARM, IK, Lin(), run, ARM.home, v_max)
+    assert chosen[0].q.tolist() == firsts[int(np.argmin(costs))]

@@ -150,3 +150,13 @@ def test_an_arm_at_its_ratings_is_stopped_within_what_its_motors_can_do(at: floa
     assert "stop" in [phase.name for phase in run.phases]
     assert np.abs(run.rows["joints/v"]).max() > 0.5
     assert [found.signal for found in audit(run) if not found.ok] == []
+
+
+def test_what_is_asked_of_motors_counts_weights_of_either_sign() -> None:
+    robot = robot_named("panda")
+    arm, rng = Arm(robot), np.random.default_rng(3)
+    for _ in range(20):
+        q, v, a = arm.drawn(rng), rng.normal(size=arm.n), 5.0 * rng.normal(size=arm.n)
+        still = Trajectory(dt=DT, q=np.stack([q, q]), v=np.stack([v, v]), a=np.stack([a, a]))
+        found = MotorShare(torque=1.0, rate=1.0).excess(arm, still, DT)
+        assert found.torque == pytest.approx(asked(robot, still)[0], rel=1e-6)

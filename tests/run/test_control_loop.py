@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
+from robo47_qp.arrays import Vector
 from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.control.pressing import Presser
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.panda_pair import panda_pair
+from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.simulation import Simulation
 from tests.controlled import LOAD
 from tests.runs import no_objects
 
@@ -31,3 +36,30 @@ def test_the_controller_believes_the_payload_that_it_is_told(factor: float) -> N
     again = loop.control.arm.payload
     assert again is not None
     assert again.mass == believed.mass
+
+
+class Hanging(Simulation):
+    """A sensor that feels a hanging payload, which touches nothing."""
+
+    def felt_force(self, tool: int = 0) -> Vector:
+        return np.array(LOAD.mass * self.model.opt.gravity)
+
+
+def test_the_weight_of_a_known_payload_presses_on_nothing() -> None:
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), Hanging(PANDA, no_objects))
+    loop.set_payload(LOAD)
+    down = np.array([0.0, 0.0, -1.0])
+    CompliantMode(loop).soften(Compliance(axis=down, force=5.0))
+    loop.begin("press")
+    loop.hold(0.002)
+    presser = loop.control.controller
+    assert isinstance(presser, Presser)
+    assert presser.pressed == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_one_hand_lets_go_the_other_keeps() -> None:
+    pair = panda_pair()
+    loop = ControlLoop(Arm(pair), JointImpedance(), Simulation(pair, no_objects))
+    loop.set_payload({"left": LOAD, "right": LOAD})
+    loop.let_go(1)
+    assert [*loop.control.arm.payloads] == ["left"]

@@ -9,6 +9,7 @@ from mink import SE3, SO3
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.compliance import Compliance
@@ -346,3 +347,17 @@ def test_every_cause_is_named_once() -> None:
     assert [cause.value for cause in Cause] == [
         *("ik", "plan", "track", "grasp", "slip", "drop", "place", "collision", "timeout", "limit")
     ]
+
+
+def test_a_move_does_not_wait_for_what_the_fingers_do_meanwhile() -> None:
+    widths: list[float] = []
+
+    def program(sensed: Sensed) -> Program:
+        yield Move(waypoints=(up(sensed),), meanwhile=Grip(width=0.02, force=20.0))
+        widths.append(sensed.width())
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    assert names(run) == ["up", "end"]
+    assert widths == pytest.approx([0.02], abs=1e-3)

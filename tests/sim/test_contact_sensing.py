@@ -230,3 +230,13 @@ def test_an_arm_of_one_joint_has_a_tool_and_no_links(tmp_path: Path) -> None:
     mujoco.mj_forward(world.model, world.data)
     assert world.last_tool_force()[2] < 0.0
     assert world.last_links_force() == 0.0
+
+
+def test_a_peak_is_told_once_and_then_counts_from_the_last_look(world: Simulation) -> None:
+    world.reset()
+    force = world.data.sensor("contact/fixed 0").data
+    told = []
+    for pressed in (5.0, 2.0, 0.0, 0.0):
+        force[:] = [0.6 * pressed, 0.0, 0.8 * pressed]
+        told.append(world.fixed_force_peak(0))
+    assert told == pytest.approx([5.0, 5.0, 2.0, 0.0])

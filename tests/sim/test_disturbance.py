@@ -263,6 +263,7 @@ def test_only_what_moves_freely_gets_heavier() -> None:
 def test_friction_decides_what_slides(friction: float, slides: bool) -> None:
     """On a slope of tan 0.95."""
     sim = DisturbedSimulation(PANDA, two_bricks, Disturbance(friction=friction))
+    sim.set_friction("right", 2.0 - friction)
     sim.model.opt.gravity[:] = [0.95 * 5.0, 0.0, -5.0]
     start = sim.object_pose("right").translation()[0]
     hold(sim, 0.2)

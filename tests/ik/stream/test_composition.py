@@ -336,3 +336,13 @@ def test_hostile_targets_with_a_users_parts_raise_nothing_and_break_nothing() ->
     q = np.array([tick.q for tick in ticks])
     assert clearance_audit(PANDA, arm.obstacles, q, 0.02)["clearance_violations"] == 0
     assert min(arm.pose(now).translation()[2] for now in q[::10]) > 0.25 - 1e-3
+
+
+def test_a_tool_that_is_asked_for_again_starts_from_where_it_is_asked_to_be() -> None:
+    arm = Arm(load_robot("panda_pair"))
+    left, right = (arm.pose(arm.home, tool) for tool in (0, 1))
+    stream = StreamIk(dt=DT).build(arm)
+    stream.tick(ToolPoses({"left": left, "right": right}))
+    stream.tick(ToolPoses({"right": right}))
+    away = left @ SE3.from_translation(np.array([0.0, 0.0, -0.1]))
+    assert stream.tick(ToolPoses({"left": away, "right": right})).events == ()

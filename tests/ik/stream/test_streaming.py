@@ -353,3 +353,14 @@ def test_a_backend_or_a_start_that_is_none_is_refused(arm: Arm) -> None:
         stream.reset(np.full(arm.n, np.nan))
     with pytest.raises(InvalidValueError, match="v must be a vector of"):
         stream.reset(arm.home, np.zeros(arm.n + 1))
+
+
+def test_too_close_is_closer_than_the_clearance_whatever_is_aimed_at(
+    among: Arm, pressed: list[StreamTick]
+) -> None:
+    q0 = pressed[-1].q
+    nearest = Clearance(among, 0.01).nearest(q0)[0]
+    for clearance, told in ((nearest - 1e-3, False), (nearest + 1e-4, True)):
+        stream = StreamIk(clearance=clearance, buffer=2e-3).build(among)
+        stream.reset(q0)
+        assert (Event.TOO_CLOSE in stream.tick(among.pose(q0)).events) is told

@@ -7,11 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from robo47_qp.arrays import Matrix
+from robo47_qp.collision.closest_approach import ClosestApproach, Nearest
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.collision_check import Collisions
-from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.audit.audit import _receding, audit
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
@@ -151,3 +153,26 @@ def test_reference_and_robot_are_looked_at_apart(run: Run) -> None:
         leaning = with_value(with_value(asked, signal, ROW, 1, 1.5), signal, ROW, 3, -0.1)
         told = [name for name in broken(audit(leaning)) if "clearance" in name]
         assert [name.split(" (")[0] for name in told] == [f"{title} clearance"]
+
+
+class Depths(ClosestApproach):
+    """Finds in each row the distance that its first joint stands for."""
+
+    def __init__(self) -> None:
+        pass
+
+    def along(self, q: Matrix) -> Nearest:
+        return Nearest(float(q[0, 0]), 0, "hand", "table")
+
+
+def test_after_a_touch_a_depth_is_excused_while_it_gets_smaller() -> None:
+    depths = np.array([[-3.0], [-2.0], [-1.0], [-1.5], [-0.5], [1.0]])
+    touches = np.array([True, False, False, False, False, False])
+    assert _receding(Depths(), depths, touches).tolist() == [False, True, True, False, False, False]
+
+
+def test_a_compliant_arm_is_not_excused_for_being_inside_what_is_fixed(run: Run) -> None:
+    through = with_value(with_value(run, "joints/q", ROW, 1, 1.7), "joints/q", ROW, 3, -0.3)
+    soft = replace(through, phases=[replace(phase, compliant=True) for phase in run.phases])
+    told = [name.split(" (")[0] for name in broken(audit(soft))]
+    assert "measured clearance, scene" in told

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
+from robo47_qp.arrays import Vector
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
@@ -12,7 +13,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
-from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
+from robo47_qp.tasks.carry_tray.carry_tray import CarryTray, squeeze
 from robo47_qp.tasks.carry_tray.tray import BALL, CUP, NAME
 from robo47_qp.tasks.heading import tilt
 from robo47_qp.tasks.task_state import task_state
@@ -141,3 +142,14 @@ def test_at_the_start_nothing_is_noted() -> None:
     simulation = start()
     TASK.monitor(simulation)
     assert not task_state(simulation).any()
+
+
+class Pulled(Simulation):
+    """Both hands bear 4 N of the weight, and pull at each other with 5 N."""
+
+    def last_tool_force(self, tool: int = 0) -> Vector:
+        return np.array([(5.0, -5.0)[tool], 0.0, -4.0])
+
+
+def test_the_internal_force_is_what_moves_nothing() -> None:
+    assert squeeze(Pulled(PAIR, TASK.build_scene)) == pytest.approx(5.0)
