@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.blending import least_with_stops, quickest
+from robo47_qp.motion.blending import Corner, cut_corners, least_with_stops, quickest
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner, split_at
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.waypoint import Motion, Waypoint
 
 ARM, DT, LOOK = Arm(PANDA), 1e-3, ReferenceKinematics(PANDA)
@@ -165,3 +167,16 @@ def test_a_cut_may_be_as_fast_as_the_faster_of_its_sides() -> None:
     shares = [np.abs(leg.trajectory.a / PANDA.profile.a_max).max() for leg in (slow, fast)]
     assert shares[0] > 1.1 * 0.3**2
     assert max(shares) <= 1.0 + 1e-9
+
+
+def test_a_cut_leaves_the_corner_before_it_alone() -> None:
+    rng, profile = np.random.default_rng(29), PANDA.profile
+    q = [np.clip(ARM.home + rng.normal(0.0, 0.3, 7), ARM.q_min, ARM.q_max) for _ in range(4)]
+    places = [ARM.pose(one).translation() for one in q]
+    far = [float(np.linalg.norm(b - a)) for a, b in pairwise(places)]
+    radii = [0.9 * min(sides) for sides in pairwise(far)]
+    motions = [plan_ptp(a, b, profile, 4e-3) for a, b in pairwise(q)]
+    whole, passes = cut_corners(ARM, motions, [Corner(radius, profile) for radius in radii])
+    assert 0 < passes[0] < passes[1] < whole.steps
+    for row, place, radius in zip(passes, places[1:3], radii, strict=True):
+        assert np.linalg.norm(ARM.pose(whole.q[row]).translation() - place) <= radius
