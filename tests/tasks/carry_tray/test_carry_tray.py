@@ -153,3 +153,11 @@ class Pulled(Simulation):
 
 def test_the_internal_force_is_what_moves_nothing() -> None:
     assert squeeze(Pulled(PAIR, TASK.build_scene)) == pytest.approx(5.0)
+
+
+def test_a_tray_that_is_only_lifted_was_not_above_the_wall() -> None:
+    simulation = start()
+    for height, went in ((0.02, 0.0), (TASK.wall[2] + 0.01, 1.0)):
+        TASK.tray.place(simulation, SE3.from_translation(np.array([0.35, 0.0, height])))
+        TASK.monitor(simulation)
+        assert task_state(simulation)[3] == went

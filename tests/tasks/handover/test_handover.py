@@ -105,3 +105,27 @@ def test_bars_that_are_too_short_or_too_thick_are_refused() -> None:
     for size in ((0.03, 0.1, 0.03), (0.08, 0.22, 0.03)):
         with pytest.raises(InvalidValueError, match="size of the bar"):
             Handover(bar=replace(TASK.bar, size=size))
+
+
+@pytest.mark.parametrize("hands", [(), (0,), (1,), (0, 1)])
+def test_one_hand_alone_hands_nothing_over(
+    hands: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(_: Simulation, tool: int, width: float, force: float) -> bool:
+        return tool in hands
+
+    monkeypatch.setattr("robo47_qp.tasks.handover.handover.closed_on", closed)
+    simulation = start()
+    simulation.place_object("bar", SE3.from_translation(np.array([0.48, 0.0, 0.35])))
+    TASK.monitor(simulation)
+    assert bool(task_state(simulation)[0]) is (len(hands) == 2)
+
+
+def test_the_bar_is_believed_to_be_where_it_is(run: Run) -> None:
+    carried = {
+        phase.name: phase.leg.waypoint.carried for phase in run.phases if phase.leg is not None
+    }
+    for name, hand in (("lift", "left"), ("reach", "left"), ("leave", "right"), ("carry", "right")):
+        load = carried[name]
+        assert isinstance(load, dict)
+        assert [*load] == [hand]
