@@ -33,6 +33,8 @@ class Cell:
 CELLS: dict[str, Cell] = {
     # Its wrist is aside of its base: at home the hand is before the middle of the table.
     "ur5e": Cell.at(-0.05, -0.133),
+    # Its elbow bends by 120° at most: what is close to its base it does not reach from above.
+    "iiwa14": Cell.at(-0.1, 0.0),
 }
 """Cells of robots by their names; others stand at the origin of the world."""
 

@@ -20,7 +20,7 @@ _FROM_FOCUS = 0.3
 _GENTLY = 0.01
 """Rate of the opening width when one finger touches before the other [m/s]. At the gripper's full
 speed, the impact exceeds the rated acceleration of the joints."""
-_SOFTLY = 0.05
+_SOFTLY = 0.02
 """The same where the item's pose is known, so that both touch almost together [m/s]."""
 _YIELDING = np.array([800.0, 50.0, 800.0, 40.0, 40.0, 40.0])
 """Stiffness of the tool, in its own frame [N/m, N·m/rad]. Along y, where the fingers

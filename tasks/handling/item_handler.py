@@ -28,7 +28,7 @@ _ROUGH, _TO_GRASP = 4e-3, 1.5e-3
 """Accepted standard deviations of a coordinate: on the way, and of what is to be grasped [m]."""
 _NEAR = 0.012
 """Height above its goal at which a held item is looked at once more [m]."""
-_AROUND = 0.004
+_AROUND = 0.003
 """Distance of each finger from an item whose pose is known, on the way down to it [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
