@@ -17,7 +17,7 @@ from scenarios import keep, tables
 from scenarios.papers import kept as kept_module
 from scenarios.papers import tables as tables_
 from scenarios.papers.blocks import rendered
-from scenarios.papers.kept import ORIGIN, kept, to_keep
+from scenarios.papers.kept import ORIGIN, RESULTS, kept, to_keep
 from scenarios.papers.tables import TABLES
 
 ORIGIN_OF_TOY = {
@@ -192,6 +192,19 @@ def test_of_the_episodes_the_failures_and_broken_promises_are_kept() -> None:
     assert [one["seed"] for one in found["failures"]] == [8]
     assert found["broken"] == {"8": ["torque"]}
     assert {key: found[key] for key in ORIGIN} == ORIGIN_OF_TOY
+
+
+def test_no_kept_file_tells_folders_of_a_machine() -> None:
+    command = "robo47 evaluate --log /home/me/logs/a.rrd --policy /my/b.py:C --against=/c/d.json"
+    found = to_keep({**REPORT, "provenance": {**ORIGIN_OF_TOY, "command": command}})
+    assert "/" not in found["command"]
+    assert "--log a.rrd" in found["command"]
+    assert "--against=d.json" in found["command"]
+    relative = "robo47 evaluate --log logs/a.rrd"
+    found = to_keep({**REPORT, "provenance": {**ORIGIN_OF_TOY, "command": relative}})
+    assert found["command"] == relative
+    for path in RESULTS.glob("*.json"):
+        assert not re.search(r"(^|[\s='])/", json.loads(path.read_text())["command"]), path.name
 
 
 @pytest.mark.parametrize("wrong", [{"changed": True}, {"commit": None}])

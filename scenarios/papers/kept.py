@@ -1,5 +1,6 @@
 """Result files that the repository keeps, docs/results/*.json."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,8 @@ def to_keep(report: Mapping[str, Any]) -> dict[str, Any]:
         raise RecordingError(
             "The report was made by files that no commit holds: commit them and make it again."
         )
+    # Which folder a report was written to is of that machine alone.
+    origin = {**origin, "command": re.sub(r"(?<![^\s='])/(?:[^\s/']+/)*", "", origin["command"])}
     rest = {k: v for k, v in report.items() if k not in ORIGIN and k != "provenance"}
     if "entries" in rest:
         entries = rest.pop("entries")
