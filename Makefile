@@ -12,10 +12,12 @@ BIN := .venv/bin
 C_FILES = $(wildcard robo47_qp/_core/*.[ch])
 LOCKED := .venv/.locked
 INSTALLED := .venv/.installed
+JUDGES = $(patsubst scenarios/judges/%.lock,.judges/%/.installed,$(wildcard scenarios/judges/*.lock))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install core wheel reproduce keep fresh-clone test lint types docs tables format lock clean distclean
+.PHONY: help install core wheel reproduce keep fresh-clone test judges lint types docs tables format lock \
+  clean distclean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 14
@@ -52,6 +54,8 @@ fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRE
 
 test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscope-reorder")
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+
+judges: $(JUDGES) ## Make .judges, the environments of outside judges (see scenarios/judges)
 
 wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3.13")
 	$(BIN)/python -m tests.wheel $(PYTHONS)
@@ -102,13 +106,27 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	  --extra video --extra visuals --extra gym \
 	  --extra dev --extra docs --fork-strategy fewest --generate-hashes --no-header \
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
+	@for judge in scenarios/judges/*.in; do \
+	  build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
+	    --override scenarios/judges/overrides.txt --no-build --fork-strategy fewest \
+	    --generate-hashes --no-header $(LOCK_FLAGS) --output-file $${judge%.in}.lock $$judge || exit; \
+	done
+
+# Judges pin versions that the product cannot share; nothing of theirs is compiled.
+.judges/%/.installed: scenarios/judges/%.lock
+	@echo "Installing the judge $* into .judges/$* (about a minute)"
+	@rm -rf $(@D)
+	@$(PYTHON) -m venv $(@D)
+	@$(@D)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+	  --only-binary :all: --require-hashes -r $<
+	@touch $@
 
 clean: ## Remove caches, builds and logs
 	@rm -f RETRO.md
 	@rm -rf build dist robo47_qp/_core/built *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	@find . -path ./.venv -prune -o -path ./.git -prune -o -name __pycache__ -type d \
+	@find . -path ./.venv -prune -o -path ./.judges -prune -o -path ./.git -prune -o -name __pycache__ -type d \
 	  -prune -exec rm -rf {} +
 	@find logs -mindepth 1 ! -name README.md -delete
 
-distclean: clean ## Also remove .venv
-	@rm -rf .venv
+distclean: clean ## Also remove .venv and .judges
+	@rm -rf .venv .judges
