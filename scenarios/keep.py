@@ -11,7 +11,7 @@ from robo47_qp.cli import OK, main
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.files import read_json, write_json
 from scenarios.papers.kept import RESULTS, to_keep
-from scenarios.papers.tables import OWN_NAMES
+from scenarios.papers.names import OWN_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)

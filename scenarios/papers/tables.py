@@ -1,17 +1,17 @@
 """The tables that README and documentation hold, each made from kept results."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from robo47_qp.evaluation.perturbation import PRESETS
-from robo47_qp.evaluation.policies import policy_settings
-from robo47_qp.files import plain
 from robo47_qp.model.robots import robot_names
 from robo47_qp.run.registry import task_names
-from robo47_qp.stack import ClassicalStack
 from scenarios.papers.blocks import markdown_table
 from scenarios.papers.kept import is_kept, kept, origin_line
 
+Result = Mapping[str, Any]
+Cell = Callable[[Result], str]
 NOTHING = "No result of this kind is kept yet."
 LEVELS = tuple(PRESETS)
 ROBOT_TASKS = ("pick_place", "reach", "obstacle_reach")
@@ -20,6 +20,15 @@ _LAWS = {
     "by error": "λ² = 0.1 ‖e‖²",
     "constant": "λ = 0.02",
     "singular": "near singularities",
+}
+_EFFECTS = {
+    "tuned damping, clipped DLS": ("textbook", "by error, clipped"),
+    "clipping over free steps": ("by error, free", "by error, clipped"),
+    "bounds in the QP over clipping": ("by error, clipped", "by error, box"),
+    "the same with a constant λ": ("constant, clipped", "constant, box"),
+    "the same with restarts": ("by error, clipped*", "by error, box*"),
+    "restarts, clipped DLS": ("by error, clipped", "by error, clipped*"),
+    "restarts, box": ("by error, box", "by error, box*"),
 }
 
 
@@ -73,51 +82,44 @@ def robots() -> str:
 
 def policies(name: str) -> str:
     """Policies on the same seeds, the first one as the baseline."""
-    if not is_kept(name):
-        return NOTHING
-    found = kept(name)
-    heads = {
-        "policy": "---",
-        "succeeded": "--:",
-        "95 % interval": "--:",
-        "causes of failure": "---",
-        f"against `{found['baseline']}`": "--:",
-    }
-    against = ["", *(_difference(one) for one in found["comparisons"])]
-    rows = [
-        [f"`{one['policy']}`", _counts(one), _interval(one), _causes(one), told]
-        for one, told in zip(found["policies"], against, strict=True)
-    ]
-    return _with_origin(heads, rows, {name: found})
+
+    def rows(found: Result) -> Iterator[Result]:
+        for one, against in zip(found["policies"], [None, *found["comparisons"]], strict=True):
+            yield {**one, "against": "" if against is None else _difference(against)}
+
+    return _table(
+        name,
+        rows,
+        {
+            "policy": lambda one: f"`{one['policy']}`",
+            "succeeded": _counts,
+            "95 % interval": _interval,
+            "causes of failure": _causes,
+            "against the first": lambda one: one["against"],
+        },
+        words=("policy", "causes of failure"),
+    )
 
 
 def solvers(name: str) -> str:
     """Inverse kinematics compared: a row for each solver and set of targets."""
-    if not is_kept(name):
-        return NOTHING
-    found = kept(name)
-    heads = {
-        "targets": "---",
-        "solver": "---",
-        "of": "--:",
-        "reached": "--:",
-        "95 % interval": "--:",
-        "outside limits": "--:",
-        "median, p99": "--:",
-    }
-    rows = [
-        [
-            f"`{row['targets']}`",
-            f"`{row['solver']}`",
-            str(row["n"]),
-            f"{100 * row['success']:.1f} %",
-            _interval(row),
-            str(row["limit_violations"]),
-            f"{row['median_ms']:.2f}, {row['p99_ms']:.2f} ms",
-        ]
-        for row in found["rows"]
-    ]
-    return _with_origin(heads, rows, {name: found})
+    return _table(
+        name,
+        lambda found: found["rows"],
+        {
+            "targets": lambda row: f"`{row['targets']}`",
+            "solver": lambda row: f"`{row['solver']}`",
+            "of": lambda row: str(row["n"]),
+            "reached": lambda row: f"{100 * row['success']:.1f} %",
+            "95 % interval": _interval,
+            "outside limits": lambda row: str(row["limit_violations"]),
+            "median, p99": _times,
+        },
+        words=(
+            "targets",
+            "solver",
+        ),
+    )
 
 
 def ablation() -> str:
@@ -142,181 +144,146 @@ def ablation_effects() -> str:
         return NOTHING
     found = kept("ablate_ik")
     heads = {"what": "---", **{f"`{targets}`": "--:" for targets in found["targets"]}}
-    asked = {
-        "tuned damping, clipped DLS": ("textbook", "by error, clipped"),
-        "clipping over free steps": ("by error, free", "by error, clipped"),
-        "bounds in the QP over clipping": ("by error, clipped", "by error, box"),
-        "the same with a constant λ": ("constant, clipped", "constant, box"),
-        "the same with restarts": ("by error, clipped*", "by error, box*"),
-        "restarts, clipped DLS": ("by error, clipped", "by error, clipped*"),
-        "restarts, box": ("by error, box", "by error, box*"),
-    }
     effects = {(one["targets"], one["from"], one["to"]): one for one in found["effects"]}
     rows = [
         [what, *(_points(effects[targets, *pair]) for targets in found["targets"])]
-        for what, pair in asked.items()
+        for what, pair in _EFFECTS.items()
     ]
     return _with_origin(heads, rows, {"ablate_ik": found})
 
 
 def free_axis(name: str) -> str:
     """Targets with the tool's angle fixed and free: a row for each solver."""
-    if not is_kept(name):
-        return NOTHING
-    found = kept(name)
-    heads = {
-        "solver": "---",
-        "reached": "--:",
-        "95 % interval": "--:",
-        "outside limits": "--:",
-        "median, p99": "--:",
-    }
-    rows = [
-        [
-            what,
-            f"{one['reached']} of {one['of']}",
-            _interval(one),
-            str(one["outside_limits"]),
-            f"{one['median_ms']:.2f}, {one['p99_ms']:.2f} ms",
-        ]
-        for what, one in found["figures"].items()
-    ]
-    return _with_origin(heads, rows, {name: found})
+    return _table(
+        name,
+        _named,
+        {
+            "solver": lambda one: one["name"],
+            "reached": lambda one: f"{one['reached']} of {one['of']}",
+            "95 % interval": _interval,
+            "outside limits": lambda one: str(one["outside_limits"]),
+            "median, p99": _times,
+        },
+        words=("solver",),
+    )
 
 
 def same_step() -> str:
     """Steps of the solvers beside exact ones and those of mink: the largest differences."""
-    if not is_kept("same_step"):
-        return NOTHING
-    found = kept("same_step")
-    heads = {
-        "solver": "---",
-        "from the exact step": "--:",
-        "mink from the exact step": "--:",
-        "from mink": "--:",
-        "states with joints at limits": "--:",
+    kinds = {
+        "from the exact step": "largest_from_exact_rad",
+        "mink from the exact step": "largest_of_mink_from_exact_rad",
+        "from mink": "largest_from_mink_rad",
     }
-    kinds = ("largest_from_exact_rad", "largest_of_mink_from_exact_rad", "largest_from_mink_rad")
-    rows = [
-        [
-            f"`{what}`",
-            *(f"{one[kind]:.1e} rad" for kind in kinds),
-            f"{one['states_with_joints_at_limits']} of {found['n']}",
-        ]
-        for what, one in found["figures"].items()
-    ]
-    return _with_origin(heads, rows, {"same_step": found})
+    return _table(
+        "same_step",
+        lambda found: [{**one, "of": found["n"]} for one in _named(found)],
+        {
+            "solver": lambda one: f"`{one['name']}`",
+            **{head: partial(_radians, kind) for head, kind in kinds.items()},
+            "states with joints at limits": lambda one: (
+                f"{one['states_with_joints_at_limits']} of {one['of']}"
+            ),
+        },
+        words=("solver",),
+    )
 
 
 def streams() -> str:
     """DLS and the QP as streams on gliding targets: how often and how far each is too close."""
-    if not is_kept("compare_streams"):
-        return NOTHING
-    found = kept("compare_streams")
-    heads = {
-        "robot": "---",
-        "stream": "---",
-        "ticks too close": "--:",
-        "by at most": "--:",
-        "error of the tool, median, p95": "--:",
-    }
-    rows = [
-        [
-            f"`{one['robot']}`",
-            f"`{one['stream']}`",
-            f"{one['clearance_violations']} of {found['ticks']}",
-            f"{max(0.0, one['clearance_lacking_mm']):.1f} mm",
-            f"{one['error_median_mm']:.2f}, {one['error_p95_mm']:.1f} mm",
-        ]
-        for one in found["figures"]
-        if one["targets"] == "gentle"
-    ]
-    return _with_origin(heads, rows, {"compare_streams": found})
+    return _table(
+        "compare_streams",
+        lambda found: [
+            {**one, "of": found["ticks"]} for one in found["figures"] if one["targets"] == "gentle"
+        ],
+        {
+            "robot": lambda one: f"`{one['robot']}`",
+            "stream": lambda one: f"`{one['stream']}`",
+            "ticks too close": lambda one: f"{one['clearance_violations']} of {one['of']}",
+            "by at most": lambda one: f"{max(0.0, one['clearance_lacking_mm']):.1f} mm",
+            "error of the tool, median, p95": lambda one: (
+                f"{one['error_median_mm']:.2f}, {one['error_p95_mm']:.1f} mm"
+            ),
+        },
+        words=(
+            "robot",
+            "stream",
+        ),
+    )
 
 
 def motions() -> str:
     """Random motions: what was planned, refused and broken, a row for each robot and kind."""
-    if not is_kept("check_motions"):
-        return NOTHING
-    found = kept("check_motions")
-    heads = {
-        "robot and motion": "---",
-        "planned": "--:",
-        "violations": "--:",
-        "refused": "--:",
-        "not confirmed": "--:",
-        "off its path": "--:",
-        "planning, median": "--:",
-    }
-    rows = [
-        [
-            what,
-            str(one["planned"]),
-            str(len(one["violations"])),
-            str(sum(one["refused"].values())),
-            str(len(one["unconfirmed"])),
-            f"{1e6 * one['off_m']:.2f} µm",
-            "–" if one["plan_ms_median"] is None else f"{one['plan_ms_median']:.0f} ms",
-        ]
-        for what, one in found["figures"].items()
-    ]
-    return _with_origin(heads, rows, {"check_motions": found})
+    return _table(
+        "check_motions",
+        _named,
+        {
+            "robot and motion": lambda one: one["name"],
+            "planned": lambda one: str(one["planned"]),
+            "violations": lambda one: str(len(one["violations"])),
+            "refused": lambda one: str(sum(one["refused"].values())),
+            "not confirmed": lambda one: str(len(one["unconfirmed"])),
+            "off its path": lambda one: f"{1e6 * one['off_m']:.2f} µm",
+            "planning, median": lambda one: (
+                "–" if one["plan_ms_median"] is None else f"{one['plan_ms_median']:.0f} ms"
+            ),
+        },
+        words=("robot and motion",),
+    )
 
 
 def controllers(*conditions: str) -> str:
     """Errors of the controllers, a row for each under each condition; none named takes all."""
-    if not is_kept("compare_controllers"):
+    return _table(
+        "compare_controllers",
+        lambda found: [
+            {**one, "condition": condition, "controller": name}
+            for condition, trials in found["trials"].items()
+            if not conditions or condition.replace(" ", "_") in conditions
+            for name, one in trials.items()
+            if one["stable"]
+        ],
+        {
+            "condition": lambda one: one["condition"],
+            "controller": lambda one: f"`{one['controller']}`",
+            "joints, moving": lambda one: f"{1e3 * one['max_joint_error_rad']:.3g} mrad",
+            "tool, moving": lambda one: f"{1e3 * one['max_tool_error_m']:.3g} mm",
+            "tool, at the end": lambda one: f"{1e3 * one['last_tool_error_m']:.2g} mm",
+        },
+        words=(
+            "condition",
+            "controller",
+        ),
+    )
+
+
+def _table(
+    name: str,
+    rows: Callable[[Result], Iterable[Result]],
+    columns: Mapping[str, Cell],
+    *,
+    words: Collection[str],
+) -> str:
+    """A table of one kept result: `words` to the left, numbers to the right, the origin below."""
+    if not is_kept(name):
         return NOTHING
-    found = kept("compare_controllers")
-    heads = {
-        "condition": "---",
-        "controller": "---",
-        "joints, moving": "--:",
-        "tool, moving": "--:",
-        "tool, at the end": "--:",
-    }
-    rows = [
-        [
-            condition,
-            f"`{name}`",
-            f"{1e3 * one['max_joint_error_rad']:.3g} mrad",
-            f"{1e3 * one['max_tool_error_m']:.3g} mm",
-            f"{1e3 * one['last_tool_error_m']:.2g} mm",
-        ]
-        for condition, trials in found["trials"].items()
-        if not conditions or condition.replace(" ", "_") in conditions
-        for name, one in trials.items()
-        if one["stable"]
-    ]
-    return _with_origin(heads, rows, {"compare_controllers": found})
+    found = kept(name)
+    heads = {head: "---" if head in words else "--:" for head in columns}
+    cells = [[cell(row) for cell in columns.values()] for row in rows(found)]
+    return _with_origin(heads, cells, {name: found})
 
 
-def _success_name(result: Mapping[str, Any]) -> str:
-    """Return the name of an evaluation with the defaults in one of the levels."""
-    level = _level(result)
-    return "none of those" if level is None else f"success_{level}_{result['task']}"
+def _named(found: Result) -> list[Result]:
+    """The figures of a result, each with its name."""
+    return [{"name": name, **one} for name, one in found["figures"].items()]
 
 
-def _robots_name(result: Mapping[str, Any]) -> str:
-    """Return the name of an evaluation of a robot without perturbations."""
-    robot = result["settings"]["robot"]
-    return f"robots_{robot}_{result['task']}" if _level(result) == "none" else "none of those"
+def _times(row: Result) -> str:
+    return f"{row['median_ms']:.2f}, {row['p99_ms']:.2f} ms"
 
 
-def _level(result: Mapping[str, Any]) -> str | None:
-    """Return the level of an evaluation of the default stack; None for any other."""
-    settings = result["settings"]
-    if settings["policy"] != policy_settings(ClassicalStack(), None):
-        return None
-    found = settings["perturbation"]
-    return next((name for name, level in PRESETS.items() if plain(level) == found), None)
-
-
-OWN_NAMES: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "success": _success_name,
-    "robots": _robots_name,
-}
-"""What the kept evaluations of the tables `success` and `robots` are called, by their beginning."""
+def _radians(kind: str, row: Result) -> str:
+    return f"{row[kind]:.1e} rad"
 
 
 def _matrix(head: str, names: Mapping[str, Mapping[str, str]], files: str) -> str:
@@ -342,13 +309,13 @@ def _matrix(head: str, names: Mapping[str, Mapping[str, str]], files: str) -> st
 def _with_origin(
     heads: Mapping[str, str],
     rows: list[list[str]],
-    results: Mapping[str, Mapping[str, Any]],
+    results: Mapping[str, Result],
     files: str | None = None,
 ) -> str:
     return f"{markdown_table(heads, rows)}\n\n{origin_line(results, files)}"
 
 
-def _evaluation(result: Mapping[str, Any]) -> list[str]:
+def _evaluation(result: Result) -> list[str]:
     cycle = result["figures"].get("cycle_time_s", {}).get("median")
     first = result["first_attempts"]
     return [
@@ -361,31 +328,31 @@ def _evaluation(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _rate(result: Mapping[str, Any] | None) -> str:
+def _rate(result: Result | None) -> str:
     return "–" if result is None else f"{_counts(result)} ({_interval(result)})"
 
 
-def _counts(result: Mapping[str, Any]) -> str:
+def _counts(result: Result) -> str:
     return f"{result['successes']} of {result['judged']}"
 
 
-def _interval(result: Mapping[str, Any]) -> str:
+def _interval(result: Result) -> str:
     low, high = (100 * bound for bound in result["interval"])
     return f"{low:.1f} – {high:.1f} %"
 
 
-def _causes(result: Mapping[str, Any]) -> str:
+def _causes(result: Result) -> str:
     return ", ".join(f"{cause} {count}" for cause, count in result["causes"].items()) or "–"
 
 
-def _difference(comparison: Mapping[str, Any]) -> str:
+def _difference(comparison: Result) -> str:
     """Return a paired difference of success; its p is corrected where several are compared."""
     low, high = (100 * bound for bound in comparison["interval"])
     p = comparison.get("p_holm", comparison["p"])
     return f"{100 * comparison['difference']:+.1f} points ({low:+.1f} to {high:+.1f}), p = {p:.2g}"
 
 
-def _points(effect: Mapping[str, Any]) -> str:
+def _points(effect: Result) -> str:
     low, high = effect["interval"]
     return f"{effect['points']:+.1f} ({low:.1f} to {high:.1f})"
 

@@ -44,6 +44,11 @@ def test_every_episode_ends_whatever_it_does() -> None:
         assert results[seed].index == seed - 100
 
 
+def test_a_time_limit_longer_than_any_system_call_waits() -> None:
+    (result,) = LocalProcesses(workers=1, timeout=1e300).run(Toy(), specs(1))
+    assert (result.error, result.cause) == (None, "grasp")  # drawn from the seed
+
+
 def test_a_death_under_our_own_code_is_our_error() -> None:
     spec = EpisodeSpec(index=0, seed=3)
     assert died(spec, "signal SIGSEGV", foreign=True).error is None
