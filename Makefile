@@ -118,7 +118,7 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	@rm -rf $(@D)
 	@$(PYTHON) -m venv $(@D)
 	@$(@D)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
-	  --only-binary :all: --require-hashes -r $<
+	  --only-binary :all: --no-deps --require-hashes -r $<
 	@touch $@
 
 clean: ## Remove caches, builds and logs
