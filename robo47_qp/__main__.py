@@ -1,4 +1,4 @@
-"""The command `robo47`, also `python -m robo47_qp`: run, evaluate, compare, view, recover."""
+"""The command `robo47`, also `python -m robo47_qp`: run, evaluate, serve, compare, view, recover."""
 
 import gc
 import os
@@ -24,6 +24,7 @@ Classical manipulation for MuJoCo: QP inverse kinematics, Ruckig motion, impedan
 commands:
   run TASK         run a task once, record it and say how it went
   evaluate         run many episodes of a task under one policy or several
+  serve-policy     answer the observations of benchmarks with actions, over a websocket
   compare-ik       compare inverse kinematics on paired targets: DLS, QP, restarts
   view RECORDING   open a recording in the Rerun viewer
   recover ROWS     make the recording of a run that was killed, from the file it left (.rows)
@@ -120,6 +121,12 @@ def _evaluate() -> Command:
     return lambda args: evaluate_command(args, "robo47 evaluate")
 
 
+def _serve_policy() -> Command:
+    from robo47_qp.evaluation.serving.command import serve_command
+
+    return lambda args: serve_command(args, "robo47 serve-policy")
+
+
 def _compare_ik() -> Command:
     from robo47_qp.evaluation.benchmarks.ik.command import compare_command
 
@@ -160,6 +167,7 @@ def _with_file(args: Sequence[str], usage: str, command: Callable[[Path], None])
 _COMMANDS: dict[str, Callable[[], Command]] = {
     "run": _run,
     "evaluate": _evaluate,
+    "serve-policy": _serve_policy,
     "compare-ik": _compare_ik,
     "view": _view,
     "recover": _recover,

@@ -42,6 +42,8 @@ ONLY_IN = {
     "mujoco_menagerie": {"model.menagerie"},
     "tyro": {"cli"},
     "gymnasium": {"evaluation.gym"},
+    "msgpack": {"evaluation.serving.messages"},
+    "websockets": {"evaluation.serving"},
     "ray": {"evaluation.workers.ray_cluster"},
     "pydrake": {"evaluation.benchmarks.ik.peers"},
     "pink": {"evaluation.benchmarks.ik.peers"},

@@ -1,0 +1,1 @@
+"""Policies over a websocket: a server that answers observations with actions."""
