@@ -37,6 +37,7 @@ default_role = "code"
 html_theme = "furo"
 html_title = f"robo47_qp {version}"
 html_copy_source = False
+html_show_copyright = False
 
 _CODE_OR_MARK = re.compile(r"(``.+?``|`[^`]+`)|([|*])|(?<=\w)(_)(?=\W|$)")
 _plain: dict[str, list[str]] = {}

@@ -87,7 +87,7 @@ def test_kept_evaluations_become_rows(results: Path) -> None:
     (results / "success_severe_reach.json").write_text(json.dumps(to_keep(REPORT)))
     page = "a\n<!-- table: success -->\nold\n<!-- end -->\nb\n"
     lines = rendered(page, TABLES).splitlines()
-    row = "| `reach` | severe | 1 of 2 | 9.5 – 90.5 % | 1 | ik 1 | 1 | 12.3 s |"
+    row = "| `reach` | severe | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s |"
     assert lines[4] == row
     assert lines[6] == "Commit `0123456789`, 2026-01-02; `docs/results/success_*.json`."
     assert lines[-2:] == ["<!-- end -->", "b"]
@@ -100,7 +100,7 @@ def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> Non
     for name in ("success_moderate_reach", "success_none_reach", "success_none_stack"):
         (results / f"{name}.json").write_text(json.dumps(told))
     short = TABLES["success_short"]().splitlines()
-    rate = "1 of 2 (9.5 – 90.5 %)"
+    rate = "1 of 2 (9.5–90.5 %)"
     assert short[0] == "| task | `none` | `moderate` |"
     assert short[2:4] == [f"| `reach` | {rate} | {rate} |", f"| `stack` | {rate} | – |"]
     later = {**told, "commit": "fedcba9876543210", "date": "2026-01-05"}
@@ -123,7 +123,7 @@ def test_policies_are_told_against_the_first(results: Path) -> None:
     }
     (results / "toy.json").write_text(json.dumps(to_keep(report)))
     rows = TABLES["policies"]("toy").splitlines()
-    assert rows[2] == "| `classical:qp` | 1 of 2 | 9.5 – 90.5 % | ik 1 |  |"
+    assert rows[2] == "| `classical:qp` | 1 of 2 | 9.5–90.5 % | ik 1 |  |"
     assert rows[3].endswith("| -50.0 points (-80.0 to +10.0), p = 0.2 |")
     assert TABLES["policies"]("another") == tables_.NOTHING
 

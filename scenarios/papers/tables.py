@@ -338,7 +338,7 @@ def _counts(result: Result) -> str:
 
 def _interval(result: Result) -> str:
     low, high = (100 * bound for bound in result["interval"])
-    return f"{low:.1f} – {high:.1f} %"
+    return f"{low:.1f}–{high:.1f} %"
 
 
 def _causes(result: Result) -> str:
