@@ -82,18 +82,12 @@ class Guarded(Checked, Step):
             raise StepFailed(Failure(cause=self.missing, evidence=evidence, step=self.name))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comply(Checked, Step):
-    """Move the compliant tool along waypoints, pressing if the compliance has a force.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactMotion(Checked, Step):
+    """Move the tool along waypoints while it is in contact, then stay, and watch what happens."""
 
-    The tool need not end at its last waypoint.
-    """
-
-    waypoints: tuple[Waypoint, ...]
+    waypoints: tuple[Waypoint, ...] = ()
     """LIN and CIRC waypoints; none to stay in place for `seconds`."""
-    compliance: Compliance
-    carried: Payload | None = None
-    """Payload of the tool from now on; None keeps the one that was set before."""
     speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
     """Speed limit along the waypoints, besides their own pace [m/s]."""
     seconds: NotNegative = 0.0
@@ -105,14 +99,7 @@ class Comply(Checked, Step):
     """Conditions that must hold all the time: on a violation the arm stops and the step fails."""
     observe: Callable[[], None] | None = None
     """Called every few control periods to observe the world."""
-    stay: bool = False
-    """True: stay compliant if the next step is a `Comply`; it then starts from the reference of
-    this one."""
-    renew: bool = False
-    """True, after a step that stays compliant: start from the measured pose, with unloaded springs,
-    instead of from the reference of that step."""
-    name: str = "comply"
-    starts_stiff: ClassVar[bool] = False
+    name: str = "contact"
 
     def __post_init__(self) -> None:
         """Check waypoints and numbers.
@@ -122,18 +109,68 @@ class Comply(Checked, Step):
                 neither a waypoint nor a time.
         """
         super().__post_init__()
-        _check_path(self.name, self.waypoints, self.seconds)
+        ptp = [waypoint.name for waypoint in self.waypoints if not waypoint.prescribes_path]
+        if ptp:
+            raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
+        if not self.waypoints and self.seconds == 0.0:
+            expected = "waypoints, or a time to stay"
+            raise InvalidValueError(self.name, "no waypoint and 0 s", expected)
 
     @property
     def path(self) -> tuple[Waypoint, ...]:
         """See `Step.path`."""
         return self.waypoints
 
+    def _monitor(self) -> StepMonitor:
+        return StepMonitor(self.name, self.during, self.until, self.observe)
+
+    def _legs(self, executor: StepExecutor) -> list[Leg]:
+        return executor.plan(self.waypoints, self.speed) if self.waypoints else []
+
+    def _follow(self, loop: ControlLoop, legs: Sequence[Leg], tracker: "_Tracker") -> None:
+        """Track the legs and stay after them, until the tracker has ended."""
+        for leg in legs:
+            planned = None if tracker.streamed else leg
+            name = leg.waypoint.name
+            loop.begin(name, planned, compliant=True, streamed=tracker.streamed)
+            if tracker.track(leg.trajectory):
+                return
+        if self.seconds:
+            loop.begin(self.name, compliant=True, streamed=tracker.streamed)
+            q = loop.reference.q - tracker.q
+            tracker.track(hold(q, round(self.seconds / TIMESTEP), TIMESTEP))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comply(ContactMotion):
+    """Move the compliant tool along waypoints, pressing if the compliance has a force.
+
+    The tool need not end at its last waypoint.
+    """
+
+    compliance: Compliance
+    carried: Payload | None = None
+    """Payload of the tool from now on; None keeps the one that was set before."""
+    stay: bool = False
+    """True: stay compliant if the next step is a `Comply`; it then starts from the reference of
+    this one."""
+    renew: bool = False
+    """True, after a step that stays compliant: start from the measured pose, with unloaded springs,
+    instead of from the reference of that step."""
+    name: str = "comply"
+    starts_stiff: ClassVar[bool] = False
+
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
-        monitor = StepMonitor(self.name, self.during, self.until, self.observe)
+        loop, monitor = executor.loop, self._monitor()
         try:
-            self._move(executor, monitor)
+            if self.renew:
+                executor.compliance.unload()
+            legs = self._legs(executor)
+            if self.carried is not None:
+                loop.set_payload(self.carried)
+            executor.compliance.soften(self.compliance)
+            self._follow(loop, legs, _Tracker(loop, monitor))
             monitor.judge()
         except StepFailed:
             executor.compliance.stiffen()
@@ -141,29 +178,9 @@ class Comply(Checked, Step):
         if not self.stay:
             executor.compliance.stiffen()
 
-    def _move(self, executor: StepExecutor, monitor: StepMonitor) -> None:
-        loop = executor.loop
-        if self.renew:
-            executor.compliance.unload()
-        legs = executor.plan(self.waypoints, self.speed) if self.waypoints else []
-        if self.carried is not None:
-            loop.set_payload(self.carried)
-        executor.compliance.soften(self.compliance)
-        for leg in legs:
-            loop.begin(leg.waypoint.name, leg, compliant=True)
-            if loop.track(leg.trajectory, monitor, block=_TICK_ROWS):
-                # A violation stiffens the arm at once: while it presses, it would slide on.
-                if monitor.error is None:
-                    loop.halt()
-                return
-        if self.seconds:
-            loop.begin(self.name, compliant=True)
-            still = hold(loop.reference.q, round(self.seconds / TIMESTEP), TIMESTEP)
-            loop.track(still, monitor, block=_TICK_ROWS)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Press(Checked, Step):
+class Press(ContactMotion):
     """Move the stiff tool along waypoints, and press it along an axis by moving it there.
 
         m δ̈ + d δ̇ = F - f,   |δ⃛| ≤ j
@@ -176,8 +193,6 @@ class Press(Checked, Step):
     the arm: with a stiffness k, the damping ratio is d / (2 √(k m)).
     """
 
-    waypoints: tuple[Waypoint, ...] = ()
-    """LIN and CIRC waypoints; none to stay in place for `seconds`."""
     axis: Annotated[Vector, Size(3)]
     """Direction to press in, a unit vector in the world (3,)."""
     force: NotNegative
@@ -190,74 +205,61 @@ class Press(Checked, Step):
     """d [N·s/m]."""
     jerk: Positive = 30.0
     """j [m/s³]."""
-    speed: Annotated[float, Range(above=0.0, infinite=True)] = inf
-    """Speed limit along the waypoints, besides their own pace [m/s]."""
-    seconds: NotNegative = 0.0
-    """Longest time at the last waypoint [s]."""
-    until: Condition | None = None
-    """Ends the step once it holds; the step fails with its cause if it never does. None: the step
-    runs to its end."""
-    during: tuple[Condition, ...] = ()
-    """Conditions that must hold all the time: on a violation the arm stops and the step fails."""
-    observe: Callable[[], None] | None = None
-    """Called every few control periods to observe the world."""
     name: str = "press"
-
-    def __post_init__(self) -> None:
-        """Check waypoints and numbers.
-
-        Raises:
-            InvalidValueError: A waypoint is reached by PTP, a number is out of range, or there is
-                neither a waypoint nor a time.
-        """
-        super().__post_init__()
-        _check_path(self.name, self.waypoints, self.seconds)
-
-    @property
-    def path(self) -> tuple[Waypoint, ...]:
-        """See `Step.path`."""
-        return self.waypoints
 
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
         loop, yielding = executor.loop, executor.loop.yielding
-        monitor = StepMonitor(self.name, self.during, self.until, self.observe)
-        legs = executor.plan(self.waypoints, self.speed) if self.waypoints else []
+        monitor, legs = self._monitor(), self._legs(executor)
         loop.compensate(on=True, in_contact=True)
         try:
-            self._move(loop, legs, monitor)
+            self._follow(loop, legs, _Depth(self, loop, monitor))
             loop.halt()
         finally:
             loop.compensate(on=not yielding)
         monitor.judge()
 
-    def _move(self, loop: ControlLoop, legs: Sequence[Leg], monitor: StepMonitor) -> None:
-        depth = _Depth(self, loop)
-        for leg in legs:
-            loop.begin(leg.waypoint.name, compliant=True, streamed=True)
-            if depth.track(loop, leg.trajectory, monitor):
-                return
-        if self.seconds:
-            loop.begin(self.name, compliant=True, streamed=True)
-            q = loop.reference.q - depth.q
-            depth.track(loop, hold(q, round(self.seconds / TIMESTEP), TIMESTEP), monitor)
 
+class _Tracker:
+    """Tracks what a step in contact plans, as it is planned."""
 
-class _Depth:
-    """The tool's displacement δ along the axis of a `Press`, added to the joints' reference."""
+    streamed: ClassVar[bool] = False
+    """See `Phase.streamed`."""
 
-    def __init__(self, step: Press, loop: ControlLoop) -> None:
-        """Start at rest on the path."""
-        self._step, self._arm, self._a_max = step, loop.arm, loop.profile.a_max
+    def __init__(self, loop: ControlLoop, monitor: StepMonitor) -> None:
+        """Start where the loop is."""
+        self._loop, self._monitor = loop, monitor
         self.q: Vector = np.zeros(loop.arm.n)
-        """Displacement of the joints (n,) [rad]."""
+        """Displacement of the joints from what is planned (n,) [rad]."""
+
+    def track(self, path: Trajectory) -> bool:
+        """Track a path; return True if the monitor ended it."""
+        if not self._loop.track(path, self._monitor, block=_TICK_ROWS):
+            return False
+        # A violation stiffens the arm at once: while it presses, it would slide on.
+        if self._monitor.error is None:
+            self._loop.halt()
+        return True
+
+
+class _Depth(_Tracker):
+    """Tracks it with the tool's displacement δ along the axis of a `Press`."""
+
+    streamed = True
+
+    def __init__(self, step: Press, loop: ControlLoop, monitor: StepMonitor) -> None:
+        """Start at rest on the path."""
+        super().__init__(loop, monitor)
+        self._step, self._arm, self._a_max = step, loop.arm, loop.profile.a_max
         self._speed = self._acceleration = 0.0
 
-    def track(self, loop: ControlLoop, path: Trajectory, monitor: StepMonitor) -> bool:
-        """Track a path with the displacement; return True if `monitor` ended it."""
+    def track(self, path: Trajectory) -> bool:
+        """See `_Tracker.track`."""
+        loop = self._loop
         for first in range(0, path.steps, _PRESS_ROWS):
             rows = slice(first, min(first + _PRESS_ROWS, path.steps) + 1)
-            if loop.track(self._moved(path, rows, loop.reference.q), monitor, block=_PRESS_ROWS):
+            moved = self._moved(path, rows, loop.reference.q)
+            if loop.track(moved, self._monitor, block=_PRESS_ROWS):
                 return True
         return False
 
@@ -279,15 +281,6 @@ class _Depth:
             states.append((self.q, self._speed * way, self._acceleration * way))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))
         return Trajectory(dt=path.dt, q=path.q[rows] + q, v=path.v[rows] + v, a=path.a[rows] + a)
-
-
-def _check_path(name: str, waypoints: Sequence[Waypoint], seconds: float) -> None:
-    """Check that a step in contact has somewhere to go, on paths that are prescribed, or stays."""
-    ptp = [waypoint.name for waypoint in waypoints if not waypoint.prescribes_path]
-    if ptp:
-        raise InvalidValueError("compliant motion", ptp, f"waypoints reached by {PRESCRIBED}")
-    if not waypoints and seconds == 0.0:
-        raise InvalidValueError(name, "no waypoint and 0 s", "waypoints, or a time to stay")
 
 
 @dataclass(frozen=True, kw_only=True)
