@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import Vector
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Condition
@@ -32,21 +33,26 @@ measured exactly, and where touches have to be even [-]."""
 _DAMPED = 20.0
 """Damping of the sponge on the board, relative to its apparent mass: 0.8 to 1 of the critical one
 [1/s]."""
-_FIRST_TOUCHES, _TOUCHES, _BETWEEN = 6, 4, 0.017
-"""Touches before the first stroke and before each other one, where the wrist errs, and by how much
-the tool rises between two, more than the foam gives way [m]."""
-_FOAM = 1100.0
-"""Stiffness of the foam [N/m]."""
-_TOUCH_ERROR = 0.15e-3
-"""Standard deviation of the height that a touch tells [m]."""
-_CREEP = (4.5e-5, 1e-5)
-"""Mean and standard deviation of the rate at which the sponge creeps between the fingers [m/s]."""
-_CAREFUL, _DRAGGED = 0.025, 5e-5
-"""Speed of the sponge that is wiped by the foam [m/s], and by how much foam that is dragged so
-slowly rises at the same force [m]."""
-_EASED, _EASY, _OFF = 0.014, 3e-3, 0.02
-"""Way [m] and speed [m/s] at which a sponge that has slid is relieved, as it slips back if that is
-fast, and the speed at which it is lifted off otherwise [m/s]."""
+_FIRST_TOUCHES, _TOUCHES = 8, 4
+"""Touches before the first stroke and before each other one, where the wrist errs."""
+_FOAM, _CLEAR = 1100.0, 4e-3
+"""Nominal stiffness of the foam, which is known as well as the mass of the sponge [N/m], and by how
+much further than the foam gives way the tool rises between two touches [m]."""
+_UNLOADING = (5e-4, 5e-3)
+"""Rise of the tool in which the foam, still pressed, tells its stiffness [m]."""
+_TOUCH_ERROR = 0.2
+"""Standard deviation of the force that a touch tells [N]."""
+_CREEP = (0.038, 0.004)
+"""Mean and standard deviation of the rate at which the force of a pressed sponge falls, as it
+creeps between the fingers [N/s]."""
+_CAREFUL, _DRAGGED = 0.0125, 0.0137
+"""Speed of the sponge that is wiped by the foam [m/s], and by how much dragged foam rises at the
+same force, for its speed and its coefficient of friction [s]."""
+_FRICTION, _TRUSTED = 0.5, 20
+"""Coefficient of friction that is expected, and how many readings it counts as."""
+_EASY, _OFF = 3e-3, 0.012
+"""Speed at which a sponge that has slid is relieved, and at which it is lifted off otherwise: it
+slips back if that is fast [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +75,7 @@ class BoardWiper(ItemHandler):
             strokes = self.strokes(self.sensed.tool_pose().translation()[2])
             speed = self.settings.speed
             yield self._press("wipe", self._force, waypoints=strokes, speed=speed)
-            yield self._rise("lift off", _BETWEEN, _OFF)
+            yield self._rise("lift off", self._clear(_FOAM), _OFF)
         yield self._line("leave the board", self._up(self.sensed.tool_pose()))
 
     def _wipe_by_foam(self) -> Generator[StepLike, None, None]:
@@ -79,6 +85,7 @@ class BoardWiper(ItemHandler):
         feels what is asked for, each with the readings of the free wrist before and after it.
         """
         foam = FoamSpring(force=self.settings.force)
+        softest = _FOAM * (1.0 - float(self.sensed.sheet.noise["mass_tolerance"] or 0.0))
         for i, x in enumerate(_LANES):
             if i:
                 height = self.sensed.tool_pose().translation()[2]
@@ -86,21 +93,31 @@ class BoardWiper(ItemHandler):
                 yield Move(waypoints=(self._line(f"to stroke {i + 1}", beside),))
             free = yield from read_free_wrist(self.sensed)
             for _ in range(_TOUCHES if i else _FIRST_TOUCHES):
-                touch = yield from self._touch_down(partial(self._force_from, free.force))
-                yield self._rise("lift off", _BETWEEN, _OFF)
+                felt = partial(self._force_from, free.force)
+                touch = yield from self._touch_down(felt)
+                lift = Unloading(self.sensed, felt)
+                rise = self._clear(foam.stiffness if foam.touched else softest)
+                yield self._rise("lift off", rise, _OFF, lift.read)
                 after = yield from read_free_wrist(self.sensed)
-                foam.add(touch, free, after)
+                foam.add(touch, lift, free, after)
                 free = after
             touch = yield from self._touch_down(partial(self._force_from, free.force))
             end = self._over(x, _STROKE, self.sensed.tool_pose().translation()[2])
             stroke = self._line(f"stroke {i + 1}", end)
-            felt = partial(foam.force_at, self.sensed, touch)
-            yield self._press("settle", felt, seconds=_SETTLED)
-            yield self._press("wipe", felt, waypoints=(stroke,), speed=_CAREFUL)
+            still, dragged = (
+                partial(foam.force_at, self.sensed, touch),
+                partial(foam.force_dragged, self.sensed, touch, free.force, self._y()),
+            )
+            yield self._press("settle", still, seconds=_SETTLED)
+            yield self._press("wipe", dragged, waypoints=(stroke,), speed=_CAREFUL)
             foam.pressed += self.sensed.time - touch.since
-            yield self._press("stop", felt, seconds=_SETTLED)
-            yield self._rise("ease", _EASED, _EASY)
-            yield self._rise("lift off", _BETWEEN - _EASED, _OFF)
+            yield self._press("stop", still, seconds=_SETTLED)
+            yield self._rise("ease", self._clear(foam.stiffness) - _CLEAR, _EASY)
+            yield self._rise("lift off", _CLEAR, _OFF)
+
+    def _clear(self, stiffness: float) -> float:
+        """Return by how much the tool rises to lift the sponge, of a stiffness [N/m], off [m]."""
+        return 1.1 * self.settings.force / stiffness + _CLEAR
 
     def _touch_down(self, felt: Callable[[], float]) -> Generator[StepLike, None, "Touch"]:
         """Lower the sponge until it is pressed as asked, by what tells its force [N]."""
@@ -124,12 +141,14 @@ class BoardWiper(ItemHandler):
             **more,
         )
 
-    def _rise(self, name: str, way: float, speed: float) -> Press:
+    def _rise(
+        self, name: str, way: float, speed: float, observe: Callable[[], None] | None = None
+    ) -> Press:
         """Return the step straight up by a way [m] at a speed [m/s], with the arm stiff."""
         x, y, z = (T := self.sensed.tool_pose()).translation()
         up = SE3.from_rotation_and_translation(T.rotation(), np.array([x, y, z + way]))
         step = self._press(name, self._force, waypoints=(self._line(name, up),), speed=speed)
-        return replace(step, force=0.0)
+        return replace(step, force=0.0, observe=observe)
 
     def to_board(self) -> tuple[Waypoint, Waypoint]:
         """Return the waypoints above the first stroke, and down to a little above the board."""
@@ -243,32 +262,86 @@ class Touch:
         return time, height, force
 
 
+class Unloading:
+    """The rise of a sponge off the board, as it is measured."""
+
+    def __init__(self, sensed: Sensed, felt: Callable[[], float]) -> None:
+        """Begin before it; `felt` returns the force of the sponge [N]."""
+        self._sensed, self._felt = sensed, felt
+        self._low = float(sensed.tool_pose().translation()[2])
+        self._readings: list[tuple[float, float]] = []
+
+    def read(self) -> None:
+        """Measure height of the tool and force."""
+        height = float(self._sensed.tool_pose().translation()[2])
+        least, most = _UNLOADING
+        if least <= height - self._low <= most:
+            self._readings.append((height, self._felt()))
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the sponge [N/m]."""
+        height, force = np.array(self._readings).T
+        return -float(np.polyfit(height - height.mean(), force, 1)[0])
+
+
 class FoamSpring:
     """The foam as a sensor of the force: what the force is at a height of the tool.
 
-    The height with the force that is asked for is h - c t: as it is pressed, the sponge creeps
-    between the fingers, t the time in contact so far. Both are estimated by least squares from
-    touches, with what creep is usual.
+    With a stiffness k, the height with the force F that is asked for is h - c t: as it is pressed,
+    the sponge creeps between the fingers, t the time in contact so far. Both are estimated by
+    least squares from touches, with what creep is usual; k from how the force falls when the
+    sponge is lifted. Foam that is dragged at a speed v rises by T µ v, and the drag tells µ.
     """
 
     def __init__(self, force: float) -> None:
         """Start without touches; `force` is what is asked for [N]."""
         self.force, self.pressed = force, 0.0
-        weight = _TOUCH_ERROR / _CREEP[1]
-        self._rows, self._values = [[0.0, weight]], [weight * _CREEP[0]]
+        self._touches: list[tuple[float, float, float]] = []
+        self._slopes: list[float] = []
+        self._drag, self._count = _TRUSTED * _FRICTION * force, _TRUSTED
 
-    def add(self, touch: Touch, before: FreeWrist, after: FreeWrist) -> None:
+    @property
+    def touched(self) -> bool:
+        """Whether there was a touch."""
+        return bool(self._slopes)
+
+    @property
+    def stiffness(self) -> float:
+        """k [N/m]."""
+        return float(np.clip(np.median(self._slopes or [_FOAM]), 0.3 * _FOAM, 2.0 * _FOAM))
+
+    def add(self, touch: Touch, lift: Unloading, before: FreeWrist, after: FreeWrist) -> None:
         """Take in a touch between two readings of the free wrist, whose drift is taken off."""
         time, height, force = touch.mean
         share = (time - before.time) / (after.time - before.time)
         force -= share * float(after.force[2] - before.force[2])
-        self._rows.append([1.0, -(self.pressed + time - touch.since)])
-        self._values.append(height + (force - self.force) / _FOAM)
+        self._touches.append((self.pressed + time - touch.since, height, force))
+        self._slopes.append(lift.stiffness)
         self.pressed += _SETTLED + _READ
 
     def force_at(self, sensed: Sensed, touch: Touch) -> float:
-        """Return the force while the sponge is dragged over the board after a touch [N]."""
-        height, creep = np.linalg.lstsq(self._rows, self._values, rcond=None)[0].tolist()
-        pressed = self.pressed + sensed.time - touch.since
-        off = height - creep * pressed + _DRAGGED - float(sensed.tool_pose().translation()[2])
-        return float(self.force + _FOAM * off)
+        """Return the force while the sponge is at rest on the board after a touch [N]."""
+        k, pressed = self.stiffness, self.pressed + sensed.time - touch.since
+        times, heights, forces = np.array(self._touches).T
+        usual, spread = _CREEP
+        rows = np.append(np.column_stack([np.ones(len(times)), -times]), [[0.0, 1.0]], axis=0)
+        values = np.append(k * heights + forces - self.force, usual)
+        weights = np.append(np.full(len(times), 1.0 / _TOUCH_ERROR), 1.0 / spread)
+        fitted = np.linalg.lstsq(weights[:, None] * rows, weights * values, rcond=None)[0].tolist()
+        height = float(sensed.tool_pose().translation()[2])
+        return float(self.force + fitted[0] - fitted[1] * pressed - k * height)
+
+    def force_dragged(self, sensed: Sensed, touch: Touch, free: Vector, way: Vector) -> float:
+        """Return the force while the sponge is dragged over the board [N].
+
+        Args:
+            sensed: What is sensed.
+            touch: The touch before.
+            free: What the free wrist read before it (3,) [N].
+            way: Direction in which the sponge is dragged (3,) [-].
+        """
+        self._drag += -float((sensed.felt_force() - free).dot(way))
+        self._count += 1
+        friction = max(self._drag / (self._count * self.force), 0.0)
+        return self.force_at(sensed, touch) + self.stiffness * _DRAGGED * friction * _CAREFUL

@@ -1,7 +1,7 @@
 """Wiping: the force is held while the sponge slides, all marks go, what goes wrong is noticed."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -20,8 +20,10 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
+from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.task_state import hide_marker, task_state
 from robo47_qp.tasks.wipe.board import (
@@ -33,6 +35,7 @@ from robo47_qp.tasks.wipe.board import (
     mark,
     marks_left,
 )
+from robo47_qp.tasks.wipe.board_wiper import FoamSpring, Touch, Unloading
 from robo47_qp.tasks.wipe.wipe import Wipe
 from tests.examples import shifted
 from tests.policies import Scripted, follow
@@ -130,9 +133,82 @@ def test_touches_of_a_drifting_wrist_are_averaged() -> None:
         for phase, end in zip(run.phases, ends, strict=True)
         if phase.name == "touch down"
     ]
-    assert len(touches) == 17
+    # Eight and four and four, and one before each stroke.
+    assert len(touches) == 19
     stroke = np.mean([rows_of(run, f"stroke {i}", "contact/tool")[:, 2].mean() for i in (1, 2, 3)])
     assert abs(stroke + weight - 10.0) < np.abs(np.array(touches) - 10.0).max()
+
+
+class Foam(Sensed):
+    """A sponge of a stiffness on a board at height 0, which creeps; a wrist that drifts along."""
+
+    def __init__(self, stiffness: float, friction: float) -> None:
+        self.stiffness, self.friction = stiffness, friction
+        self.height = self.pressed = self.clock = self.speed = 0.0
+
+    @property
+    def time(self) -> float:
+        return self.clock
+
+    @property
+    def true_force(self) -> float:
+        lifted = 0.0137 * self.friction * self.speed
+        return self.stiffness * (lifted - self.height) - 0.04 * self.pressed
+
+    def tool_pose(self, tool: int = 0) -> SE3:
+        return SE3.from_translation(np.array([0.0, 0.0, self.height]))
+
+    def felt_force(self, tool: int = 0) -> np.ndarray:
+        drag = self.friction * self.true_force if self.speed else 0.0
+        return np.array([0.7, -0.4 - drag, self.true_force + 0.1 * self.clock])
+
+    def free(self) -> FreeWrist:
+        """Wait a second with the sponge in the air, and read the wrist."""
+        self.clock += 1.0
+        force = np.array([0.7, -0.4, 0.1 * self.clock])
+        return FreeWrist(force=force, time=self.clock)
+
+    def above(self, free: FreeWrist) -> float:
+        """Return the force beyond that of the free wrist [N]."""
+        return float((self.felt_force() - free.force)[2])
+
+    def touched(self, free: FreeWrist, force: float) -> Touch:
+        """Press with a force that is felt for as long as a touch is."""
+        touch = Touch(self, partial(self.above, free), 5.0)
+        while not touch.done:
+            self.height += (self.above(free) - force) / self.stiffness
+            touch.read()
+            self.clock, self.pressed = self.clock + 0.01, self.pressed + 0.01
+        return touch
+
+
+@pytest.mark.parametrize("stiffness", [770.0, 1100.0, 1430.0])
+@pytest.mark.parametrize("friction", [0.3, 0.9])
+def test_the_foam_tells_the_force_whatever_its_stiffness_and_its_friction(
+    stiffness: float, friction: float
+) -> None:
+    cell, spring = Foam(stiffness, friction), FoamSpring(10.0)
+    free = cell.free()
+    for force in (9.6, 10.3, 10.1, 9.9):
+        touch = cell.touched(free, force)
+        lift = Unloading(cell, partial(cell.above, free))
+        low = cell.height
+        for rise in np.arange(0.0, 6e-3, 2e-4):
+            cell.height = low + rise
+            lift.read()
+        after = cell.free()
+        spring.add(touch, lift, free, after)
+        free = after
+    assert spring.stiffness == pytest.approx(stiffness, rel=0.01)
+    touch = cell.touched(free, 10.0)
+    assert spring.force_at(cell, touch) == pytest.approx(cell.true_force, abs=0.05)
+    cell.speed = 0.0125
+    way = np.array([0.0, 1.0, 0.0])
+    felt = 0.0
+    for _ in range(500):
+        cell.clock, cell.pressed = cell.clock + 0.01, cell.pressed + 0.01
+        felt = spring.force_dragged(cell, touch, free.force, way)
+    assert felt == pytest.approx(cell.true_force, abs=0.06)
 
 
 def test_the_force_is_judged_with_the_weight_that_the_sponge_has() -> None:
