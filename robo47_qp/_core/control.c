@@ -2,12 +2,6 @@
 
 #include "elementary_inline.h"
 
-/* What is no number stays so. */
-static double clipped(double x, double low, double high) {
-  x = x < low ? low : x;
-  return x > high ? high : x;
-}
-
 /* 3 x^2 - 2 x^3 of what is left. */
 static double rest(int left, int fade) {
   const double x = (double)left / fade;
@@ -42,6 +36,10 @@ static void law(const r47_control *c, const double *q_ref, const double *v_ref, 
                 const double *q, const double *v, double *tau) {
   const int n = c->n;
   r47_dynamics *arm = c->arm;
+  if (c->law == R47_CARTESIAN_IMPEDANCE) {
+    r47_impedance_torque(c->impedance, q_ref, v_ref, a_ref, q, v, tau);
+    return;
+  }
   for (int i = 0; i < n; i++) {
     arm->qpos[i] = q[i], arm->qvel[i] = v[i], arm->qacc[i] = a_ref[i];
     if (c->law == R47_COMPUTED_TORQUE)
@@ -57,7 +55,7 @@ static void law(const r47_control *c, const double *q_ref, const double *v_ref, 
 }
 
 /* Adds the joint stops where a limit is near, and keeps the limits of the motors. */
-static int limit(r47_control *c, const double *q_ref, const double *q, double *tau) {
+static void limit(r47_control *c, const double *q_ref, const double *q, double *tau) {
   const int n = c->n;
   int free = 1;
   for (int i = 0; i < n; i++) {
@@ -79,7 +77,6 @@ static int limit(r47_control *c, const double *q_ref, const double *q, double *t
     }
     c->last[i] = tau[i];
   }
-  return !free;
 }
 
 /* Takes in the torque: the acceleration that the belief expects of it. */
@@ -94,7 +91,7 @@ static void expect(r47_control *c, const double *tau) {
   if (same) {
     memcpy(c->expected, c->arm->qacc, (size_t)n * sizeof(double));
   } else {
-    r47_solve(c->arm, c->expected, excess);
+    r47_solve(c->arm, c->expected, excess, 1);
     for (int i = 0; i < n; i++) c->expected[i] += c->arm->qacc[i];
   }
   if (!c->turning) return;
@@ -104,8 +101,8 @@ static void expect(r47_control *c, const double *tau) {
   }
 }
 
-int r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
-                    const double *q, const double *v, double *tau) {
+void r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
+                     const double *q, const double *v, double *tau) {
   const int n = c->n;
   double a[R47_MAX_N];
   memcpy(a, a_ref, (size_t)n * sizeof(double));
@@ -120,14 +117,14 @@ int r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, co
     for (int i = 0; i < n; i++) tau[i] += share * c->bump[i];
     if (!c->left) c->fade = 0;
   }
-  const int limited = limit(c, q_ref, q, tau);
+  limit(c, q_ref, q, tau);
   if (c->observed) expect(c, tau);
-  return limited;
 }
 
-int r47_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
-               const double *q, const double *v, double *tau) {
-  const int limited = r47_next_torque(c, q_ref, v_ref, a_ref, q, v, tau);
+void r47_torques(r47_control *c, int periods, const double *q_ref, const double *v_ref,
+                 const double *a_ref, const double *q, const double *v, double *tau) {
+  const int n = c->n;
+  for (int k = 0; k < periods * n; k += n)
+    r47_next_torque(c, q_ref + k, v_ref + k, a_ref + k, q + k, v + k, tau + k);
   r47_factor(c->arm);
-  return limited;
 }

@@ -2,17 +2,18 @@
 #ifndef ROBO47_CONTROL_H
 #define ROBO47_CONTROL_H
 
-#include "dynamics.h"
+#include "impedance.h"
 
-enum { R47_COMPUTED_TORQUE = 1, R47_JOINT_IMPEDANCE = 2 };
+enum { R47_COMPUTED_TORQUE = 1, R47_JOINT_IMPEDANCE = 2, R47_CARTESIAN_IMPEDANCE = 3 };
 
 /* Arrays are (n,) unless said. */
 typedef struct {
   int n;
   r47_dynamics *arm; /* as it is believed to be */
   /* The law, with e the errors: computed torque asks for a_ref + stiffness e + damping e_v, joint
-     impedance for a_ref; both add K e + D e_v where K is not NULL. */
+     impedance for a_ref; both add K e + D e_v where K is not NULL; the third is its own. */
   int law;
+  const r47_impedance *impedance;
   double stiffness, damping;
   const double *K, *D;
   /* Limits: change of the torque per period, torque, positions between which no joint stop acts;
@@ -38,13 +39,13 @@ typedef struct {
   const double *turned;
 } r47_control;
 
-/* The torque tau (n,) for the period that starts now, within the limits; v is not used by an
-   observer. Returns 1 where the limits changed it. */
-int r47_torque(r47_control *control, const double *q_ref, const double *v_ref, const double *a_ref,
-               const double *q, const double *v, double *tau);
+/* The torques tau (periods, n) for periods that start with references and states (periods, n),
+   within the limits; v is not used by an observer. */
+void r47_torques(r47_control *control, int periods, const double *q_ref, const double *v_ref,
+                 const double *a_ref, const double *q, const double *v, double *tau);
 
-/* The same, but the mass matrix of the arm may be without its factors. */
-int r47_next_torque(r47_control *control, const double *q_ref, const double *v_ref,
-                    const double *a_ref, const double *q, const double *v, double *tau);
+/* The same for one period, but the mass matrix of the arm may be without its factors. */
+void r47_next_torque(r47_control *control, const double *q_ref, const double *v_ref,
+                     const double *a_ref, const double *q, const double *v, double *tau);
 
 #endif

@@ -28,10 +28,14 @@ typedef struct {
 /* The torques qfrc_inverse for qpos, qvel, qacc: to the bit those of mj_inverse. */
 void r47_inverse(r47_dynamics *dynamics);
 
-/* The factors of the mass matrix of the last r47_inverse. */
+/* The first half of it, for qpos alone, and the second. */
+void r47_place(r47_dynamics *dynamics);
+void r47_inverse_here(r47_dynamics *dynamics);
+
+/* The factors of the mass matrix of the last r47_place or r47_inverse. */
 void r47_factor(r47_dynamics *dynamics);
 
-/* x (n,) = M^-1 y, likewise. */
-void r47_solve(r47_dynamics *dynamics, double *x, const double *y);
+/* x = M^-1 y, likewise, for each of the rows (n,) of y. */
+void r47_solve(r47_dynamics *dynamics, double *x, const double *y, int rows);
 
 #endif

@@ -21,4 +21,10 @@ static inline double largest(double a, double b) {
   return a > b ? a : b;
 }
 
+/* What is no number stays so. */
+static inline double clipped(double x, double low, double high) {
+  x = x < low ? low : x;
+  return x > high ? high : x;
+}
+
 #endif

@@ -18,6 +18,8 @@ _UNIT = np.eye(6).tobytes()
 _solve = lapack.dposv
 _LENGTH = 0.3
 """Length that makes a moment of inertia comparable with a mass [m]."""
+LIGHTEST: Vector = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
+"""Inverse of the inertia along each axis above which it counts as close to singular (6,)."""
 
 
 class ToolSpace:
@@ -76,8 +78,7 @@ class ToolSpace:
         self._force, self._rate = np.zeros(6), np.zeros(6)
         self._columns = self._inverse.T
         self._room = self.inertia.reshape(-1, order="A").data.cast("B")
-        self._lightest = 1.0 / (MASS_MAX * np.array([1.0] * 3 + [_LENGTH**2] * 3))
-        self._use: list[float] = self._lightest.tolist()
+        self._use: list[float] = LIGHTEST.tolist()
 
     def set_reference(self, q_ref: Vector) -> None:
         """Compute the tool's pose at the reference: `position_ref` and so on."""
@@ -174,7 +175,7 @@ class ToolSpace:
         """Compute Λ = (J M⁻¹ Jᵀ + ε I)⁻¹; return False where it does not exist."""
         self._motions.dot(self.J_T, self._products)
         if damping:
-            self._pivots += damping * self._lightest
+            self._pivots += damping * LIGHTEST
         self._room[:] = _UNIT
         # In place, so that the views of both matrices stay valid: upper triangle, overwrite the
         # matrix, overwrite the right side. Without keywords, because they take time.

@@ -19,6 +19,7 @@ from robo47_qp.control.controller import Controller
 from robo47_qp.control.friction import FrictionLearning, LearnedFriction
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.robots.panda import PANDA
@@ -31,12 +32,14 @@ from robo47_qp.stack import ClassicalStack
 from tests.controlled import DT, LOAD, at_rest
 from tests.runs import Reach, carry_out, no_objects
 
-LAWS = (
+JOINT_LAWS = (
     ComputedTorque(),
     # With springs in every joint that is light enough.
     ComputedTorque(frequency=5.0, stiffness_share=1.0),
     JointImpedance(),
 )
+TOOL_LAWS = (CartesianImpedance(), CartesianImpedance(frame="tool", error_max=np.full(6, 1e-3)))
+LAWS = (*JOINT_LAWS, *TOOL_LAWS)
 law = pytest.mark.parametrize("controller", LAWS, ids=lambda c: type(c).__name__)
 both = pytest.mark.parametrize("observer", [None, DisturbanceObserver()])
 
@@ -94,12 +97,23 @@ def asked(
     return np.array(answers)
 
 
-@law
+@pytest.mark.parametrize("controller", JOINT_LAWS, ids=lambda c: type(c).__name__)
 def test_without_an_observer_torques_are_those_of_numpy_to_the_bit(controller: Controller) -> None:
     given = inputs(1300, seed=1)
     expected = asked(controller, None, given, "numpy")
     got = asked(controller, None, given, "compiled")
     np.testing.assert_array_equal(got, expected)
+    assert (expected[:, :7] != expected[:, 7:]).any()  # limits were met
+
+
+@pytest.mark.parametrize("controller", TOOL_LAWS, ids=lambda c: c.frame)
+def test_torques_at_the_tool_are_those_of_numpy(controller: CartesianImpedance) -> None:
+    """Products of small matrices are sums in another order."""
+    given = inputs(1300, seed=1)
+    expected = asked(controller, None, given, "numpy")
+    got = asked(controller, None, given, "compiled")
+    size = np.abs(expected).max(axis=0)
+    np.testing.assert_array_less(np.abs(got - expected).max(axis=0) / size, 1e-12)
     assert (expected[:, :7] != expected[:, 7:]).any()  # limits were met
 
 
@@ -140,7 +154,8 @@ def test_one_period_from_any_state_is_that_of_numpy(
     for _ in range(1000):
         q, v = rng.uniform(arm.q_min, arm.q_max), rng.uniform(-1.0, 1.0, arm.n)
         measured, d, expected = q + 1e-4 * rng.standard_normal(7), *rng.normal(0.0, 2.0, (2, arm.n))
-        reference = JointReference(q + 1e-3 * rng.standard_normal(7), v, rng.uniform(-5.0, 5.0, 7))
+        away = rng.choice([1e-3, 1.0]) * rng.standard_normal(7)  # beyond half a turn, too
+        reference = JointReference(q + away, v, rng.uniform(-5.0, 5.0, 7))
         answers = []
         for active in pair:
             if active.observed is not None:
@@ -182,7 +197,7 @@ def test_what_the_core_does_not_know_stays_in_python() -> None:
     arm = Arm(PANDA)
     delayed = DisturbanceObserver(state_delay=2)
     with using("compiled"):
-        for controller in (CartesianImpedance(), JointImpedance(feed_forward=FeedForward.GRAVITY)):
+        for controller in (OperationalSpace(), JointImpedance(feed_forward=FeedForward.GRAVITY)):
             assert law_of(controller, arm) is None
             assert ActiveController(controller, arm, dt=DT).compiled is None
         assert law_of(JointImpedance(), arm) is not None
@@ -260,5 +275,5 @@ def test_inverse_dynamics_by_parts_are_those_of_mujoco_to_the_bit(
         np.testing.assert_array_equal(data.qfrc_inverse, tau)
         expected, found = np.zeros((2, 1, arm.n))
         mujoco.mj_solveM(arm.model, arm.scratch, expected, y)
-        functions().r47_solve(core.pointer, pointer(found), pointer(y))
+        functions().r47_solve(core.pointer, pointer(found), pointer(y), 1)
         np.testing.assert_array_equal(found, expected)
