@@ -103,7 +103,7 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	@rm -rf build/lock && $(PYTHON) -m venv build/lock
 	@build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
 	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	  --extra video --extra visuals --extra gym \
+	  --extra video --extra visuals --extra gym --extra franka \
 	  --extra dev --extra docs --fork-strategy fewest --generate-hashes --no-header \
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 	@for judge in scenarios/judges/*.in; do \

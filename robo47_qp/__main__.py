@@ -26,6 +26,7 @@ commands:
   evaluate         run many episodes of a task under one policy or several
   serve-policy     answer the observations of benchmarks with actions, over a websocket
   compare-ik       compare inverse kinematics on paired targets: DLS, QP, restarts
+  serve-franka     answer clients of libfranka with a task's simulation
   view RECORDING   open a recording in the Rerun viewer
   recover ROWS     make the recording of a run that was killed, from the file it left (.rows)
 
@@ -133,6 +134,12 @@ def _compare_ik() -> Command:
     return lambda args: compare_command(args, "robo47 compare-ik")
 
 
+def _serve_franka() -> Command:
+    from robo47_qp.evaluation.serve_franka import serve_command
+
+    return lambda args: serve_command(args, "robo47 serve-franka")
+
+
 def _view() -> Command:
     from robo47_qp.report.rerun import viewer
 
@@ -169,6 +176,7 @@ _COMMANDS: dict[str, Callable[[], Command]] = {
     "evaluate": _evaluate,
     "serve-policy": _serve_policy,
     "compare-ik": _compare_ik,
+    "serve-franka": _serve_franka,
     "view": _view,
     "recover": _recover,
 }

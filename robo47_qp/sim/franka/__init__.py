@@ -1,0 +1,1 @@
+"""The Franka robots by the protocol of libfranka: as what drives them, and as what answers."""
