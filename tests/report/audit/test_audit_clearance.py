@@ -1,7 +1,9 @@
 """Clearance is judged in every task, from all that stands fixed and between links of the robot."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from mink import SE3
@@ -86,6 +88,13 @@ def test_touching_exempts_no_more_rows_than_it_lasts_and_hides_nothing(run: Run)
     assert exempt.time == ROW * TIMESTEP
     assert judged.share + exempt.share == pytest.approx(1.0)
     assert exempt.share == pytest.approx(1.0 / len(run.rows))
+    # So is a reference that presses, and nothing but this row of it.
+    pressed = bent(struck, "joints/q_ref", DOWN)
+    _, judged, exempt = [f for f in clearances(pressed) if f.signal.startswith("reference")]
+    assert judged.ok
+    assert exempt.exempt
+    assert exempt.extreme < -5e-3
+    assert exempt.share == pytest.approx(1.0 / len(run.rows))
     # A row beside it is judged.
     beside = bent(run, "joints/q", DOWN, ROW + 1)
     beside.rows["contact/fixed"][ROW] = 2.0
@@ -125,6 +134,17 @@ def test_what_stands_fixed_is_all_that_a_hand_can_hit() -> None:
     assert [one.shape for one in around if one.name == "board"] == [Shape.BOX]
     pair = Simulation(panda_pair(), CarryTray().build_scene)
     assert {one.name for one in pair.fixed()} == {"table", "floor", "wall"}
+
+
+def test_what_a_robot_stands_on_is_its_own(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
+    spec.worldbody.add_geom(name="pedestal", size=[0.1, 0.1, 0.1], pos=[0.0, 0.0, -0.1])
+    spec.worldbody.geoms[-1].type = mujoco.mjtGeom.mjGEOM_BOX
+    mjcf = tmp_path / "mounted.xml"
+    mjcf.write_text(spec.to_xml(), encoding="utf-8")
+    world = Simulation(replace(PANDA, mjcf=mjcf), Wipe().build_scene)
+    assert world.model.geom("pedestal").id >= 0
+    assert {one.name for one in world.fixed()} == {"table", "floor", "board"}
 
 
 def test_fixed_bodies_of_a_run_are_those_of_its_world(run: Run) -> None:
