@@ -18,7 +18,9 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, told, unfinished
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
+from robo47_qp.tasks.handling.wrist import wrist_errs
 from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
     DEPTH,
@@ -152,23 +154,18 @@ class PegInsert(Task):
                     held = yield from hand.pick()
                     hand = hand.holding(held)
                     offset = yield from hand.offset()
-                    if camera_errs(sensed):
-                        yield hand.to_hole(offset)[:1]
-                        hand, offset = yield from hand.look_again()
-                        hand = yield from hand.level(offset)
+                    hand, offset = yield from hand.lined_up(offset)
                 yield from hand.insert(offset, radius, pitch)
             except StepFailed as error:
                 lost = error.failure.cause in LOST
                 if not lost and error.failure.cause is not Cause.TIMEOUT:
                     raise
-                if lost:
+                if lost or offset is None or not (yield from hand.draw_out()):
                     yield from hand.back_off()
                     offset = None
                 else:
                     radius, pitch = 1.5 * radius, 0.7 * pitch
-                    yield from hand.draw_out()
-                    if camera_errs(sensed):
-                        hand, offset = yield from hand.look_again(levelled=True)
+                    hand, offset = yield from hand.lined_up(offset, again=True)
                 if attempt == self.retries:
                     yield HOME
                     raise
@@ -215,8 +212,9 @@ class PegInsert(Task):
             "tilt_rad": float(np.arccos(np.clip(upwards, -1.0, 1.0))),
         }
 
-    def _inserter(self, sensed: Sensed, T_world_hole: SE3) -> "PegInserter":
-        return PegInserter(
+    def _inserter(self, sensed: Sensed, T_world_hole: SE3) -> PegInserter:
+        errs = wrist_errs(sensed) or camera_errs(sensed)
+        return (FeelingInserter if errs else PegInserter)(
             sensed=sensed,
             item=self.peg,
             resting=TABLE_TOP + 0.5 * LENGTH,

@@ -1,26 +1,23 @@
 """PegInserter: the steps that search for a hole and insert a peg."""
 
-from collections import deque
 from collections.abc import Generator
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
 
 import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.compliance import Compliance
-from robo47_qp.run.contact_steps import Comply, Press, Unload
+from robo47_qp.run.contact_steps import Comply
 from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import StepLike
 from robo47_qp.tasks.handling.item_handler import ItemHandler
-from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose, estimate_poses
-from robo47_qp.tasks.handling.wrist import read_free_wrist, wrist_errs
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, POSITION_ERROR
 
-_LET_DOWN, _TOUCH_FORCE = 5e-3, 2.0
-"""Height above the block at which the peg is released to touch it [m], and the force [N], small
-because both are steel."""
+_TOUCH_FORCE = 2.0
+"""Force of a first contact [N], small because both are steel."""
 _FIRM = np.array([1500.0] * 3 + [40.0] * 3)
 _SLACK = np.array([300.0] * 3 + [1.5, 1.5, 20.0])
 """Stiffness of the tool during the search, and during insertion, when the hole guides the peg [N/m,
@@ -28,23 +25,6 @@ N·m/rad]."""
 PITCH = 0.4e-3
 """Pitch of a first spiral [m], less than the clearance: a peg tilted by 2 degrees about both axes
 goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
-_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
-"""Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
-speed without contact [m/s]; and how many readings are averaged."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
-"""Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
-and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_EASED = 0.5
-"""Force on the peg before it is released [N]."""
-_CAUGHT = 0.3e-3
-"""Descent from which on the hole holds the peg's end [m]."""
-_FIRM_INSERT = 10.0
-"""Force on the peg during insertion, above friction in the joints [N]."""
-_AROUND = 22e-3
-"""Distance from the hole at which the block is touched beside it [m]."""
-_TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
-"""How much deeper than its axis the edge of a tilted peg touches; accepted standard deviation of a
-coordinate beside the hole; and height above the block where that is less certain [m]."""
 _FALLEN = 2e-3
 """Descent of the peg from first contact that means it is in the hole [m]; a peg tilted by twice the
 angular error descends by 1 mm at the edge."""
@@ -53,6 +33,9 @@ angular error descends by 1 mm at the edge."""
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PegInserter(ItemHandler):
     """Handles the peg, and inserts it into the hole."""
+
+    let_down: ClassVar[float] = 5e-3
+    """Height above the block from which the peg is let down on it [m]."""
 
     search_force: float
     """Force on the peg during the search for the hole [N]."""
@@ -83,9 +66,6 @@ class PegInserter(ItemHandler):
             pitch: Distance between its turns [m].
         """
         yield from self.to_hole(offset)
-        if wrist_errs(self.sensed) or camera_errs(self.sensed):
-            yield from self._insert_by_touch(offset, radius, pitch)
-            return
         held = (self._held(Cause.DROP),)
         yield Comply(
             name="touch",
@@ -116,160 +96,28 @@ class PegInserter(ItemHandler):
             during=held,
         )
 
-    def _insert_by_touch(
-        self, offset: np.ndarray, radius: float, pitch: float
-    ) -> Generator[StepLike, None, None]:
-        """Do the same where neither the wrist nor the camera tells the height of the block.
-
-        The arm is stiff while it touches and searches, as friction in its joints would hide a
-        small force and pull turns of the spiral apart; forces count from those of the free wrist,
-        and depths from where the block was touched.
-        """
-        stiff = yield from self._touch()
-        touched = self.sensed.tool_pose()
-        if self._height(offset) > -0.5 * DEPTH:
-            search = self._spiral(touched, radius, pitch)
-            caught = touched
-
-            def watch() -> None:
-                nonlocal caught
-                here = self.sensed.tool_pose()
-                if (touched.translation() - here.translation()).dot(self._axis) < _CAUGHT:
-                    caught = here
-
-            searching = replace(
-                stiff,
-                name="search",
-                waypoints=search,
-                damping=_FIRM_TOUCH / _SINK_SPEED,
-                speed=_SEARCH_SPEED,
-                seconds=0.0,
-                observe=watch,
-                until=self._sunk(touched, _SINKS),
-            )
-            yield searching
-            # While it sank, the search went on and tilted it between the fingers.
-            down = (self.sensed.tool_pose().translation() - caught.translation()).dot(self._axis)
-            back = SE3.from_translation(float(down) * self._axis) @ caught
-            way = (self._line("centre", back),)
-            yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
-        else:
-            # It went in at once, and stands on the bottom.
-            touched = SE3.from_translation(DEPTH * self._axis) @ touched
-        yield replace(
-            stiff,
-            name="insert",
-            force=_FIRM_INSERT,
-            damping=_FIRM_INSERT / _SINK_SPEED,
-            seconds=6.0,
-            until=self._stands(touched),
-        )
-        # Fingers that open under load would let the arm leap.
-        yield replace(stiff, name="ease", force=_EASED, seconds=0.5, until=None)
-        yield Unload()
-
-    def _touch(self) -> Generator[StepLike, None, Press]:
-        """Lower the peg until it is stopped, and return the step that did it."""
-        free = yield from read_free_wrist(self.sensed)
-        readings: deque[float] = deque(maxlen=_MEAN)
-
-        def felt() -> float:
-            return float((self.sensed.felt_force() - free.force).dot(self._axis))
-
-        def against() -> str | None:
-            readings.append(felt())
-            force = float(np.mean(readings))
-            if len(readings) == _MEAN and force >= 0.8 * _FIRM_TOUCH:
-                return None
-            return f"the peg presses with {force:.1f} N, {_FIRM_TOUCH:.1f} N are due"
-
-        touch = Press(
-            name="touch",
-            axis=-self._axis,
-            force=_FIRM_TOUCH,
-            damping=_FIRM_TOUCH / _TOUCH_SPEED,
-            felt=felt,
-            seconds=8.0,
-            until=Condition(name="the peg is stopped", cause=Cause.TIMEOUT, against=against),
-            during=(self._held(Cause.DROP),),
-        )
-        yield touch
-        return touch
-
-    def level(self, offset: np.ndarray) -> Generator[StepLike, None, Self]:
-        """Return the handler with the height and the tilt of the block, felt at three points.
-
-        Points of the tool when the peg's end touches the block beside the hole lie in a plane
-        parallel to it, however the peg is tilted.
-        """
-        points = []
-        for k in range(3):
-            angle = 2.0 * np.pi * k / 3.0
-            way = _AROUND * np.array([np.cos(angle), np.sin(angle), 0.0])
-            beside = self.T_world_hole @ SE3.from_translation(way)
-            ways = replace(self, T_world_hole=beside).to_hole(offset)
-            # Between two points, it only moves aside.
-            yield ways if k == 0 else ways[1:]
-            touch = yield from self._touch()
-            points.append(self.sensed.tool_pose().translation())
-            up = SE3.from_translation(_FAR * self._axis) @ self.sensed.tool_pose()
-            way_up = (self._line("lift off", up),)
-            yield replace(
-                touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None
-            )
-        normal = np.cross(points[1] - points[0], points[2] - points[0])
-        normal /= np.linalg.norm(normal)
-        turn = SO3.exp(np.cross(self._axis, normal))
-        R = turn @ self.T_world_hole.rotation()
-        top = self._tool_on_top(offset).translation()
-        height = float((np.mean(points, axis=0) - top).dot(normal))
-        at = self.T_world_hole.translation() + height * normal
-        return replace(self, T_world_hole=SE3.from_rotation_and_translation(R, at))
-
-    def _stands(self, touched: SE3) -> Condition:
-        """Return the condition that the peg sinks no more, deep below where it was touched."""
-        lowest, since = 0.0, self.sensed.time
-
-        def against() -> str | None:
-            nonlocal lowest, since
-            way = (self.sensed.tool_pose().translation() - touched.translation()).dot(self._axis)
-            if way < lowest - 1e-4:
-                lowest, since = float(way), self.sensed.time
-            if -way >= 0.9 * DEPTH - _TILTED and self.sensed.time - since >= 0.3:
-                return None
-            return f"the peg is {-1e3 * way:.1f} mm deep and still sinking, or stuck"
-
-        return Condition(name="the peg is at the bottom", cause=Cause.TIMEOUT, against=against)
-
-    def look_again(
-        self, *, levelled: bool = False
-    ) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
-        """Return the handler and `offset`, seen from above the hole with the peg beside it.
-
-        There, both are seen with the same error of the camera's calibration.
-
-        Args:
-            levelled: Whether `level` has found height and tilt of the block, which are kept.
-        """
-        names = (self.item.name, "hole seen")
-        seen = yield from estimate_poses(self.sensed, names, _BESIDE)
-        T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
-        hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
-        if levelled:
-            at = self.T_world_hole.translation()
-            at[:2] = hole.translation()[:2]
-            hole = SE3.from_rotation_and_translation(self.T_world_hole.rotation(), at)
-        return replace(self, T_world_hole=hole, peg_axis=axis), T_tool_peg.translation()[:2]
-
     def _pressing(self, stiffness: np.ndarray, force: float, speed: float) -> Compliance:
         """Return a compliance that presses the peg; free motion is slowed by force / speed."""
         return Compliance(stiffness=stiffness, axis=-self._axis, force=force, speed=speed)
 
-    def draw_out(self) -> Generator[StepLike, None, None]:
-        """Move straight up with a compliant tool."""
+    def lined_up(
+        self, offset: np.ndarray, *, again: bool = False
+    ) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
+        """Return the handler and `offset` once all is known that can be, before an insertion.
+
+        Args:
+            offset: See `offset`.
+            again: Whether an insertion has failed.
+        """
+        yield from ()
+        return self, offset
+
+    def draw_out(self) -> Generator[StepLike, None, bool]:
+        """Move straight up with a compliant tool; return False if the peg sticks in the hole."""
         up = self._line("draw out", self._up(self.sensed.tool_pose()))
         springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))
         yield Comply(name="draw out", waypoints=(up,), compliance=springs, speed=0.05)
+        return True
 
     def to_hole(self, offset: np.ndarray) -> tuple[Waypoint, Waypoint]:
         """Return the waypoints above the estimated hole and down to a little above it."""
@@ -277,8 +125,7 @@ class PegInserter(ItemHandler):
         payload = self.item.payload(
             SE3.from_translation(np.array([*offset, 0.5 * self.item.height - BELOW_TOP]))
         )
-        height = _FAR if camera_errs(self.sensed) else _LET_DOWN
-        start = SE3.from_translation(height * self._axis) @ T
+        start = SE3.from_translation(self.let_down * self._axis) @ T
         lower = Waypoint(name="lower", target=start, motion=Motion.LIN, carried=payload)
         above = Waypoint(
             name="to the hole", target=self._up(start), carried=payload, onward=(lower,)
@@ -340,6 +187,7 @@ class PegInserter(ItemHandler):
         return Condition(name="the peg touches the block", cause=Cause.TIMEOUT, against=against)
 
     def _sunk(self, touched: SE3, least: float = _FALLEN) -> Condition:
+        """Return the condition that the tool is at least so far below a pose [m]."""
         axis, start = self._axis, touched.translation()
 
         def against() -> str | None:

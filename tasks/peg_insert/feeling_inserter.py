@@ -1,0 +1,351 @@
+"""FeelingInserter: finds a hole by touch, where neither wrist nor camera tells its height."""
+
+from collections import deque
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from mink import SE3, SO3
+
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.contact_steps import Guarded, Press
+from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.steps import Grasp, Release, StepLike
+from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
+from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
+from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
+from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
+
+_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
+"""Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
+speed without contact [m/s]; and how many readings are averaged."""
+_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
+"""Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
+and searches: while it sinks, the search tilts it between the fingers [m/s]."""
+_CAUGHT, _STOPPED, _STUCK_FOR = 0.3e-3, 6.0, 10
+"""Descent from which on the hole holds the peg's end [m]; by how much the force along a lane is
+above that on the block where a wall, and not friction, stops the peg [N], in how many readings."""
+_EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
+"""Force on the peg before it is eased aside or released, force from the side that is let be [N],
+and damping of the arm that gives way to more [N·s/m]."""
+_PRESSES = 6
+"""How often a peg that sticks is eased aside and pressed again."""
+_STUCK = 8e-3
+"""Depth from which on a peg that sticks stands in the hole without fingers [m]."""
+_TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
+"""Distance of the fingers' ends below the tool point, and of closed fingers from the top of a peg
+before they push it [m], and at what speed they come [m/s]."""
+_PULL, _PULL_SPEED, _LOWERING = 15.0, 0.03, 0.03
+"""Force that draws a peg out at most [N], and speeds at which it comes out and is lowered [m/s]."""
+_IN_HOLE = 8e-3
+"""Height of a peg above where it stood that means that it stands in the hole [m]."""
+_FIRM_INSERT = 10.0
+"""Force on the peg during insertion, above friction in the joints [N]."""
+_GUARD = 5.0
+"""Force that stops a peg that is lowered [N]."""
+_AROUND = 22e-3
+"""Distance from the hole at which the block is touched beside it [m]."""
+_TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
+"""How much deeper than its axis the edge of a tilted peg touches; accepted standard deviation of a
+coordinate beside the hole; and height above the block where that is less certain [m]."""
+_DEEP = 0.9 * DEPTH - _TILTED
+"""Descent from where the peg touched the block that means it is at the bottom [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeelingInserter(PegInserter):
+    """Inserts the peg with a stiff arm that feels the block.
+
+    Friction in the joints of a compliant arm would hide a small force and drag a search off its
+    way. Forces count from those of the free wrist, and depths from where the block was touched.
+    """
+
+    let_down: ClassVar[float] = 12e-3
+
+    def lined_up(
+        self, offset: np.ndarray, *, again: bool = False
+    ) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
+        """See `PegInserter.lined_up`: peg and hole are seen side by side, and the block is felt."""
+        if not camera_errs(self.sensed):
+            return self, offset
+        if again:
+            return (yield from self._look_again(levelled=True))
+        yield self.to_hole(offset)[:1]
+        hand, offset = yield from self._look_again(levelled=False)
+        return (yield from hand._level(offset)), offset
+
+    def _look_again(self, *, levelled: bool) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
+        """Return the handler and `offset`, seen from above the hole with the peg beside it.
+
+        There, both are seen with the same error of the camera's calibration.
+
+        Args:
+            levelled: Whether `_level` has found height and tilt of the block, which are kept.
+        """
+        names = (self.item.name, "hole seen")
+        seen = yield from estimate_poses(self.sensed, names, _BESIDE)
+        T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
+        hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
+        if levelled:
+            at = self.T_world_hole.translation()
+            at[:2] = hole.translation()[:2]
+            hole = SE3.from_rotation_and_translation(self.T_world_hole.rotation(), at)
+        return replace(self, T_world_hole=hole, peg_axis=axis), T_tool_peg.translation()[:2]
+
+    def insert(
+        self, offset: np.ndarray, radius: float, pitch: float
+    ) -> Generator[StepLike, None, None]:
+        """See `PegInserter.insert`; here, the radius is half the side of a square of lanes."""
+        x, y = self._across(self._tool_on_top(offset))
+        corner = SE3.from_translation(-radius * (x + y)) @ self.T_world_hole
+        yield from self._lower(replace(self, T_world_hole=corner), offset)
+        stiff, free = yield from self._touch()
+        touched = self.sensed.tool_pose()
+        caught = touched
+
+        def watch() -> None:
+            nonlocal caught
+            if self._depth(touched) < _CAUGHT:
+                caught = self.sensed.tool_pose()
+
+        searching = replace(
+            stiff,
+            name="search",
+            waypoints=self._lanes(touched, radius, pitch),
+            damping=_FIRM_TOUCH / _SINK_SPEED,
+            speed=_SEARCH_SPEED,
+            seconds=0.0,
+            observe=watch,
+            until=self._found(touched, free),
+        )
+        yield searching
+        # While it sank, the search went on and tilted it between the fingers.
+        back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
+        way = (self._line("centre", back),)
+        yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
+        for _ in range(_PRESSES):
+            yield from self._ease(stiff, free)
+            yield replace(
+                stiff,
+                name="insert",
+                force=_FIRM_INSERT,
+                damping=_FIRM_INSERT / _SINK_SPEED,
+                seconds=6.0,
+                until=self._rests(),
+            )
+            if self._depth(touched) >= _DEEP:
+                # Fingers that open under load would let the arm leap.
+                yield from self._ease(stiff, free)
+                return
+        yield from self._push(touched)
+
+    def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
+        """Press hardly any more, and give way to what pushes the peg aside."""
+        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        felt = yield from read_free_wrist(self.sensed)
+        side = felt.force - free.force
+        side -= side.dot(self._axis) * self._axis
+        size = float(np.linalg.norm(side))
+        if size > _ASIDE:
+            way = side / size
+            yield replace(
+                stiff,
+                name="ease aside",
+                axis=way,
+                force=_EASED,
+                damping=_ASIDE_DAMPING,
+                felt=lambda: float((free.force - self.sensed.felt_force()).dot(way)),
+                seconds=0.5,
+                until=None,
+            )
+
+    def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
+        """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
+
+        Then nothing but the hole guides it. Fails with TIMEOUT if it is not deep enough to stand,
+        and with DROP if it sticks nevertheless.
+        """
+        deep = self._depth(touched)
+        if deep < _STUCK:
+            evidence = f"the peg sticks {1e3 * deep:.1f} mm deep"
+            raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="insert"))
+        yield Release(name="let go")
+        over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
+        yield self._line("over the peg", over @ self.sensed.tool_pose())
+        yield Grasp(name="close gripper", force=self.force)
+        stiff, _ = yield from self._touch(_FIRM_INSERT, _PUSH_SPEED, held=False)
+        yield replace(stiff, name="push", seconds=4.0, until=self._rests())
+        deep = self._depth(touched) + BELOW_TOP + _TIP
+        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        if deep < _DEEP:
+            evidence = f"the peg sticks {1e3 * deep:.1f} mm deep, though it was pushed"
+            raise StepFailed(Failure(cause=Cause.DROP, evidence=evidence, step="push"))
+
+    def _touch(
+        self, force: float = _FIRM_TOUCH, speed: float = _TOUCH_SPEED, *, held: bool = True
+    ) -> Generator[StepLike, None, tuple[Press, FreeWrist]]:
+        """Go down until the tool is stopped with a force [N], from a speed [m/s].
+
+        Returns:
+            The step that did it, and what the free wrist read before it.
+        """
+        free = yield from read_free_wrist(self.sensed)
+        readings: deque[float] = deque(maxlen=_MEAN)
+
+        def felt() -> float:
+            return float((self.sensed.felt_force() - free.force).dot(self._axis))
+
+        def against() -> str | None:
+            readings.append(felt())
+            pressed = float(np.mean(readings))
+            if len(readings) == _MEAN and pressed >= 0.8 * force:
+                return None
+            return f"the peg presses with {pressed:.1f} N, {force:.1f} N are due"
+
+        touch = Press(
+            name="touch",
+            axis=-self._axis,
+            force=force,
+            damping=force / speed,
+            felt=felt,
+            seconds=8.0,
+            until=Condition(name="the peg is stopped", cause=Cause.TIMEOUT, against=against),
+            during=(self._held(Cause.DROP),) if held else (),
+        )
+        yield touch
+        return touch, free
+
+    def _lower(self, hand: Self, offset: np.ndarray) -> Generator[StepLike, None, None]:
+        """Go above where another handler takes the hole for, and down until that or a touch."""
+        above, lower = hand.to_hole(offset)
+        yield above
+        yield Guarded(waypoint=lower, force=_GUARD, speed=_LOWERING, missing=None)
+
+    def _level(self, offset: np.ndarray) -> Generator[StepLike, None, Self]:
+        """Return the handler with the height and the tilt of the block, felt at three points.
+
+        Points of the tool when the peg's end touches the block beside the hole lie in a plane
+        parallel to it, however the peg is tilted.
+        """
+        points = []
+        for k in range(3):
+            angle = 2.0 * np.pi * k / 3.0
+            way = _AROUND * np.array([np.cos(angle), np.sin(angle), 0.0])
+            hand = replace(self, T_world_hole=self.T_world_hole @ SE3.from_translation(way))
+            if k == 0:
+                yield from self._lower(hand, offset)
+            else:
+                # Between two points, it only moves aside.
+                yield hand.to_hole(offset)[1:]
+            touch, _ = yield from self._touch()
+            points.append(self.sensed.tool_pose().translation())
+            up = SE3.from_translation(_FAR * self._axis) @ self.sensed.tool_pose()
+            way_up = (self._line("lift off", up),)
+            yield replace(
+                touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None
+            )
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        normal /= np.linalg.norm(normal)
+        turn = SO3.exp(np.cross(self._axis, normal))
+        R = turn @ self.T_world_hole.rotation()
+        top = self._tool_on_top(offset).translation()
+        height = float((np.mean(points, axis=0) - top).dot(normal))
+        at = self.T_world_hole.translation() + height * normal
+        return replace(self, T_world_hole=SE3.from_rotation_and_translation(R, at))
+
+    def _rests(self) -> Condition:
+        """Return the condition that the tool sinks no more, from now on."""
+        start = self.sensed.tool_pose()
+        deepest, since = 0.0, self.sensed.time
+
+        def against() -> str | None:
+            nonlocal deepest, since
+            sunk = self._depth(start)
+            if sunk > deepest + 1e-4:
+                deepest, since = sunk, self.sensed.time
+            if self.sensed.time - since >= 0.5:
+                return None
+            return f"the peg is still sinking, {1e3 * sunk:.1f} mm so far"
+
+        return Condition(name="the peg sinks no more", cause=Cause.TIMEOUT, against=against)
+
+    def _depth(self, start: SE3) -> float:
+        """Return by how much the tool is below a pose along the hole's axis [m]."""
+        return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
+
+    def _found(self, touched: SE3, free: FreeWrist) -> Condition:
+        """Return the condition that the peg has sunk, or is stopped along a lane."""
+        sunk, (_, y) = self._sunk(touched, _SINKS), self._across(touched)
+        readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
+
+        def against() -> str | None:
+            readings.append(self.sensed.felt_force() - free.force)
+            force = np.mean(readings, axis=0)
+            stopped = abs(float(force.dot(y))) >= _STOPPED + max(float(force.dot(self._axis)), 0.0)
+            return None if stopped and len(readings) == _STUCK_FOR else sunk.against()
+
+        return replace(sunk, against=against)
+
+    def _lanes(self, corner: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
+        """Return lanes from a corner of the square to search, each along the tool's y.
+
+        Fingers close along y, and hold a peg that is dragged along it; about y it turns between
+        them.
+        """
+        x, y = self._across(corner)
+        count, poses = int(np.ceil(2.0 * radius / pitch)), []
+        for i in range(count + 1):
+            for end in (i % 2, 1 - i % 2):
+                at = i * pitch * x + 2.0 * radius * end * y
+                poses.append(SE3.from_translation(at) @ corner)
+        return tuple(
+            Waypoint(name=f"search {i}", target=pose, motion=Motion.LIN)
+            for i, pose in enumerate(poses[1:], start=1)
+        )
+
+    def _across(self, T_world_tcp: SE3) -> tuple[np.ndarray, np.ndarray]:
+        """Return the directions next to a tool's x and y that are normal to the hole's axis."""
+        x = np.cross(T_world_tcp.rotation().as_matrix()[:, 1], self._axis)
+        x /= np.linalg.norm(x)
+        return x, np.cross(self._axis, x)
+
+    def draw_out(self) -> Generator[StepLike, None, bool]:
+        """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""
+        start, weight = self.sensed.tool_pose(), 9.81 * self.item.mass
+
+        def against() -> str | None:
+            risen = -self._depth(start)
+            return None if risen >= DEPTH + _FAR else f"the peg has risen by {1e3 * risen:.1f} mm"
+
+        pull = Press(
+            name="draw out",
+            axis=self._axis,
+            force=_PULL,
+            damping=_PULL / _PULL_SPEED,
+            felt=lambda: -float(self.sensed.felt_force().dot(self._axis)) - weight,
+            seconds=6.0,
+            until=Condition(name="the peg is out", cause=Cause.TIMEOUT, against=against),
+        )
+        try:
+            yield pull
+        except StepFailed as error:
+            if error.failure.cause is not Cause.TIMEOUT:
+                raise
+            return False
+        yield self._line("leave the hole", self._up(self.sensed.tool_pose()))
+        return True
+
+    def pick(self) -> Generator[StepLike, None, HeldItem]:
+        """See `ItemHandler.pick`; a peg that stands in the hole is higher than before."""
+        height = float(self.sensed.seen_pose(self.item.name).translation()[2])
+        hand: ItemHandler = self
+        if self.resting is not None and height > self.resting + _IN_HOLE:
+            hand = replace(self, resting=None)
+        return (yield from ItemHandler.pick(hand))
+
+    def back_off(self) -> Generator[StepLike, None, None]:
+        """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
+        yield Release(name="open gripper")
+        yield from ItemHandler.back_off(self)
