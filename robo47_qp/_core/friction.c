@@ -8,7 +8,7 @@ typedef void (*times_mass)(const void *model, const void *data, double *product,
 int r47_friction_change(r47_friction *c) {
   const int n = c->n;
   double torque[R47_MAX_N];
-  int turned = 0;
+  int turned = 0, moved = 0;
   if (!c->started) {
     c->started = 1;
     memcpy(c->q, c->given, (size_t)n * sizeof(double));
@@ -19,11 +19,13 @@ int r47_friction_change(r47_friction *c) {
     double z = (c->given[i] - c->q[i]) * c->per_displacement + c->z[i];
     z = largest(least(z, 1.0), -1.0);
     const double turn = z - c->z[i];
+    if (c->given[i] != c->q[i]) moved = 1;
     c->q[i] = c->given[i];
     c->z[i] = z;
     if (turn != 0.0) c->since[i] = 0.0, turned = 1;
     torque[i] = c->f[i] * -turn;
   }
+  *c->rested = moved ? 0.0 : *c->rested + c->per_update;
   if (turned) ((solve_mass)c->solve)(c->model, c->data, c->change, torque, 1);
   return turned;
 }
@@ -33,8 +35,18 @@ void r47_friction_learn(r47_friction *c) {
   ((times_mass)c->mass)(c->model, c->data, product, c->given);
   for (int i = 0; i < c->n; i++) {
     const double z = c->z[i];
-    c->P_bb[i] += c->Q_bb[i];
+    const double off = sqrt(c->P_bb[i]) + c->bias * fabs(c->bears[i] - c->borne[i]);
+    c->borne[i] = c->bears[i];
+    c->P_bb[i] = off * off + c->Q_bb[i];
     c->P_ff[i] += c->Q_ff[i];
+    if (*c->rested > 0.0) {
+      /* At rest, friction has any direction. */
+      if (*c->rested < c->settling) continue;
+      const double f = c->f[i];
+      const double turned = z + f / (f * f + c->R[i]) * (-product[i] - c->b[i] - f * z);
+      c->z[i] = least(largest(turned, -1.0), 1.0);
+      continue;
+    }
     /* What is not to be learned from is infinitely noisy. */
     if (c->since[i] < c->settling || fabs(z) < 1.0) continue;
     const double c_b = c->P_bb[i] + z * c->P_bf[i], c_f = c->P_bf[i] + z * c->P_ff[i];

@@ -11,11 +11,15 @@ typedef struct {
   void *solve, *mass; /* mj_solveM, mj_mulM */
   double per_update, per_displacement, settling;
   int started;
-  double *q;     /* the reference of the last update */
-  double *z;     /* direction of motion, -1 to 1 */
-  double *since; /* time since z changed [s] */
-  double *b, *f; /* what was learned */
+  double *q;      /* the reference of the last update */
+  double *z;      /* direction of motion, -1 to 1 */
+  double *since;  /* time since z changed [s] */
+  double *rested; /* (1,) time since the reference moved [s] */
+  double *b, *f;  /* what was learned */
   const double *most;
+  double bias;
+  const double *bears; /* gravity and Coriolis torques of this call */
+  double *borne;       /* those of the last one */
   double *P_bb, *P_bf, *P_ff;
   const double *Q_bb, *Q_ff, *R;
   double *given;  /* the reference, or the disturbance, of this call */

@@ -10,9 +10,7 @@ from robo47_qp._core.mujoco_functions import function, structure
 from robo47_qp.arrays import Checked, NotNegative, Positive, Vector
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.chain import MAX_JOINTS
-from robo47_qp.model.sampling import spread
 
-_SAMPLES = 32
 PERIODS = 10
 """Control periods between two updates of the friction."""
 _LEARNING = 5
@@ -32,18 +30,25 @@ class FrictionLearning(Checked):
     b and f apart: by the reversals, and because joints that bear no weight have little b.
     Torques are shares of the motors' torque, those of b of the largest gravity torque.
 
+    At rest friction is what holds the joints where they came to rest, of any size up to f and
+    against either direction, whatever they did before. Nothing is learned then; z is estimated
+    from y, with b and f as they are: it is from there that the friction turns at the next start.
+
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
     have to find out about it.
     """
 
-    displacement: Positive = 5e-4
+    displacement: Positive = 1e-4
     """δ [rad]."""
     most: NotNegative = 0.05
     """Largest f [-]."""
-    expected: Positive = 0.02
+    expected: Positive = 0.01
     """Standard deviation of f before anything is learned [-]."""
     bias: Positive = 0.05
-    """Standard deviation of b at the start, and by which it wanders in a second [-]."""
+    """Standard deviation of b, as a share of gravity and Coriolis torques at the start and of their
+    changes later [-]."""
+    bias_rate: Positive = 0.002
+    """Standard deviation by which b wanders besides in a second [-]."""
     friction_rate: Positive = 0.002
     """Standard deviation by which f wanders in a second [-]."""
     noise: Positive = 0.002
@@ -59,13 +64,13 @@ class LearnedFriction:
         self._settings, self._per_update = settings, PERIODS * dt
         self._per_displacement = 1.0 / settings.displacement
         self._q: Vector | None = None
-        self._z, self._since = np.zeros(n), np.zeros(n)
+        self._z, self._since, self._rested = np.zeros(n), np.zeros(n), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
-        bias = settings.bias * arm.derived(_gravity) + settings.noise * scale
-        self._P_bb, self._P_bf = bias**2, np.zeros(n)
+        self._P_bb, self._P_bf = np.zeros(n), np.zeros(n)
+        self._borne, self._bears = np.zeros(n), np.zeros(n)
         self._P_ff = (settings.expected * scale) ** 2
         step = _LEARNING * self._per_update
-        self._Q_bb = step * bias**2
+        self._Q_bb = step * (settings.bias_rate * scale) ** 2
         self._Q_ff = step * (settings.friction_rate * scale) ** 2
         self._R = (settings.noise * scale) ** 2
         self._rows = np.zeros((2, 1, n))
@@ -95,8 +100,10 @@ class LearnedFriction:
             self._q = q_ref.copy()
             return None
         self._since += self._per_update
+        self._rested += self._per_update
         if q_ref.tobytes() == self._q.tobytes():
             return None
+        self._rested[0] = 0.0
         z = q_ref - self._q
         z *= self._per_displacement
         z += self._z
@@ -119,6 +126,7 @@ class LearnedFriction:
         self._count += 1
         if self._count % _LEARNING:
             return
+        self._bears[:] = arm.scratch.qfrc_bias
         if self._core is not None:
             self._give(self._core, arm, disturbance)
             functions().r47_friction_learn(self._core.pointer)
@@ -126,9 +134,16 @@ class LearnedFriction:
         product, d = self._rows[:, 0]
         d[:] = disturbance
         mujoco.mj_mulM(arm.model, arm.scratch, product, d)
-        z = self._z
-        self._P_bb += self._Q_bb
+        z, f = self._z, self._f
+        change = np.abs(self._bears - self._borne)
+        self._borne[:] = self._bears
+        self._P_bb[:] = (np.sqrt(self._P_bb) + self._settings.bias * change) ** 2 + self._Q_bb
         self._P_ff += self._Q_ff
+        if self._rested[0] > 0.0:
+            if self._rested[0] >= _SETTLING:
+                z += f / (f * f + self._R) * (-product - self._b - f * z)
+                np.clip(z, -1.0, 1.0, out=z)
+            return
         # What is not to be learned from is infinitely noisy.
         unsettled = (self._since < _SETTLING) | (np.abs(z) < 1.0)
         R = np.where(unsettled, np.inf, self._R)
@@ -157,9 +172,13 @@ class LearnedFriction:
             q=np.zeros(n),
             z=self._z,
             since=self._since,
+            rested=self._rested,
             b=self._b,
             f=self._f,
             most=self._most,
+            bias=self._settings.bias,
+            bears=self._bears,
+            borne=self._borne,
             P_bb=self._P_bb,
             P_bf=self._P_bf,
             P_ff=self._P_ff,
@@ -179,10 +198,3 @@ class LearnedFriction:
     def _take_arm(self, core: Structure, arm: Arm) -> None:
         self._arm = arm
         core.pointer.model, core.pointer.data = structure(arm.model), structure(arm.scratch)
-
-
-def _gravity(arm: Arm) -> Vector:
-    """Return the largest gravity torque of every joint (n,) [N·m]."""
-    still, qs = np.zeros(arm.n), [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]
-    largest: Vector = np.abs([arm.inverse_dynamics(q, still, still) for q in qs]).max(axis=0)
-    return largest
