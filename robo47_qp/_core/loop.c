@@ -29,8 +29,8 @@ static int deliver(const r47_world *w, const double *tau) {
 static void grip(const r47_world *w) {
   for (int k = 0; k < w->grippers; k++) {
     double *servo = w->all_ctrl + w->servo[k];
-    if (*servo != w->width[k])
-      *servo = least(largest(w->width[k], *servo - w->speed[k]), *servo + w->speed[k]);
+    const double step = *servo < w->unloaded[k] ? w->unloading[k] : w->speed[k];
+    if (*servo != w->width[k]) *servo = least(largest(w->width[k], *servo - step), *servo + step);
   }
 }
 

@@ -15,9 +15,10 @@ typedef struct {
   const double *most, *rate;
   int grippers;
   double *all_ctrl;
-  const int *servo;    /* (grippers,) place of the servo in all_ctrl */
-  const double *width; /* (grippers,) where each goes */
-  const double *speed; /* (grippers,) by how much in a period */
+  const int *servo;                   /* (grippers,) place of the servo in all_ctrl */
+  const double *width;                /* (grippers,) where each goes */
+  const double *speed;                /* (grippers,) by how much in a period */
+  const double *unloaded, *unloading; /* (grippers,) below what by how much instead */
   int tools;
   const long long *whole, *within; /* (tools,) addresses of forces (3,) */
   double *force;                   /* (tools, 3): within - whole */

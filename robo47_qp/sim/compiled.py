@@ -40,7 +40,8 @@ class CompiledWorld:
         """
         q, v, ctrl = joints
         self._hands = hands
-        self._width, self._speed = np.zeros(len(hands)), np.zeros(len(hands))
+        self._courses = np.zeros((4, len(hands)))
+        width, speed, unloaded, unloading = self._courses
         whole, within, force = contact.tool_forces
         first, late = views
         self.structure = Structure(
@@ -59,8 +60,10 @@ class CompiledWorld:
             grippers=len(hands),
             all_ctrl=data.ctrl,
             servo=np.array([hand.servo for hand in hands], dtype=np.int32),
-            width=self._width,
-            speed=self._speed,
+            width=width,
+            speed=speed,
+            unloaded=unloaded,
+            unloading=unloading,
             tools=len(whole),
             whole=_addresses(whole),
             within=_addresses(within),
@@ -79,7 +82,7 @@ class CompiledWorld:
     def prepare(self, first: int, late: int) -> None:
         """Take over what the grippers were told, and the columns of a row that `views` go to."""
         for i, hand in enumerate(self._hands):
-            self._width[i], self._speed[i] = hand.course
+            self._courses[:, i] = hand.course
         c = self.structure.pointer
         c.first, c.late = first, late
 

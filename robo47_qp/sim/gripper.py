@@ -1,5 +1,7 @@
 """SimulatedGripper: the gripper of a robot in a MuJoCo model."""
 
+from math import inf
+
 import mujoco
 import numpy as np
 
@@ -9,6 +11,11 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.sim.contact import contact_sensor
 from robo47_qp.sim.signal import XYZ, Signal
+
+_UNLOADING = 0.06
+"""Time in which fingers that let go of what they squeeze take their force away [s]. An arm that
+fingers have pushed aside a little springs back with it: at once, it would do so faster than its
+joints are rated for."""
 
 
 class SimulatedGripper:
@@ -40,6 +47,7 @@ class SimulatedGripper:
         }
         self._open = Grip(width=gripper.width_max, force=gripper.force_max)
         self._grip = self._open
+        self._unloaded, self._unloading = 0.0, inf
 
     def reset(self) -> None:
         """Open the fingers fully and hold them there."""
@@ -57,24 +65,34 @@ class SimulatedGripper:
             raise InvalidValueError("grip force", grip.force, expected)
         self._grip = grip
         # A squeezed object keeps the fingers off the setpoint. To reverse, the setpoint jumps to
-        # the fingers; to go on in its direction it stays, so that the force stays.
-        width = self.width()
+        # where the servo presses as it does now, and takes its time to the fingers; to go on in
+        # its direction it stays, so that the force stays.
+        width = min(max(self.width(), 0.0), gripper.width_max)
+        self._unloaded, self._unloading = 0.0, inf
         if (self.width_command() - width) * (grip.width - width) <= 0.0:
-            self._data.ctrl[self.servo] = min(max(width, 0.0), gripper.width_max)
+            force = float(self._data.actuator_force[self.servo])
+            squeezed = -force / float(self._model.actuator_gainprm[self.servo, 0])
+            if grip.width > width and squeezed > 0.0:
+                self._unloaded, self._unloading = width, squeezed * TIMESTEP / _UNLOADING
+                width = max(width - squeezed, 0.0)
+            self._data.ctrl[self.servo] = width
         limit = grip.force * gripper.force_gain
         self._model.actuator_forcerange[self.servo] = (-limit, limit)
 
     def move(self) -> None:
         """Move the setpoint of the servo towards the commanded width, for one period."""
-        ctrl, (wanted, step) = self._data.ctrl, self.course
+        ctrl, (wanted, step, unloaded, unloading) = self._data.ctrl, self.course
         now = float(ctrl[self.servo])
+        if now < unloaded:
+            step = unloading
         if now != wanted:
             ctrl[self.servo] = min(max(wanted, now - step), now + step)
 
     @property
-    def course(self) -> tuple[float, float]:
-        """Where the setpoint goes, and by how much in a period [m]."""
-        return self._grip.width, min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
+    def course(self) -> tuple[float, float, float, float]:
+        """Where the setpoint goes and by how much in a period, and below what by how much [m]."""
+        step = min(self._grip.speed, self.gripper.speed_max) * TIMESTEP
+        return self._grip.width, step, self._unloaded, min(step, self._unloading)
 
     def width(self) -> float:
         """See `Simulation.width`."""

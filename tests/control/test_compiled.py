@@ -22,6 +22,7 @@ from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import ControlLoop
@@ -169,7 +170,7 @@ def test_one_period_from_any_state_is_that_of_numpy(
 
 
 def learned(backend: str) -> Matrix:
-    """What is learned, and how reversals turn, along a motion with reversals and another load."""
+    """What is learned, and how reversals turn, in a motion with reversals, another load, a rest."""
     rng = np.random.default_rng(5)
     with using(backend):
         arm = Arm(PANDA)
@@ -178,7 +179,8 @@ def learned(backend: str) -> Matrix:
         for k in range(1500):
             if k == 700:
                 arm = loaded
-            q = arm.home + 0.2 * np.sin(k * 0.01 * np.arange(7))
+            moving = k - min(max(k - 900, 0), 300)
+            q = arm.home + 0.2 * np.sin(moving * 0.01 * np.arange(7))
             arm.inverse_dynamics(q, np.zeros(7), np.zeros(7))
             change = friction.change(arm, q)
             turn = np.zeros(7) if change is None else change.copy()
@@ -246,6 +248,35 @@ def test_a_run_with_the_observer_is_that_of_numpy() -> None:
     np.testing.assert_allclose(other.rows.values, one.rows.values, rtol=0.0, atol=1e-7)
     positions = np.array([run.rows["joints/q"] for run in (one, other)])
     assert np.abs(np.diff(positions, axis=0)).max() < 1e-11
+
+
+def block_between_the_fingers(spec: mujoco.MjSpec) -> None:
+    body = spec.worldbody.add_body(name="block", gravcomp=1.0)
+    body.pos = Arm(PANDA).pose(PANDA.home).translation()
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02] * 3, mass=0.1)
+
+
+def test_fingers_let_go_gradually_with_both_backends() -> None:
+    rows = []
+    for backend in ("numpy", "compiled"):
+        with using(backend):
+            sim = Simulation(PANDA, block_between_the_fingers)
+            loop = ControlLoop(Arm(PANDA), JointImpedance(), sim)
+            for width, seconds in ((0.0, 0.6), (0.08, 0.6), (0.02, 0.1)):
+                sim.command_grip(Grip(width=width, force=30.0))
+                loop.begin("grip")
+                loop.hold(seconds)
+            rows.append(loop.recording.rows())
+    np.testing.assert_array_equal(rows[1].values, rows[0].values)
+    force = np.linalg.norm(rows[0]["gripper/left_finger_contact"], axis=1)[599:]
+    assert force[0] == pytest.approx(30.0, rel=0.01)
+    # Half a newton in a period, and then the fingers are off at their full speed.
+    assert 0.3 < -np.diff(force[5:50]).min() < 0.8
+    assert force[55] > 0.0
+    assert not force[75:].any()
+    opening = np.diff(rows[0]["gripper/width_command"][:, 0])[680:700]
+    assert opening == pytest.approx(sim.gripper.speed_max * DT)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
