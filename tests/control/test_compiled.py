@@ -31,6 +31,7 @@ from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from tests.controlled import DT, LOAD, at_rest
+from tests.robots import GRIPPER
 from tests.runs import Reach, carry_out, no_objects
 
 JOINT_LAWS = (
@@ -276,7 +277,7 @@ def test_fingers_let_go_gradually_with_both_backends() -> None:
     assert force[55] > 0.0
     assert not force[75:].any()
     opening = np.diff(rows[0]["gripper/width_command"][:, 0])[680:700]
-    assert opening == pytest.approx(sim.gripper.speed_max * DT)
+    assert opening == pytest.approx(GRIPPER.speed_max * DT)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])

@@ -149,7 +149,8 @@ def test_friction_at_rest_is_where_the_joints_are_and_turns_from_there() -> None
             change = friction.change(arm, q)
             if change is not None:
                 turned -= arm.mass_matrix(q) @ change
-            friction.learn(arm, -np.linalg.solve(arm.mass_matrix(q), direction * truth))
+            pulled = np.linalg.solve(arm.mass_matrix(q), direction * truth)
+            friction.learn(arm, -pulled.astype(np.float64))
         return turned
 
     for direction in (1.0, -1.0, 1.0):
