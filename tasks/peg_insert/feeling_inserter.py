@@ -12,6 +12,7 @@ from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
@@ -30,6 +31,8 @@ above that on the block where a wall, and not friction, stops the peg [N], in ho
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
+_LATELY = 100
+"""Readings of the height, every 10 ms, in which it sinks into a hole."""
 _PRESSES = 6
 """How often a peg that sticks is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -103,13 +106,7 @@ class FeelingInserter(PegInserter):
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
-        caught = touched
-
-        def watch() -> None:
-            nonlocal caught
-            if self._depth(touched) < _CAUGHT:
-                caught = self.sensed.tool_pose()
-
+        sinking = Sinking(self.sensed, self._axis)
         searching = replace(
             stiff,
             name="search",
@@ -117,11 +114,12 @@ class FeelingInserter(PegInserter):
             damping=_FIRM_TOUCH / _SINK_SPEED,
             speed=_SEARCH_SPEED,
             seconds=0.0,
-            observe=watch,
-            until=self._found(touched, free),
+            observe=sinking.read,
+            until=self._found(sinking, free),
         )
         yield searching
         # While it sank, the search went on and tilted it between the fingers.
+        caught = sinking.caught
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
         yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
@@ -132,7 +130,7 @@ class FeelingInserter(PegInserter):
                 name="insert",
                 force=_FIRM_INSERT,
                 damping=_FIRM_INSERT / _SINK_SPEED,
-                seconds=6.0,
+                seconds=15.0,
                 until=self._rests(),
             )
             if self._depth(touched) >= _DEEP:
@@ -275,18 +273,21 @@ class FeelingInserter(PegInserter):
         """Return by how much the tool is below a pose along the hole's axis [m]."""
         return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
 
-    def _found(self, touched: SE3, free: FreeWrist) -> Condition:
+    def _found(self, sinking: "Sinking", free: FreeWrist) -> Condition:
         """Return the condition that the peg has sunk, or is stopped along a lane."""
-        sunk, (_, y) = self._sunk(touched, _SINKS), self._across(touched)
+        _, y = self._across(self.sensed.tool_pose())
         readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
 
         def against() -> str | None:
             readings.append(self.sensed.felt_force() - free.force)
             force = np.mean(readings, axis=0)
             stopped = abs(float(force.dot(y))) >= _STOPPED + max(float(force.dot(self._axis)), 0.0)
-            return None if stopped and len(readings) == _STUCK_FOR else sunk.against()
+            if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
+                return None
+            sunk = 1e3 * sinking.sunk
+            return f"the peg has sunk by {sunk:.1f} mm; {1e3 * _SINKS:.1f} mm are the hole"
 
-        return replace(sunk, against=against)
+        return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
 
     def _lanes(self, corner: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
         """Return lanes from a corner of the square to search, each along the tool's y.
@@ -349,3 +350,27 @@ class FeelingInserter(PegInserter):
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
         yield Release(name="open gripper")
         yield from ItemHandler.back_off(self)
+
+
+class Sinking:
+    """By how much a tool has sunk of late; between the fingers, a pressed peg only creeps."""
+
+    def __init__(self, sensed: Sensed, axis: np.ndarray) -> None:
+        """Begin where the tool is; `axis` points up (3,) [-]."""
+        self._sensed, self._axis = sensed, axis
+        self._heights: deque[float] = deque(maxlen=_LATELY)
+        self.caught = sensed.tool_pose()
+        """Pose of the tool before it began to sink."""
+        self.read()
+
+    def read(self) -> None:
+        """Measure the pose of the tool."""
+        here = self._sensed.tool_pose()
+        self._heights.append(float(here.translation().dot(self._axis)))
+        if self.sunk < _CAUGHT:
+            self.caught = here
+
+    @property
+    def sunk(self) -> float:
+        """How far it has sunk [m]."""
+        return self._heights[0] - self._heights[-1]

@@ -19,7 +19,10 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.wrist import FreeWrist
+from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter, Sinking
 from robo47_qp.tasks.peg_insert.peg import (
     ANGLE_ERROR,
     CLEARANCE,
@@ -83,6 +86,60 @@ def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_onc
     tilt = [SO3(wxyz).as_matrix()[2, 2] for wxyz in level]
     assert np.degrees(np.arccos(np.clip(min(tilt), -1.0, 1.0))) < 1.5
     assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() < 60.0
+
+
+class Tool(Sensed):
+    """A tool at a height, and what its wrist feels."""
+
+    def __init__(self) -> None:
+        self.at, self.felt = np.zeros(3), np.zeros(3)
+
+    def tool_pose(self, tool: int = 0) -> SE3:
+        return SE3.from_translation(self.at)
+
+    def felt_force(self, tool: int = 0) -> np.ndarray:
+        return self.felt
+
+
+def test_a_peg_that_creeps_between_the_fingers_has_not_sunk_into_a_hole() -> None:
+    tool = Tool()
+    sinking = Sinking(tool, np.array([0.0, 0.0, 1.0]))
+    for _ in range(6000):
+        tool.at = tool.at - np.array([0.0, 0.0, 5e-7])
+        sinking.read()
+    assert sinking.sunk == pytest.approx(5e-5, rel=0.02)
+    before = tool.at
+    for _ in range(30):
+        tool.at = tool.at + np.array([4e-5, 0.0, -3e-5])
+        sinking.read()
+    assert sinking.sunk == pytest.approx(0.95e-3, abs=0.05e-3)
+    # The hole has held its end since it was 0.3 mm deep.
+    off = sinking.caught.translation() - before
+    assert -0.3e-3 < off[2] < -0.2e-3
+    assert off[0] < 0.4e-3
+
+
+@pytest.mark.parametrize(
+    ("along", "pressing", "found"), [(5.0, 0.0, False), (9.0, 8.0, False), (13.0, 4.0, True)]
+)
+def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
+    along: float, pressing: float, found: bool
+) -> None:
+    """Fingers close along y; friction is at most 0.9 times what presses."""
+    tool = Tool()
+    hand = FeelingInserter(
+        sensed=tool,
+        item=PegInsert().peg,
+        above=0.2,
+        search_force=2.0,
+        insert_force=5.0,
+        T_world_hole=SE3.identity(),
+    )
+    condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=np.ones(3), time=0.0))
+    tool.felt = np.array([1.0, 1.0 - along, 1.0 + pressing])
+    said = [condition.against() for _ in range(10)]
+    assert None not in said[:-1]
+    assert (said[-1] is None) == found
 
 
 def test_the_mass_of_a_peg_that_is_off_its_axis_stays_over_its_foot() -> None:
