@@ -83,11 +83,15 @@ def _spread(axes: Axes, results: Sequence[EpisodeResult], metric: str, label: st
 
 
 def _factors(result: EpisodeResult) -> tuple[float, float] | None:
-    """Return mean mass of the objects relative to the models, and friction; None if unknown."""
+    """Return mean mass of the objects relative to the models, and friction.
+
+    None if they are unknown, or there are no objects.
+    """
     wrong = result.disturbance
-    if wrong.get("friction") is None:
+    masses = np.atleast_1d(wrong.get("object_mass_factor", ()))
+    if wrong.get("friction") is None or not masses.size:
         return None
-    return float(np.mean(wrong["object_mass_factor"])), wrong["friction"]
+    return float(masses.mean()), wrong["friction"]
 
 
 def _disturbance(axes: Axes, results: Sequence[EpisodeResult]) -> None:

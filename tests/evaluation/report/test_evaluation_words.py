@@ -3,10 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from matplotlib.figure import Figure
 
 from robo47_qp.evaluation.episode import EpisodeResult
-from robo47_qp.evaluation.report.plots import _spread
+from robo47_qp.evaluation.report.plots import _factors, _spread
 from robo47_qp.evaluation.report.report import (
     CycleTimes,
     EvaluationReport,
@@ -139,3 +140,11 @@ def test_where_nothing_is_touched_no_negative_force_is_drawn() -> None:
     low, high = axes.get_xlim()
     assert low == 0.0
     assert high > 0.0
+
+
+def test_a_task_without_objects_has_no_masses_to_draw() -> None:
+    none = {"friction": 0.5, "object_mass_factor": []}
+    two = {"friction": 0.5, "object_mass_factor": [0.8, 1.0]}
+    one = EpisodeResult(index=0, seed=0, success=True, disturbance=none)
+    assert _factors(one) is None
+    assert _factors(replace(one, disturbance=two)) == pytest.approx((0.9, 0.5))
