@@ -31,7 +31,7 @@ _NEAR = 0.012
 _ABOVE = 0.5e-3
 """Height above its goal at which an item is released where it is seen with errors [m]: an arm that
 presses it down is pushed aside by more than it errs while it is free."""
-_AROUND = 0.0015
+_AROUND = 0.001
 """Distance of each finger from an item whose pose is known, on the way down to it [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
 
