@@ -1,4 +1,4 @@
-"""The command `robo47`, also `python -m robo47_qp`: run, evaluate, serve, compare, view, recover."""
+"""The command `robo47` and `python -m robo47_qp`: run, evaluate, serve, compare, view, recover."""
 
 import gc
 import os

@@ -1,33 +1,15 @@
 #include "approach.h"
 
+#include "crossing_inline.h"
 #include "elementary_inline.h"
 
 typedef void (*kinematics)(const void *model, void *data);
 typedef double (*geom_distance)(const void *model, void *data, int first, int second, double most,
                                 double *segment);
 
-/* Beyond rounding: the caller decides by the same inequality without it. */
-static const double slack = 1e-9;
-
 static void place(const r47_approach *a, const double *q) {
   for (int i = 0; i < a->joints; i++) a->qpos[a->address[i]] = q[i];
   ((kinematics)a->kinematics)(a->model, a->data);
-}
-
-/* Whether a capsule's axis reaches into the box's slabs along all three of its normals. */
-static int may_cross(const r47_approach *a, int capsule, int box) {
-  const double *c = a->xpos + 3 * box, *R = a->xmat + 9 * box;
-  const double *p = a->xpos + 3 * capsule, *U = a->xmat + 9 * capsule;
-  const double half = a->size[3 * capsule + 1];
-  for (int i = 0; i < 3; i++) {
-    double middle = 0.0, axis = 0.0;
-    for (int k = 0; k < 3; k++) {
-      middle += (p[k] - c[k]) * R[3 * k + i];
-      axis += U[3 * k + 2] * R[3 * k + i];
-    }
-    if (fabs(middle) >= a->size[3 * box + i] + half * fabs(axis) + slack) return 0;
-  }
-  return 1;
 }
 
 static double measured(const r47_approach *a, int pair, int *doubtful) {
@@ -35,7 +17,7 @@ static double measured(const r47_approach *a, int pair, int *doubtful) {
   const double found = ((geom_distance)a->distance)(a->model, a->data, a->first[pair],
                                                     a->second[pair], a->far, segment);
   const int capsule = a->capsule[pair];
-  *doubtful = capsule >= 0 && may_cross(a, capsule, a->box[pair]);
+  *doubtful = capsule >= 0 && may_cross(a->xpos, a->xmat, a->size, capsule, a->box[pair]);
   return found >= a->far ? INFINITY : found;
 }
 

@@ -71,7 +71,8 @@ class ClosingJacobian:
         """Choose pairs of geoms; the caller runs `mj_comPos` on `data` before `rows`."""
         bodies = m.geom_bodyid[np.array(pairs)]
         moves = moved_by(m)
-        self._sign = moves[bodies[:, 0]] - moves[bodies[:, 1]]
+        self.sign: Matrix = moves[bodies[:, 0]] - moves[bodies[:, 1]]
+        """1 where a joint moves the first geom of a pair, -1 for the second, else 0 (pairs, n)."""
         roots = m.body_rootid[m.jnt_bodyid]
         self._centre: Vector = data.subtree_com[roots[0]]
         self._twists: Matrix = data.cdof
@@ -101,7 +102,7 @@ class ClosingJacobian:
         np.multiply(n[:, :, None], p[:, None, :], out=products)
         twists = self._twists if self._roots is None else self._about_one_centre()
         out: Matrix = products.reshape(k, 12) @ (self._skew @ twists.T)
-        out *= self._sign.take(pair, axis=0)
+        out *= self.sign.take(pair, axis=0)
         return out
 
     def _about_one_centre(self) -> Matrix:

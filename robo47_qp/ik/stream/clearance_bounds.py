@@ -8,27 +8,25 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.collision.clearance import Clearance
-from robo47_qp.collision.distance import GeomDistance
+from robo47_qp.collision.distance import FAR, GeomDistance
 from robo47_qp.collision.motion_bounds import ClosingJacobian, approach_speed_bounds
 from robo47_qp.ik.stream.joint_bounds import max_stoppable_speed
 
-_AHEAD = 0.1
+AHEAD = 0.1
 """Beyond what is needed, distances are told apart up to this much further [m]."""
-_TOUCH = 1e-7
+TOUCH = 1e-7
 """Points closer than this give no direction [m]."""
-_FAR = 1e3
-"""Larger than any distance in a cell [m]."""
-_NEAR = 0.03
+NEAR = 0.03
 """Pairs with less room than this are looked at again at every tick [m]."""
 
-_LEAST = 1e-9
+LEAST = 1e-9
 """No pair brakes by less than this [m/s²]."""
-_PARTING, _REGAIN = 0.3, 10.0
+PARTING, REGAIN = 0.3, 10.0
 """A pair that is too close parts at this part of the speed at which it could still stop, and
 regains this part of what it lacks per second."""
-_UNSURE = 0.2
+UNSURE = 0.2
 """Part of a pair's largest closing rate by which its last row may be wrong until it is renewed."""
-_TRUSTED = 2.0 * _UNSURE
+TRUSTED = 2.0 * UNSURE
 """Joint travel, summed over the joints, after which a row has to be renewed [rad]."""
 
 
@@ -108,8 +106,8 @@ class ClearanceBounds:
         self._travel, self._one = 0.0, np.ones(clearance.arm.n)
         self._unseen = np.ones(len(self._ends), dtype=np.bool_)
         self._unsure, self._zero = self._L.T.copy(), np.zeros(len(self._ends))
-        self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), _LEAST)
-        self._least_brake = _UNSURE * (self._L @ self._a)
+        self._brake, self._stop = np.ones(len(self._ends)), np.full(len(self._ends), LEAST)
+        self._least_brake = UNSURE * (self._L @ self._a)
         self._bound = np.zeros(len(self._ends))
         self._q = np.zeros(clearance.arm.n)
         none = np.zeros(0)
@@ -119,7 +117,7 @@ class ClearanceBounds:
         """Measure every pair at q."""
         self._q[:], self._travel = q, 0.0
         self._bound[:] = -np.inf
-        self._update(np.arange(len(self._ends)), np.full(len(self._ends), _FAR))
+        self._update(np.arange(len(self._ends)), np.full(len(self._ends), FAR))
 
     def rows(self, q: Vector, v: Vector) -> VelocityRows:
         """Rows for the next tick.
@@ -138,7 +136,7 @@ class ClearanceBounds:
         if not len(urgent):
             return self._nothing
         within = ways.take(urgent)
-        self._update(urgent[: self._max_pairs], within[: self._max_pairs] + _AHEAD)
+        self._update(urgent[: self._max_pairs], within[: self._max_pairs] + AHEAD)
         active = urgent.compress(self._bound.take(urgent) < within)
         return self._rows_of(active, v)
 
@@ -161,14 +159,14 @@ class ClearanceBounds:
         moved, closing, unknown = self._sums
         self._bound -= moved
         self._travel += float(self._one.dot(per_joint[0]))
-        if self._travel > _TRUSTED / 2.0:
+        if self._travel > TRUSTED / 2.0:
             self._age()
         ways: Vector = closing / self._brake
         ways *= 0.5
         ways += dt
         ways *= closing
         np.copyto(ways, unknown, where=self._unseen)
-        return np.maximum(ways, _NEAR, out=ways)
+        return np.maximum(ways, NEAR, out=ways)
 
     def _age(self) -> None:
         """Trust no row any more that has not been renewed since the last call."""
@@ -184,7 +182,7 @@ class ClearanceBounds:
             upper = max_stoppable_speed(
                 np.abs(room), np.where(lacking, 0.0, closing), brake, self._dt
             )
-            upper[lacking] = -np.minimum(_PARTING * upper[lacking], -_REGAIN * room[lacking])
+            upper[lacking] = -np.minimum(PARTING * upper[lacking], -REGAIN * room[lacking])
         else:
             upper = max_stoppable_speed(room, closing, brake, self._dt)
         if len(pair) > self._max_pairs:
@@ -213,14 +211,14 @@ class ClearanceBounds:
         seen = distance < cut_off
         if np.count_nonzero(self._unseen.take(picked) == seen):
             self._unseen[picked] = ~seen
-            self._unsure[:, picked] = np.where(seen, _UNSURE, 1.0) * self._L[picked].T
-        if self.measured < _TOUCH or np.count_nonzero(seen) < len(picked):
-            self._A[picked[~seen]], self._stop[picked[~seen]] = 0.0, _LEAST
+            self._unsure[:, picked] = np.where(seen, UNSURE, 1.0) * self._L[picked].T
+        if self.measured < TOUCH or np.count_nonzero(seen) < len(picked):
+            self._A[picked[~seen]], self._stop[picked[~seen]] = 0.0, LEAST
             # Nearest points that touch show no direction: such a pair keeps its last row.
-            seen &= np.abs(distance) > _TOUCH
+            seen &= np.abs(distance) > TOUCH
             picked, distance, segment = picked[seen], distance[seen], segment[seen]
         A = self._closing.rows(picked, distance, segment)
         self._A[picked] = A
         stop = np.abs(A).dot(self._a)
-        self._stop[picked] = np.maximum(stop, _LEAST)
+        self._stop[picked] = np.maximum(stop, LEAST)
         self._brake[picked] = np.maximum(stop, self._least_brake.take(picked))

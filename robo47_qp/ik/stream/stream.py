@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
+from robo47_qp.ik.stream.compiled_bounds import bounds_type
 from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox, braked
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
 from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective
@@ -222,7 +223,7 @@ def _clearance_bounds(
 ) -> ClearanceBounds | None:
     if settings.clearance is None:
         return None
-    return ClearanceBounds(
+    return bounds_type(arm.n)(
         arm.derived(Clearance, settings.clearance),
         data,
         a_max,

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from robo47_qp.arrays import Vector
 from robo47_qp.collision.clearance import Clearance
+from robo47_qp.evaluation.benchmarks.ik.hostile_targets import OBSTACLES, PAIR_OBSTACLES
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
+from robo47_qp.ik.stream.compiled_bounds import CompiledBounds
 from robo47_qp.ik.stream.joint_bounds import max_stoppable_speed
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots import load_robot
 from tests.small_robots import small_robot
 
 DT, KEEP = 1e-3, 0.02
@@ -36,8 +39,8 @@ def among(robot: Robot) -> Arm:
     )
 
 
-class Shown(ClearanceBounds):
-    """A separation that brings its state up to date itself."""
+class _Updated(ClearanceBounds):
+    """Brings its state up to date itself."""
 
     def reset(self, q: Vector) -> None:
         self.update(q)
@@ -53,23 +56,40 @@ class Shown(ClearanceBounds):
         mujoco.mj_comPos(self._model, self._data)
 
 
-def clearance_bounds(arm: Arm, max_pairs: int = 500) -> tuple[ClearanceBounds, Clearance]:
+class InNumpy(_Updated, ClearanceBounds):
+    """The reference."""
+
+
+class InCore(_Updated, CompiledBounds):
+    """The compiled core."""
+
+
+Kind = type[InNumpy] | type[InCore]
+each = pytest.mark.parametrize("kind", [InNumpy, InCore])
+
+
+def clearance_bounds(
+    kind: Kind, arm: Arm, max_pairs: int = 500, keep: float = KEEP
+) -> tuple[InNumpy | InCore, Clearance]:
     clearance = Clearance(arm, KEEP)
-    made = Shown(
+    made = kind(
         clearance,
         mujoco.MjData(arm.model),
         arm.robot.rated.a_max,
         DT,
-        d_min=KEEP,
+        d_min=keep,
         braking_share=0.5,
         max_pairs=max_pairs,
     )
     return made, clearance
 
 
-def test_every_near_pair_has_its_row_on_any_path(among: Arm, rng: np.random.Generator) -> None:
+@each
+def test_every_near_pair_has_its_row_on_any_path(
+    among: Arm, rng: np.random.Generator, kind: Kind
+) -> None:
     """All distances by brute force, along paths that change direction."""
-    made, clearance = clearance_bounds(among)
+    made, clearance = clearance_bounds(kind, among)
     q, v = among.home.copy(), np.zeros(among.n)
     made.reset(q)
     near = 0
@@ -91,10 +111,11 @@ def test_every_near_pair_has_its_row_on_any_path(among: Arm, rng: np.random.Gene
     assert near > 20
 
 
+@each
 def test_rows_are_rates_of_distances_and_leave_room_to_brake(
-    among: Arm, rng: np.random.Generator
+    among: Arm, rng: np.random.Generator, kind: Kind
 ) -> None:
-    made, clearance = clearance_bounds(among)
+    made, clearance = clearance_bounds(kind, among)
     a = 0.5 * among.robot.rated.a_max
     checked = 0
     for _ in range(12):
@@ -119,18 +140,10 @@ def test_rows_are_rates_of_distances_and_leave_room_to_brake(
     assert checked > 30
 
 
-def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm) -> None:
-    clearance = Clearance(among, KEEP)
-    least = clearance.nearest(among.home)[0]
-    made = Shown(
-        clearance,
-        mujoco.MjData(among.model),
-        among.robot.rated.a_max,
-        DT,
-        d_min=least + 1e-3,
-        braking_share=0.5,
-        max_pairs=50,
-    )
+@each
+def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm, kind: Kind) -> None:
+    least = Clearance(among, KEEP).nearest(among.home)[0]
+    made, _ = clearance_bounds(kind, among, max_pairs=50, keep=least + 1e-3)
     made.reset(among.home)
     rows = made.rows(among.home, np.zeros(among.n))
     assert rows.room.min() == pytest.approx(-1e-3, abs=1e-9)
@@ -140,8 +153,11 @@ def test_a_pair_that_is_too_close_has_to_part_but_gently(among: Arm) -> None:
 def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     among: Arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, clearance = clearance_bounds(among, max_pairs=3)
-    made.reset(among.home)
+    made, clearance = clearance_bounds(InNumpy, among, max_pairs=3)
+    core, _ = clearance_bounds(InCore, among, max_pairs=3)
+    assert isinstance(core, InCore)
+    for one in (made, core):
+        one.reset(among.home)
     looked: list[int] = []
     update = made._update
 
@@ -154,10 +170,40 @@ def test_the_budget_bounds_the_work_and_the_nearest_come_first(
     q = among.home.copy()
     for _ in range(20):
         made.rows(q, v)
+        core.rows(q, v)
+        assert core._core.pointer.picked == looked[-1]
         q = q + DT * v
     assert max(looked) == 3
-    made.rows(q, np.zeros(among.n))
-    assert made.measured <= clearance.nearest(q)[0] + 0.01
+    for one in (made, core):
+        one.rows(q, np.zeros(among.n))
+        assert one.measured <= clearance.nearest(q)[0] + 0.01
+
+
+@pytest.mark.parametrize(("name", "most"), [("panda", 3), ("panda", 5000), ("panda_pair", 5000)])
+def test_the_core_tells_the_rows_of_the_reference(name: str, most: int) -> None:
+    """Into and out of contact; with pairs that wait for their turn, or all rows, and old ones."""
+    rng = np.random.default_rng(7)
+    arm = Arm(load_robot(name), obstacles=OBSTACLES if name == "panda" else PAIR_OBSTACLES)
+    pair = [clearance_bounds(kind, arm, max_pairs=most)[0] for kind in (InNumpy, InCore)]
+    goals = [arm.home, *rng.uniform(arm.q_low, arm.q_high, (5, arm.n))]
+    kinds = pair[0]._measure
+    told = negative = crossed = 0
+    for one in pair:
+        one.reset(arm.home)
+    for start, end in pairwise(goals):
+        v = 0.5 * (end - start)
+        for q in np.linspace(start, end, 40):
+            expected, found = (one.rows(q, v) for one in pair)
+            assert found.pair.tolist() == expected.pair.tolist()
+            for got, wanted in zip(found[:3], expected[:3], strict=True):
+                np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
+            assert pair[1].measured == pytest.approx(pair[0].measured, abs=1e-12)
+            told += len(expected.pair)
+            negative += int((expected.room < -KEEP).sum())
+            deep = expected.pair[expected.room < -KEEP].tolist()
+            crossed += any(kinds.capsule_and_box(*pair[0]._ends[i])[0] >= 0 for i in deep)
+    assert min(told, 20 * negative) > 500
+    assert crossed > 5 or most == 3
 
 
 _SWING = """
@@ -173,6 +219,7 @@ _SWING = """
 _ASIDE = np.pi / 2
 
 
+@each
 @pytest.mark.parametrize(
     ("wall", "turns"),
     [
@@ -186,12 +233,13 @@ _ASIDE = np.pi / 2
     ids=["close", "round", "back"],
 )
 def test_a_tip_that_swings_towards_a_wall_is_seen_to_come(
-    tmp_path: Path, wall: float, turns: list[float]
+    tmp_path: Path, wall: float, turns: list[float], kind: Kind
 ) -> None:
     normal = SO3.from_y_radians(np.pi / 2)
     T = SE3.from_rotation_and_translation(normal, np.array([wall, 0.0, 0.0]))
     obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=T)
-    made, _ = clearance_bounds(Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle]))
+    arm = Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle])
+    made, _ = clearance_bounds(kind, arm)
     near = 0
     made.reset(np.array(turns[:1]))
     for start, end in pairwise(turns):
@@ -203,3 +251,19 @@ def test_a_tip_that_swings_towards_a_wall_is_seen_to_come(
                 assert rows.room.min() == pytest.approx(room, abs=1e-9)
                 near += 1
     assert near > 50
+
+
+@each
+def test_a_pair_that_touches_keeps_the_row_that_it_had(tmp_path: Path, kind: Kind) -> None:
+    normal = SO3.from_y_radians(np.pi / 2)
+    T = SE3.from_rotation_and_translation(normal, np.zeros(3))
+    obstacle = Obstacle(name="wall", shape=Shape.PLANE, T_world_obstacle=T)
+    arm = Arm(small_robot(tmp_path, _SWING, ("swing",)), obstacles=[obstacle])
+    made, _ = clearance_bounds(kind, arm)
+    touching = np.arccos(0.05)
+    made.reset(np.array([touching - 1e-3]))
+    before = made.rows(np.array([touching - 1e-3]), np.ones(1)).A.copy()
+    after = made.rows(np.array([touching]), np.ones(1))
+    assert abs(made.measured) < 1e-12
+    assert np.abs(before).max() > 0.9
+    assert after.A.tolist() == before.tolist()
