@@ -135,8 +135,9 @@ def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
         insert_force=5.0,
         T_world_hole=SE3.identity(),
     )
-    condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=np.ones(3), time=0.0))
-    tool.felt = np.array([1.0, 1.0 - along, 1.0 + pressing])
+    free = np.array([1.0, 8.0, 2.0])
+    condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=free, time=0.0))
+    tool.felt = free + np.array([0.0, -along, pressing])
     said = [condition.against() for _ in range(10)]
     assert None not in said[:-1]
     assert (said[-1] is None) == found
