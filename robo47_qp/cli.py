@@ -4,8 +4,8 @@ import json
 import os
 import sys
 from argparse import ArgumentParser
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, make_dataclass
 from inspect import getdoc
 from pathlib import Path
@@ -19,29 +19,24 @@ from rich.markup import escape
 from threadpoolctl import threadpool_limits
 
 from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot, robot_names
-from robo47_qp.report.audit.audit import audit
-from robo47_qp.report.audit.finding import Finding
-from robo47_qp.report.metrics import metrics
 from robo47_qp.report.output import forgiving_output
-from robo47_qp.report.rerun.log import RerunLog
-from robo47_qp.report.rerun.viewer import viewer_url
+from robo47_qp.report.recorded import recorded
 from robo47_qp.report.run_plot import plot_run
-from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.report.terminal import ProgressBar, print_summary
 from robo47_qp.report.video import Video
 from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
 from robo47_qp.run.recording import CHUNK_ROWS
 from robo47_qp.run.registry import load_task, task_names
-from robo47_qp.run.row_file import ENDING, RowFile
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Task, own_options, task_of_options
 from robo47_qp.run.teleop.driver import TeleopDriver
+from robo47_qp.sim.franka.driven_arm import DrivenArm, uncollected
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
@@ -52,8 +47,8 @@ OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOGS = Path("logs")
 """Folder for recordings and reports, in the working directory."""
 DEFAULT_TASK = "pick_place"
-_LIVE_ROWS = 400
-"""Rows that a live viewer gets at once."""
+ARM_ROWS = 120_000
+"""Rows of a real arm that go to the Rerun file at once at most; a row file has them before."""
 Options = TypeVar("Options")
 
 
@@ -174,6 +169,12 @@ class RunOptions(CheckedOptions, StackOptions):
     visuals: Literal["primitives", "menagerie"] = "primitives"
     """Looks of the robot: its own simple shapes, or the meshes of MuJoCo Menagerie (needs the
     extra "visuals"). The physics is the same."""
+    at: Annotated[str | None, unset("HOST")] = None
+    """Address of a real FR3 with its hand, which moves in the place of the simulation (needs the
+    extra "franka"). Read docs/real_arm.md first. Objects are taken to be where the task puts them
+    at its start: nothing looks."""
+    dry_run: bool = False
+    """With --at: read the arm, plan, say what would move, and move nothing."""
     json: bool = False
     """Print the report as JSON on the standard output and nothing else."""
 
@@ -186,6 +187,11 @@ class RunOptions(CheckedOptions, StackOptions):
         """
         super().__post_init__()
         self.stack  # noqa: B018  # checks its settings
+        if self.at is None and self.dry_run:
+            raise InvalidValueError("--dry-run", "no --at", "given with --at")
+        if self.at is not None and (self.live or self.viewer or self.video is not None):
+            expected = "without --live, --viewer and --video, which take time from control"
+            raise InvalidValueError("--at", "one of them", expected)
 
     @property
     def paced(self) -> bool:
@@ -324,10 +330,16 @@ def run_task(
     looks: BuildScene = task.build_scene
     if options.visuals == "menagerie":
         looks = with_menagerie_looks(robot, looks)
-    simulation = Simulation(robot, looks)
+    arm = None if options.at is None else DrivenArm(robot, looks, options.at)
+    simulation = Simulation(robot, looks) if arm is None else arm
     runner = Runner(scenario, simulation, driver, extra=() if driver is None else driver.signals)
     foreseen = sum(leg.trajectory.duration for leg in runner.rehearse())
     foreseen += 0.0 if driver is None else driver.seconds
+    if arm is not None:
+        lines = [*arm.report(), f"planned: {foreseen:.1f} s of motion"]
+        console.print("\n".join(lines), highlight=False, soft_wrap=True)
+        if options.dry_run:
+            return OK
     files = {
         "recording": options.log,
         "report": options.log.with_suffix(".json"),
@@ -339,20 +351,23 @@ def run_task(
         for path in files.values():
             check_writable(path)
         with ExitStack() as stack:
-
-            def joined(observer: Observer) -> Observer:
-                stack.callback(observer.close)
-                return observer
-
             shown: list[Observer] = []
-            if options.video is not None:
-                shown.append(joined(Video(simulation, options.video)))
-            if options.viewer:
-                shown.append(joined(ViewerWindow(simulation, driver)))
-            if options.paced:
-                shown.append(RealTime())
-            shown.append(joined(ProgressBar(console, foreseen)))
-            run, figures, findings, summary = _recorded(runner, simulation, shown, files, options)
+            chunk_rows = CHUNK_ROWS
+            for observer in _observers(options, simulation, driver):
+                stack.callback(observer.close)
+                shown.append(observer)
+            if arm is not None:
+                # Nothing but control has time while an arm moves.
+                chunk_rows = min(ARM_ROWS, round(scenario.time_limit / TIMESTEP))
+                stack.enter_context(uncollected())
+                stack.callback(arm.close)
+            else:
+                bar = ProgressBar(console, foreseen)
+                stack.callback(bar.close)
+                shown.append(bar)
+            run, figures, findings, summary = recorded(
+                runner, simulation, shown, files, live=options.live, chunk_rows=chunk_rows
+            )
         plot_run(run, files["plot"])
         write_text(files["report"], json.dumps(summary, indent=2))
     if options.json:
@@ -362,39 +377,13 @@ def run_task(
     return OK if run.failure is None else FAILED
 
 
-def _recorded(
-    runner: Runner,
-    simulation: Simulation,
-    shown: Sequence[Observer],
-    files: Mapping[str, Path],
-    options: RunOptions,
-) -> tuple[Run, dict[str, float], list[Finding], dict[str, Any]]:
-    """Run and record; returns the run, its figures, its audit and its report.
-
-    Raises:
-        RecordingError, RenderingError: The recording cannot be written, or not be shown.
-    """
-    viewer = viewer_url() if options.live else None
-    # What is left of an earlier run must not stand beside the beginning of this one.
-    for kind in ("report", "plot"):
-        files[kind].unlink(missing_ok=True)
-    described = simulation.model, simulation.robot, runner.signals
-    with (
-        closing(RowFile(files["recording"].with_suffix(ENDING), *described)) as rows,
-        closing(RerunLog(files["recording"], *described, viewer=viewer, keep=rows.add)) as log,
-    ):
-        chunk = CHUNK_ROWS if viewer is None else _LIVE_ROWS
-        try:
-            run = runner.run([log], [*shown, log], store=rows, chunk_rows=chunk)
-        except KeyboardInterrupt:
-            log.break_off()
-            rows.remove()
-            raise
-        figures, findings = metrics(run), audit(run)
-        summary = report(run, figures, findings)
-        for finding in findings:
-            if not finding.ok:
-                log.note(finding.time, f"violation: {finding}", "ERROR")
-        log.finish(summary_markdown(summary))
-        rows.remove()
-    return run, figures, findings, summary
+def _observers(
+    options: RunOptions, simulation: Simulation, driver: TeleopDriver | None
+) -> Iterator[Observer]:
+    """Make the observers that were asked for, in their order."""
+    if options.video is not None:
+        yield Video(simulation, options.video)
+    if options.viewer:
+        yield ViewerWindow(simulation, driver)
+    if options.paced:
+        yield RealTime()

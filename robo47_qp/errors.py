@@ -162,3 +162,16 @@ class MissingExtraError(Robo47Error):
         )
         self.package = package
         self.extra = extra
+
+
+class ArmStopped(Robo47Error):  # noqa: N818  # read as a sentence in `except ArmStopped`
+    """A real arm cannot be reached, takes no motion, or has stopped.
+
+    Attributes:
+        names: libfranka's names of the errors, separated by commas; empty where it names none.
+    """
+
+    def __init__(self, evidence: str, names: str = "") -> None:
+        """Say what happened, in the words of the arm where it has some."""
+        super().__init__(evidence)
+        self.names = names

@@ -80,12 +80,12 @@ class ControlLoop:
         check: Callable[["ControlLoop"], None] | None = None,
         extra: Sequence[Signal] = (),
     ) -> None:
-        """Start at rest at home.
+        """Start at rest where the world starts, which is home in a simulation.
 
         Args:
             arm: The controller's model while nothing is held.
             controller: The control law to start with.
-            simulation: The world, with the same robot at home.
+            simulation: The world, with the same robot.
             observer: What estimates state and disturbance; None takes the state as measured.
             profile: Limits of the joints' motion when the arm brakes; by default the robot's.
             check: Called every few periods, after a block of rows; may raise `Aborted`.
@@ -108,7 +108,7 @@ class ControlLoop:
         self._check, self._yielding, self._insisting = check, False, False
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
-        self.rest(np.array(arm.robot.home))
+        self.rest(simulation.start)
 
     @property
     def reference(self) -> JointReference:
@@ -226,6 +226,11 @@ class ControlLoop:
             braking = stop(self.arm, self.reference, self.profile, TIMESTEP)
             self.begin("stop", compliant=self.phases[-1].compliant)
             self.track(braking)
+
+    def pause(self) -> None:
+        """Let a real arm be held by its robot while nothing is to move, and read all anew."""
+        if self.resting and self.sim.stand_by():
+            self.senses.read()
 
     def set_payload(self, load: Load) -> None:
         """Set what the controller assumes the tools to hold; None is nothing in any of them."""

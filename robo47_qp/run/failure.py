@@ -30,6 +30,8 @@ class Cause(Enum):
     """What a step waited for did not happen in time."""
     LIMIT = "limit"
     """A joint left its limits, or a command cannot be carried out."""
+    ARM = "arm"
+    """A real arm has stopped by itself, refused something, or was not heard any more."""
 
 
 @dataclass(frozen=True, kw_only=True)

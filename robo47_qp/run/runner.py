@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robo47_qp.errors import NoGripperError, PlanError
+from robo47_qp.errors import ArmStopped, NoGripperError, PlanError
 from robo47_qp.files import plain
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
@@ -59,6 +59,7 @@ class ProgramDriver:
         failed: StepFailed | None = None
         runner.failed_steps = 0
         try:
+            runner.executor.go_home()
             while True:
                 step = next(program) if failed is None else program.throw(failed)
                 failed = None
@@ -126,8 +127,8 @@ class Runner:
             PlanError: A waypoint cannot be reached.
             NoGripperError: A step needs a gripper and the robot has none.
         """
-        legs: list[Leg] = []
-        q, robot = self.loop.reference.q, self.scenario.robot
+        legs, robot = self.executor.way_home(), self.scenario.robot
+        q = legs[-1].trajectory.end.q if legs else self.loop.reference.q
         for step in map(as_step, self.scenario.task.preview(self.loop.senses.read())):
             grips = [w.name for w in step.path if w.grip is not None]
             if robot.gripper is None and (grips or step.grips):
@@ -166,6 +167,7 @@ class Runner:
         try:
             failure = self.finish()
         except KeyboardInterrupt:
+            self._sim.stand_by()
             recording.flush()
             raise
         if failure is not None and failure.time is None:
@@ -195,10 +197,19 @@ class Runner:
             self._rest(failure)
             loop.begin("end")
             loop.hold(_LAST_HOLD)
-        except Aborted as aborted:
-            failure = replace(aborted.failure, time=self._sim.time)
+            loop.pause()
+        except (Aborted, ArmStopped) as stopped:
+            failure = replace(self._why(stopped), time=self._sim.time)
             loop.note(f"stopped: {failure.evidence}", failure)
         return failure or self.scenario.task.verdict(self._sim)
+
+    def _why(self, stopped: Aborted | ArmStopped) -> Failure:
+        """Return the failure of a run that was stopped; an arm that still moves is stopped, too."""
+        if isinstance(stopped, ArmStopped):
+            evidence = f"{stopped.names}: {stopped}" if stopped.names else str(stopped)
+            return Failure(cause=Cause.ARM, evidence=evidence)
+        self._sim.stand_by()
+        return stopped.failure
 
     def _rest(self, failure: Failure | None) -> None:
         try:

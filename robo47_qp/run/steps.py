@@ -10,6 +10,8 @@ from functools import cached_property
 from math import inf
 from typing import ClassVar, TypeAlias
 
+import numpy as np
+
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
@@ -18,7 +20,7 @@ from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
-from robo47_qp.motion.waypoint import Waypoint
+from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, StepMonitor, refusal, require
@@ -69,6 +71,10 @@ class Step(ABC):
         """
 
 
+_AT_HOME, _FIRST_PACE = 5e-3, 0.2
+"""Distance from home within which an arm stands there [rad], and the pace of its first way."""
+
+
 class StepExecutor:
     """Carries out steps, and provides planning, a stream and compliance to them."""
 
@@ -90,6 +96,7 @@ class StepExecutor:
         if step.starts_at_rest:
             self.loop.halt()
         step.carry_out(self)
+        self.loop.pause()
         require(step.name, step.after)
 
     def plan(self, waypoints: Sequence[Waypoint], speed: float = inf) -> list[Leg]:
@@ -107,6 +114,36 @@ class StepExecutor:
             return self._planned(planner, waypoints, self.loop.reference.q)
         except PlanError as error:
             raise StepFailed(refusal(error)) from error
+
+    def way_home(self) -> list[Leg]:
+        """Plan home from where a real arm stands, slowly; no legs where it stands there.
+
+        Raises:
+            PlanError: The plan is refused.
+        """
+        reference, home = self.loop.reference, self.loop.arm.home
+        if np.abs(reference.q - home).max() <= _AT_HOME:
+            return []
+        slow = replace(self._planner, pace=min(self._planner.pace, _FIRST_PACE))
+        return self._planned(
+            slow, [Waypoint(name="first way home", target=Place.HOME)], reference.q
+        )
+
+    def go_home(self) -> None:
+        """Move home where the arm does not start there.
+
+        Raises:
+            StepFailed: The plan is refused.
+            Aborted: See `ControlLoop.track`.
+        """
+        try:
+            legs = self.way_home()
+        except PlanError as error:
+            raise StepFailed(refusal(error)) from error
+        for leg in legs:
+            self.loop.begin(leg.waypoint.name, leg)
+            self.loop.track(leg.trajectory)
+            self.loop.pause()
 
     def rehearse(self, waypoints: Sequence[Waypoint], q_start: Vector) -> list[Leg]:
         """Plan through waypoints from rest at q_start (n,) [rad], as `plan` would.

@@ -79,6 +79,12 @@ class SimulatedGripper:
         limit = grip.force * gripper.force_gain
         self._model.actuator_forcerange[self.servo] = (-limit, limit)
 
+    def show(self, width: float) -> None:
+        """Put the fingers and the setpoint of the servo at an opening width [m], at rest."""
+        self._left[0] = self._right[0] = 0.5 * width
+        self._left_v[0] = self._right_v[0] = 0.0
+        self._data.ctrl[self.servo] = width
+
     def move(self) -> None:
         """Move the setpoint of the servo towards the commanded width, for one period."""
         ctrl, (wanted, step, unloaded, unloading) = self._data.ctrl, self.course

@@ -5,6 +5,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.sim.scene import free_bodies, mocap_bodies
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
@@ -40,6 +41,7 @@ class SimulatedObjects:
             )
             for name, a in changes.items()
         }
+        self._changes = changes
 
     def pose(self, name: str) -> SE3:
         """See `Simulation.object_pose`."""
@@ -57,6 +59,23 @@ class SimulatedObjects:
         pose[3:] = T_world_object.rotation().wxyz
         self._twists[name][:] = 0.0
         mujoco.mj_step1(self._model, self._data)
+
+    def carry(self, name: str, T_world_object: SE3) -> None:
+        """Put a free body at its pose a period later, with the motion that leads there."""
+        pose, twist = self._poses[self._known(name)], self._twists[name]
+        rotation, turn = T_world_object.rotation().wxyz, np.zeros(3)
+        linear = (T_world_object.translation() - pose[:3]) / TIMESTEP
+        mujoco.mju_subQuat(turn, rotation, pose[3:])
+        motion = np.concatenate([linear, turn / TIMESTEP])
+        self._changes[name][:] = (motion - twist) / TIMESTEP
+        twist[:] = motion
+        pose[:3], pose[3:] = T_world_object.translation(), rotation
+
+    def rest(self, name: str) -> None:
+        """Let a free body be where it is a period later, and at rest."""
+        twist = self._twists[self._known(name)]
+        self._changes[name][:] = -twist / TIMESTEP
+        twist[:] = 0.0
 
     def set_friction(self, name: str, friction: float) -> None:
         """See `Simulation.set_friction`."""

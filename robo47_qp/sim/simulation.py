@@ -139,6 +139,15 @@ class Simulation:
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
 
+    @property
+    def start(self) -> Vector:
+        """Joint positions (n,) that `reset` leads to [rad or m]: here, home."""
+        return np.array(self.robot.home)
+
+    def stand_by(self) -> bool:
+        """Bring to rest what goes on outside of `step`; return whether: here, nothing does."""
+        return False
+
     def from_home(self) -> Vector:
         """Return how far each joint is from home (n,) [rad or m].
 
@@ -242,8 +251,8 @@ class Simulation:
     def last_tool_force(self, tool: int = 0) -> Vector:
         """Return the net contact force on a tool in the last period (3,), in the world [N].
 
-        It acts from outside on the body of the last joint and all that it carries, without
-        inertia and weight: +z for a hand that presses on a table.
+        From outside on the body of the last joint and all that it carries, without inertia and
+        weight: +z for a hand that presses on a table.
         """
         return self._contact.tool_force(tool)
 
@@ -252,10 +261,9 @@ class Simulation:
         return self._contact.tool_force(tool)
 
     def fixed_force_peak(self, tool: int = 0) -> float:
-        """Return the largest contact force of a tool with what stands fixed, since the last call.
+        """Return the largest sum of a tool's contact forces with what stands fixed [N].
 
-        The sum of the magnitudes on table, belt, bins and the like [N]; what the tool holds does
-        not count as the tool.
+        Since the last call; what the tool holds does not count as the tool.
         """
         return self._contact.fixed_peak(tool)
 
@@ -283,9 +291,7 @@ class Simulation:
         return self.object_pose(name)
 
     def seen_marker(self, name: str) -> SE3:
-        """Return T_world_marker as the camera of the cell measures it: here, the true one.
-
-        A marker that stands for a pose that is asked for, and for no thing, is as asked for.
+        """Return T_world_marker as the camera measures it, or as it is asked for: the true one.
 
         Raises:
             UnknownNameError: No marker has this name.
@@ -296,7 +302,7 @@ class Simulation:
         """Return when the last frame with an object or a marker in it was taken: here, now [s].
 
         Raises:
-            UnknownNameError: No free body and no marker has this name.
+            UnknownNameError: Nothing has this name.
         """
         if name not in self.objects and name not in self.markers:
             self.marker_pose(name)
@@ -309,10 +315,9 @@ class Simulation:
 
     @property
     def joint_data_sheet(self) -> tuple[float, float, float, float]:
-        """What a data sheet says of the joints: noise, delay of state and of commands, jitter.
+        """Of measured positions the noise [rad], then mean delays of state and command, jitter [s].
 
-        The standard deviation of measured positions [rad], the mean delays [s], and the standard
-        deviation of the delay of the state [s]: here, 0.
+        As a data sheet says them, noise and jitter as standard deviations: here, 0.
         """
         return 0.0, 0.0, 0.0, 0.0
 
@@ -322,11 +327,7 @@ class Simulation:
         return dict(_EXACT)
 
     def object_twist(self, name: str) -> Vector:
-        """Return the velocity (6,): linear in the world [m/s], angular in the body [rad/s].
-
-        Raises:
-            UnknownNameError: No free body has this name.
-        """
+        """Return the velocity (6,) as `SimulatedObjects` has it: linear [m/s], angular [rad/s]."""
         return self._bodies.twist(name)
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
@@ -340,8 +341,7 @@ class Simulation:
     def look_at_friction(self) -> None:
         """Bring the signals of the friction in use at the fingers up to date.
 
-        It solves for the contact forces once more, beside the simulation, and so is no part of
-        every period.
+        It solves for the contact forces once more, so that it is no part of every period.
         """
         for friction in self._frictions:
             friction.update(self._solved_beside)

@@ -345,7 +345,8 @@ def test_steps_without_sense_are_refused(make: Callable[[], object], message: st
 
 def test_every_cause_is_named_once() -> None:
     assert [cause.value for cause in Cause] == [
-        *("ik", "plan", "track", "grasp", "slip", "drop", "place", "collision", "timeout", "limit")
+        *("ik", "plan", "track", "grasp", "slip", "drop", "place", "collision", "timeout", "limit"),
+        "arm",
     ]
 
 

@@ -147,9 +147,11 @@ class FrankaServer:
         """Let a period pass, and answer what it ends."""
         self.periods += 1
         if self._arm.advance(command):
+            if self._arm.errors:
+                # It is told at once, as a client does not wait for long.
+                self._end_move(MoveStatus.REFLEX_ABORTED)
             self._settle()
-            reflex = bool(self._arm.errors)
-            self._end_move(MoveStatus.REFLEX_ABORTED if reflex else MoveStatus.SUCCESS)
+            self._end_move(MoveStatus.SUCCESS)
         if self.periods % _MONITOR_EVERY == 0:
             self._monitor()
         status = self._hand.look()

@@ -1,0 +1,70 @@
+"""A run with its recording: row file, Rerun file, figures, audit and report."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.audit.finding import Finding
+from robo47_qp.report.metrics import metrics
+from robo47_qp.report.rerun.log import RerunLog
+from robo47_qp.report.rerun.viewer import viewer_url
+from robo47_qp.report.run_report import report, summary_markdown
+from robo47_qp.run.observers import Observer
+from robo47_qp.run.recording import CHUNK_ROWS
+from robo47_qp.run.row_file import ENDING, RowFile
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.simulation import Simulation
+
+_LIVE_ROWS = 400
+"""Rows that a live viewer gets at once."""
+
+
+def recorded(
+    runner: Runner,
+    simulation: Simulation,
+    shown: Sequence[Observer],
+    files: Mapping[str, Path],
+    *,
+    live: bool = False,
+    chunk_rows: int = CHUNK_ROWS,
+) -> tuple[Run, dict[str, float], list[Finding], dict[str, Any]]:
+    """Run and record; returns the run, its figures, its audit and its report.
+
+    Args:
+        runner: What runs.
+        simulation: Its world.
+        shown: Observers beside the recording.
+        files: Where the recording, the report and the plot go, by these names.
+        live: Whether a viewer shows the recording while it is made.
+        chunk_rows: Rows that go to the Rerun file at once.
+
+    Raises:
+        RecordingError, RenderingError: The recording cannot be written, or not be shown.
+    """
+    viewer = viewer_url() if live else None
+    # What is left of an earlier run must not stand beside the beginning of this one.
+    for kind in ("report", "plot"):
+        files[kind].unlink(missing_ok=True)
+    described = simulation.model, simulation.robot, runner.signals
+    with (
+        closing(RowFile(files["recording"].with_suffix(ENDING), *described)) as rows,
+        closing(RerunLog(files["recording"], *described, viewer=viewer, keep=rows.add)) as log,
+    ):
+        chunk = chunk_rows if viewer is None else _LIVE_ROWS
+        try:
+            run = runner.run([log], [*shown, log], store=rows, chunk_rows=chunk)
+        except KeyboardInterrupt:
+            log.break_off()
+            rows.remove()
+            raise
+        figures, findings = metrics(run), audit(run)
+        summary = report(run, figures, findings)
+        for finding in findings:
+            if not finding.ok:
+                log.note(finding.time, f"violation: {finding}", "ERROR")
+        log.finish(summary_markdown(summary))
+        rows.remove()
+    return run, figures, findings, summary

@@ -1,0 +1,295 @@
+"""A run of the stack by libfranka, against the server in lock-step; and what goes wrong in one."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import sleep
+
+import mujoco
+import numpy as np
+import pytest
+
+from robo47_qp.arrays import Vector
+from robo47_qp.cli import main, task_options
+from robo47_qp.errors import ArmStopped, InvalidValueError
+from robo47_qp.model.robots import load_robot
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import Grasp, Release
+from robo47_qp.run.task import Program, Task
+from robo47_qp.sim.franka.driven_arm import DrivenArm
+from robo47_qp.sim.franka.link import named
+from robo47_qp.sim.sensed import Sensed
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
+from tests.franka import served
+
+pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
+FR3 = load_robot("fr3")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nudge(Task):
+    """Move the tool down and home; close the fingers on nothing."""
+
+    grips: bool = False
+    name: str = "nudge"
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        pass
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        pass
+
+    def program(self, sensed: Sensed) -> Program:
+        pose = sensed.tool_pose()
+        down = pose.translation() - [0.0, 0.0, 0.004]
+        yield Waypoint(
+            name="down",
+            target=type(pose).from_rotation_and_translation(pose.rotation(), down),
+            motion=Motion.LIN,
+        )
+        if self.grips:
+            yield Grasp(force=20.0)
+            yield Release()
+        yield Waypoint(name="home", target=Place.HOME)
+        return None
+
+    def verdict(self, simulation: Simulation) -> Failure | None:
+        return None
+
+
+@pytest.fixture(scope="module")
+def host() -> Iterator[str]:
+    with served("--lock-step", "--task", "pick_place") as (host, _):
+        yield host
+
+
+@pytest.fixture(scope="module")
+def wall_host() -> Iterator[str]:
+    with served("--task", "pick_place") as (host, _):
+        yield host
+
+
+def run(
+    host: str, plant: Callable[[DrivenArm], None] = lambda _: None, *, grips: bool = False
+) -> Run:
+    """Run the program on the arm, with a fault planted."""
+    task = Nudge(grips=grips)
+    arm = DrivenArm(FR3, task.build_scene, host)
+    try:
+        runner = Runner(ClassicalStack().scenario(FR3, task), arm)
+        plant(arm)
+        result = runner.run()
+    finally:
+        arm.close()
+    assert not arm.link.active
+    rows = result.rows
+    np.testing.assert_allclose(np.diff(rows["time"][:, 0]), 1e-3, atol=1e-12)
+    assert np.isfinite(rows.values).all()
+    return result
+
+
+def test_the_same_program_runs_and_two_runs_are_equal_to_the_bit(host: str) -> None:
+    runs = [run(host, grips=True) for _ in range(2)]
+    for one in runs:
+        assert one.failure is None
+        tracked = np.abs(one.rows["errors/q"]).max()
+        assert tracked < 2e-4
+        assert one.rows["franka/commands"][:, 1].max() == 0.0
+        # Torques of the robot and what was recorded as delivered: gravity is added once.
+        told, ours = one.rows["franka/torque"], one.rows["joints/tau"]
+        np.testing.assert_allclose(told[10:], ours[10:], atol=0.05)
+    np.testing.assert_array_equal(runs[0].rows.values, runs[1].rows.values)
+    simulation = Simulation(FR3, Nudge().build_scene)
+    simulated = Runner(ClassicalStack().scenario(FR3, Nudge(grips=True)), simulation).run()
+    lengths = [len(leg.trajectory.q) for leg in runs[0].legs]
+    assert lengths == [len(leg.trajectory.q) for leg in simulated.legs]
+
+
+def test_an_arm_that_is_not_at_home_goes_there_slowly_first(host: str) -> None:
+    """The server's arm stands where an earlier motion of this client left it."""
+    away = FR3.home + one(3, 0.008)
+    task = Nudge()
+    arm = DrivenArm(replace(FR3, home=away), task.build_scene, host)
+    try:
+        result = Runner(ClassicalStack().scenario(arm.robot, task), arm).run()
+    finally:
+        arm.close()
+    assert result.failure is None
+    first = result.legs[0]
+    assert first.waypoint.name == "first way home"
+    assert np.abs(result.rows["joints/v_ref"][: first.trajectory.steps]).max() < 0.15
+    np.testing.assert_allclose(result.rows["joints/q"][0], FR3.home, atol=1e-4)
+    np.testing.assert_allclose(result.rows["joints/q"][-1], away, atol=1e-3)
+
+
+def adds(tau: Callable[[int], Vector], *, blind: bool = False) -> Callable[[DrivenArm], None]:
+    """Torques that are added after every limit of ours, from the 100th period on.
+
+    Where `blind`, ours are then those of that period.
+    """
+
+    def plant(arm: DrivenArm) -> None:
+        exchange, count, first = arm.link.exchange, 0, np.zeros(7)
+
+        def wrong(ours: Vector) -> None:
+            nonlocal count, first
+            count += 1
+            if count == 100:
+                first = ours.copy()
+            base = first if blind and count >= 100 else ours
+            exchange(base + tau(count - 100) if count >= 100 else base)
+
+        arm.link.exchange = wrong  # type: ignore[assignment, method-assign]
+
+    return plant
+
+
+def one(joint: int, size: float) -> Vector:
+    return np.where(np.arange(7) == joint, size, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "plant"),
+    [
+        ("controller_torque_discontinuity", adds(lambda _: one(3, 5.0))),
+        ("controller_torque_discontinuity", adds(lambda i: one(1, 1.4 * i), blind=True)),
+        ("joint_velocity_violation", adds(lambda i: one(0, min(0.8 * i, 50.0)), blind=True)),
+        ("tau_J_range_violation", adds(lambda i: one(6, 0.9 * i), blind=True)),
+    ],
+    ids=["jump", "rate", "velocity", "range"],
+)
+def test_what_the_robot_refuses_is_told_by_its_name(
+    host: str, name: str, plant: Callable[[DrivenArm], None]
+) -> None:
+    failure = run(host, plant).failure
+    assert failure is not None
+    assert failure.cause is Cause.ARM
+    assert failure.evidence.startswith(f"{name}: libfranka: Move command aborted")
+    # The reflex is cleared by the run that comes next.
+    assert run(host).failure is None
+
+
+def test_a_torque_that_is_no_number_stops_the_arm_before_it_is_sent(host: str) -> None:
+    def plant(arm: DrivenArm) -> None:
+        deliver, count = arm._motors.deliver, 0
+
+        def wrong(tau: Vector) -> None:
+            nonlocal count
+            count += 1
+            deliver(tau if count < 100 else tau * np.nan)
+
+        arm._motors.deliver = wrong  # type: ignore[method-assign]
+
+    result = run(host, plant)
+    assert result.failure is not None
+    assert "commanded torque must be finite" in result.failure.evidence
+    assert len(result.rows) == 99
+
+
+def test_a_hand_that_jams_is_told(host: str) -> None:
+    def plant(arm: DrivenArm) -> None:
+        grip = arm.link.grip
+
+        def wrong(width: float, speed: float, force: float | None) -> bool:
+            return grip(0.5 + width, speed, None)
+
+        arm.link.grip = wrong  # type: ignore[method-assign]
+
+    failure = run(host, plant, grips=True).failure
+    assert failure is not None
+    assert failure.cause is Cause.ARM
+    assert failure.evidence == "the hand: libfranka gripper: Command failed!"
+
+
+def test_a_robot_that_is_gone_is_told_and_what_was_recorded_is_whole() -> None:
+    with served("--lock-step") as (host, process):
+
+        def plant(arm: DrivenArm) -> None:
+            def killed(i: int) -> Vector:
+                if i == 0:
+                    process.kill()
+                return np.zeros(7)
+
+            adds(killed)(arm)
+
+        result = run(host, plant)
+    assert result.failure is not None
+    assert result.failure.cause is Cause.ARM
+    assert "libfranka" in result.failure.evidence
+    assert len(result.rows) >= 98
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(0.014, "periods went by without a command"), (0.3, "communication_constraints_violation")],
+    ids=["late", "lost"],
+)
+def test_commands_that_come_late_end_the_run(wall_host: str, seconds: float, told: str) -> None:
+    def late(i: int) -> Vector:
+        sleep(seconds if i == 0 else 0.0)
+        return np.zeros(7)
+
+    failure = run(wall_host, adds(late)).failure
+    assert failure is not None
+    assert failure.cause is Cause.ARM
+    assert told in failure.evidence
+
+
+def test_a_run_that_is_killed_leaves_its_rows_and_the_arm_stops(tmp_path: Path) -> None:
+    with served("--lock-step", "--once") as (host, process):
+        command = [sys.executable, "-m", "robo47_qp", "run", "pick_place", "--robot", "fr3"]
+        rows = tmp_path / "run.rows"
+        with subprocess.Popen(
+            [*command, "--at", host, "--log", str(tmp_path / "run.rrd")], stdout=subprocess.DEVNULL
+        ) as client:
+            while not rows.exists():
+                sleep(0.05)
+            sleep(0.5)
+            client.send_signal(signal.SIGKILL)
+        assert process.stdout is not None
+        assert "the client has left" in process.stdout.readline()
+        assert process.wait(10.0) == 1
+    assert rows.stat().st_size > 1 << 20
+
+
+def test_exit_codes_and_messages(
+    host: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def robo47(*args: str) -> int:
+        from robo47_qp.cli import _run_chosen
+        from robo47_qp.tasks.reach.reach import Reach
+
+        log = ["--log", str(tmp_path / "run.rrd")]
+        return main(task_options(Reach), _run_chosen(Reach), None, args=[*log, *args], prog="run")
+
+    assert robo47("--robot", "fr3", "--at", host, "--dry-run") == 0
+    assert "the arm is in mode Idle, 0.000 rad from home" in capsys.readouterr().out
+    for args, told in (
+        (("--robot", "panda", "--at", host), "--robot must be fr3 with --at"),
+        (("--dry-run",), "--dry-run must be given with --at"),
+        (("--at", host, "--live"), "--at must be without --live"),
+        (("--robot", "fr3", "--at", "127.0.0.1"), "Connection to FCI refused"),
+    ):
+        assert robo47(*args) == 2
+        assert told in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_are_found_in_messages() -> None:
+    text = 'aborted by reflex! ["joint_reflex", "cartesian_reflex"] control_command_success_rate: 1'
+    assert named(text) == "joint_reflex, cartesian_reflex"
+    assert named("libfranka: server closed connection") == ""
+
+
+def test_only_an_fr3_is_driven() -> None:
+    with pytest.raises(InvalidValueError, match="fr3 with --at"):
+        DrivenArm(load_robot("panda"), Nudge().build_scene, "127.0.0.1")
+    with pytest.raises(ArmStopped, match="refused"):
+        DrivenArm(FR3, Nudge().build_scene, "127.0.0.1")
