@@ -5,6 +5,7 @@ PYTEST_FLAGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 PYTHONS ?= $(PYTHON)
 LOCK_FLAGS ?=
 FRESH ?=
+EPISODES ?= 100
 # Named indirectly: `make -n` runs every line of a recipe that names MAKE itself.
 AGAIN = $(MAKE) --no-print-directory
 
@@ -16,7 +17,7 @@ JUDGES = $(patsubst scenarios/judges/%.lock,.judges/%/.installed,$(wildcard scen
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install core wheel reproduce keep fresh-clone test judges lint types docs tables format lock \
+.PHONY: help install core wheel reproduce keep fresh-clone test judges judge lint types docs tables format lock \
   clean distclean
 
 help: ## Show this list
@@ -56,6 +57,9 @@ test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscop
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
 
 judges: $(JUDGES) ## Make .judges, the environments of outside judges (see scenarios/judges)
+
+judge: install judges ## Let outside judges judge: hours (EPISODES=100 of each task)
+	@$(BIN)/python scenarios/judge_robosuite.py --episodes $(EPISODES) --seed 2000000 --workers 2
 
 wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3.13")
 	$(BIN)/python -m tests.wheel $(PYTHONS)

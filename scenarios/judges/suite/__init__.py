@@ -1,0 +1,1 @@
+"""Programs for tasks of robosuite, and the client that lets robosuite judge them."""

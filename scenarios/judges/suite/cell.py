@@ -1,0 +1,208 @@
+"""Cell: robosuite's Panda as programs see and move it, through the observations of a client."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from mink import SE3, SO3
+from numpy.typing import ArrayLike
+
+from robo47_qp.arrays import Vector
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.robots import load_robot
+from robo47_qp.motion.following.lin import Lin
+from robo47_qp.motion.paths.segments import PathProfile
+from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.failure import Cause
+from robo47_qp.stack import ClassicalStack
+
+DT = 0.002
+"""Time between samples of planned motions: robosuite's own step [s]."""
+HOME = np.array([0.0, np.pi / 16, 0.0, -np.pi / 2 - np.pi / 3, 0.0, np.pi - 0.2, np.pi / 4])
+"""Where robosuite's Panda starts [rad] (robosuite 1.5.2, panda_robot.py)."""
+PROFILE = MotionProfile(
+    v_max=np.full(7, 1.8),
+    a_max=np.array([4.0, 4.0, 4.0, 4.0, 4.0, 2.5, 2.5]),
+    j_max=np.full(7, 30.0),
+)
+"""Bounds of the joints [rad/s, rad/s², rad/s³]: robosuite's links have several times the inertia
+of the real ones, and its motors 80 N·m and 12 N·m."""
+TOOL = PathProfile(linear=(0.5, 2.0, 20.0), angular=(1.5, 5.0, 50.0))
+"""Bounds of the tool on lines."""
+FINGERTIPS, WIPER = 0.097, 0.03
+"""From robosuite's hand to the grip site of its gripper, and of its wiper [m] (panda_gripper.xml,
+wiping_gripper.xml)."""
+OPEN, CLOSED = -1.0, 1.0
+"""Commands of robosuite's gripper."""
+FINGERS = 0.8
+"""Time that the fingers take at most [s]."""
+NOTHING = 0.004
+"""Width at which there is nothing between the fingers [m]."""
+
+Ticks = Iterator[None]
+"""What a program is made of: each step of it is one period of the client."""
+
+
+class Failed(Exception):  # noqa: N818  # a failure of the robot, like StepFailed
+    """A program that cannot go on, with its cause and evidence."""
+
+    def __init__(self, cause: Cause, evidence: str) -> None:
+        super().__init__(f"{cause.value}: {evidence}")
+
+
+def panda() -> Robot:
+    """The Panda, which starts where robosuite's does."""
+    return replace(load_robot("panda"), home=HOME)
+
+
+def position(seen: Mapping[str, Any], name: str) -> Vector:
+    """A measured position in the world of robosuite (3,) [m]."""
+    return np.asarray(seen[f"{name}_pos"], float)
+
+
+@dataclass(eq=False)
+class Cell:
+    """One arm, its gripper and what is seen, of one episode."""
+
+    seen: Mapping[str, Any]
+    """Robosuite's last observations, by its own names."""
+    grip_site: float = FINGERTIPS
+    """Distance of the grip site from the hand [m]."""
+    robot: int = 0
+    """Which of several robots this is."""
+
+    def __post_init__(self) -> None:
+        base = np.asarray(self.seen["bases"], float)[self.robot]
+        self.T_suite_base = SE3.from_rotation_and_translation(SO3(base[3:].copy()), base[:3])
+        self.T_base_suite = self.T_suite_base.inverse()
+        # Robosuite's hand stands 0.1065 m beyond the last link, ours 0.107 m and the tool 0.1034 m
+        # beyond it (panda/robot.xml). Programs name poses of the grip site, turned like our tool:
+        # the fingers close along y.
+        beyond = 0.1065 + self.grip_site - 0.107 - 0.1034
+        self.T_tcp_grip = SE3.from_translation(np.array([0.0, 0.0, beyond]))
+        self.arm = Arm(panda())
+        self.planner = Planner(ik=ClassicalStack().solver(), profile=PROFILE, lin=Lin(profile=TOOL))
+        self._quick = ClassicalStack(ik="lm").solver()
+        self._stride = round(1.0 / (float(self.seen["rate"]) * DT))
+        self._kp = float(self.seen["kp"])
+        self.q = np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
+        self.goal, self.grip = self.q.copy(), OPEN
+
+    def pose(self, name: str) -> SE3:
+        """The measured pose of a thing in the frame of the robot's base."""
+        x, y, z, w = np.asarray(self.seen[f"{name}_quat"], float)
+        R = SO3(np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z]))
+        return self.T_base_suite @ SE3.from_rotation_and_translation(R, position(self.seen, name))
+
+    def place(self, name: str) -> Vector:
+        """The measured position of a thing in the frame of the robot's base (3,) [m]."""
+        return self.T_base_suite.apply(position(self.seen, name))
+
+    def here(self, point: Vector) -> Vector:
+        """A point that robosuite's data sheet gives in its world, in that of the base (3,) [m]."""
+        return self.T_base_suite.apply(np.asarray(point, float))
+
+    @property
+    def width(self) -> float:
+        """Distance between the fingers [m]."""
+        left, right = np.asarray(self.seen[f"robot{self.robot}_gripper_qpos"], float)
+        return float(left - right)
+
+    @property
+    def tool(self) -> SE3:
+        """T_base_grip at the last reference."""
+        return self.arm.pose(self.q) @ self.T_tcp_grip
+
+    @property
+    def measured_tool(self) -> SE3:
+        """T_base_grip from the measured joints."""
+        q = np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
+        return self.arm.pose(q) @ self.T_tcp_grip
+
+    def to(self, T_base_grip: SE3, *, line: bool = False, pace: float = 1.0) -> Ticks:
+        """Move the grip site to a pose, on a straight line or as the joints please."""
+        waypoint = Waypoint(
+            name="line" if line else "way",
+            target=T_base_grip @ self.T_tcp_grip.inverse(),
+            motion=Motion.LIN if line else Motion.PTP,
+            pace=pace,
+        )
+        yield from self.follow(self.planner.plan(self.arm, waypoint, self.q, DT).trajectory)
+
+    def by(self, shift: ArrayLike, *, pace: float = 1.0) -> Ticks:
+        """Move the grip site by (3,) [m] in the frame of the base, on a straight line."""
+        yield from self.to(moved(self.tool, shift), line=True, pace=pace)
+
+    def around(self, turned: Callable[[float], SE3], angle: float, *, pace: float = 1.0) -> Ticks:
+        """Move the grip site by a turn about an axis [rad]; `turned` gives its pose on the way."""
+        middle, end = (turned(part * angle) @ self.T_tcp_grip.inverse() for part in (0.5, 1.0))
+        waypoint = Waypoint(
+            name="turn",
+            target=end,
+            motion=Motion.CIRC,
+            through=middle.translation(),
+            pace=pace,
+        )
+        yield from self.follow(self.planner.plan(self.arm, waypoint, self.q, DT).trajectory)
+
+    def follow(self, trajectory: Trajectory) -> Ticks:
+        """Command a motion; the reference is the middle of each period."""
+        ratio = 2.0 / np.sqrt(self._kp)
+        last = trajectory.steps
+        for k in range(self._stride // 2, last + self._stride, self._stride):
+            i = min(k, last)
+            self.q = trajectory.q[i]
+            # Robosuite's controller damps the velocity itself, not its error:
+            # M (kp (goal - q) - 2 sqrt(kp) v).
+            self.goal = self.q + ratio * trajectory.v[i] + trajectory.a[i] / self._kp
+            yield
+        self.q = self.goal = trajectory.q[-1]
+
+    def wait(self, seconds: float) -> Ticks:
+        """Stay."""
+        for _ in range(round(seconds / (self._stride * DT))):
+            yield
+
+    def open(self, seconds: float = 0.4) -> Ticks:
+        """Open the fingers."""
+        self.grip = OPEN
+        yield from self.wait(seconds)
+
+    def close(self) -> Ticks:
+        """Close the fingers until they rest; something must be between them.
+
+        Raises:
+            Failed: There is nothing.
+        """
+        self.grip, before = CLOSED, np.inf
+        for k in range(round(FINGERS / (self._stride * DT))):
+            yield
+            if k > 10 and abs(before - self.width) < 2e-5:
+                break
+            before = self.width
+        self.check_held()
+
+    def check_held(self) -> None:
+        """Check that something is between the fingers.
+
+        Raises:
+            Failed: There is nothing.
+        """
+        if self.width < NOTHING:
+            raise Failed(Cause.GRASP, f"the fingers closed to {1e3 * self.width:.1f} mm")
+
+    def reaches(self, T_base_grip: SE3) -> bool:
+        """Whether inverse kinematics finds the arm a way to hold the grip site at a pose."""
+        target = T_base_grip @ self.T_tcp_grip.inverse()
+        return self._quick.solve(self.arm, target, self.arm.home).converged
+
+
+def moved(pose: SE3, shift: ArrayLike) -> SE3:
+    """A pose moved by (3,) [m] in the frame that it is given in."""
+    return SE3.from_rotation_and_translation(
+        pose.rotation(), pose.translation() + np.asarray(shift, float)
+    )

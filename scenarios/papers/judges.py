@@ -1,0 +1,50 @@
+"""Tables of outside judges, each made from kept results."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from scenarios.papers.blocks import markdown_table
+from scenarios.papers.kept import is_kept, kept, origin_line
+
+_LEARNED = {"Lift": "100", "PickPlaceCan": "100", "NutAssemblySquare": "84", "ToolHang": "14"}
+"""Success of BC-RNN from proficient humans' demonstrations, low-dimensional observations [%]
+(Mandlekar et al., What Matters in Learning from Offline Human Demonstrations, CoRL 2021)."""
+
+
+def robosuite() -> str:
+    """robosuite's tasks: a row for each, without and with noise on the poses."""
+    if not is_kept("judge_robosuite"):
+        return "No result of this kind is kept yet."
+    found = kept("judge_robosuite")
+    heads = {
+        "task": "---",
+        "noise on poses": "---",
+        "succeeded": "--:",
+        "95 % interval": "--:",
+        "causes of failure": "---",
+        "median cycle": "--:",
+        "largest speed": "--:",
+        "motors at their limit": "--:",
+        "BC-RNN": "--:",
+    }
+    rows = [_row(row) for row in found["rows"]]
+    first, last = found["seeds"]
+    seeds = f"Seeds {first} to {last}. "
+    return f"{markdown_table(heads, rows)}\n\n{seeds}{origin_line({'judge_robosuite': found})}"
+
+
+def _row(row: Mapping[str, Any]) -> list[str]:
+    low, high = (100 * bound for bound in row["interval"])
+    causes = ", ".join(f"{cause} {count}" for cause, count in row["causes"].items())
+    learned = "" if row["noise"] else _LEARNED.get(row["task"], "")
+    return [
+        f"`{row['task']}`",
+        "2 mm, 2°" if row["noise"] else "none",
+        f"{row['successes']} of {row['judged']}",
+        f"{low:.1f} – {high:.1f} %",
+        causes or "–",
+        "–" if row["seconds"] is None else f"{row['seconds']:.1f} s",
+        "–" if row["speed"] is None else f"{100 * row['speed']:.0f} %",
+        "–" if row["saturated"] is None else f"{100 * row['saturated']:.1f} %",
+        f"{learned} %" if learned else "–",
+    ]
