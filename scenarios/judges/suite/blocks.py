@@ -24,7 +24,7 @@ def stack(cell: Cell) -> Ticks:
     held = cell.tool.translation() - cell.place("cubeA")
     top = cell.place("cubeB") + np.array([0.0, 0.0, UPPER + LOWER + GAP])
     place = moved(cell.tool, top + held - cell.tool.translation())
-    yield from cell.to(moved(place, [0.0, 0.0, ABOVE]))
+    yield from cell.to(moved(place, [0.0, 0.0, ABOVE]), then=(place,))
     yield from cell.to(place, line=True, pace=0.5)
     yield from cell.wait(0.2)
     yield from cell.open()

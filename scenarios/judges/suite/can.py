@@ -24,7 +24,7 @@ def can(cell: Cell) -> Ticks:
     hold = np.array([0.0, 0.0, HOLD])
     yield from pick(cell, lambda: tool_down(cell.place("Can") + hold), up=ABOVE)
     place = tool_down(cell.here(GOAL) + hold + np.array([0.0, 0.0, HEIGHT + DROP]))
-    yield from cell.to(moved(place, [0.0, 0.0, ABOVE - DROP]))
+    yield from cell.to(moved(place, [0.0, 0.0, ABOVE - DROP]), then=(place,))
     yield from cell.to(place, line=True)
     yield from cell.open()
     yield from cell.by([0.0, 0.0, 0.1])

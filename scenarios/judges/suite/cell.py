@@ -1,6 +1,6 @@
 """Cell: robosuite's Panda as programs see and move it, through the observations of a client."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -123,15 +123,32 @@ class Cell:
         q = np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
         return self.arm.pose(q) @ self.T_tcp_grip
 
-    def to(self, T_base_grip: SE3, *, line: bool = False, pace: float = 1.0) -> Ticks:
-        """Move the grip site to a pose, on a straight line or as the joints please."""
-        waypoint = Waypoint(
-            name="line" if line else "way",
-            target=T_base_grip @ self.T_tcp_grip.inverse(),
-            motion=Motion.LIN if line else Motion.PTP,
-            pace=pace,
-        )
+    def to(
+        self,
+        T_base_grip: SE3,
+        *,
+        line: bool = False,
+        pace: float = 1.0,
+        then: Sequence[SE3] = (),
+    ) -> Ticks:
+        """Move the grip site to a pose, on a straight line or as the joints please.
+
+        Args:
+            T_base_grip: The pose.
+            line: On a straight line.
+            pace: Ratio of the speeds to those of the profiles.
+            then: Poses that lines will lead to from there: the joints are chosen so that they can.
+        """
+        onward = tuple(self._waypoint(pose, Motion.LIN, 1.0) for pose in then)
+        waypoint = self._waypoint(T_base_grip, Motion.LIN if line else Motion.PTP, pace, onward)
         yield from self.follow(self.planner.plan(self.arm, waypoint, self.q, DT).trajectory)
+
+    def _waypoint(
+        self, pose: SE3, motion: Motion, pace: float, onward: tuple[Waypoint, ...] = ()
+    ) -> Waypoint:
+        target = pose @ self.T_tcp_grip.inverse()
+        name = "line" if motion is Motion.LIN else "way"
+        return Waypoint(name=name, target=target, motion=motion, pace=pace, onward=onward)
 
     def by(self, shift: ArrayLike, *, pace: float = 1.0) -> Ticks:
         """Move the grip site by (3,) [m] in the frame of the base, on a straight line."""

@@ -53,7 +53,7 @@ def door(cell: Cell) -> Ticks:
     across = np.array([0.0, 0.0, -1.0])
     axes = np.stack([np.cross(across, ahead), across, ahead], axis=1)
     grasp = SE3.from_rotation_and_translation(SO3.from_matrix(axes), hold)
-    yield from cell.to(moved(grasp, -AWAY * ahead))
+    yield from cell.to(moved(grasp, -AWAY * ahead), then=(grasp,))
     yield from cell.to(grasp, line=True)
     yield from cell.close()
     yield from cell.around(lambda angle: latch.turned(grasp, angle), TURN, pace=PACE)

@@ -49,7 +49,8 @@ def pick(cell: Cell, grasp: Callable[[], SE3], up: float = ABOVE) -> Ticks:
     for attempt in range(ATTEMPTS):
         cell.grip = -1.0
         target = grasp()
-        yield from cell.to(moved(target, [0.0, 0.0, ABOVE]))
+        lifted = moved(target, [0.0, 0.0, up])
+        yield from cell.to(moved(target, [0.0, 0.0, ABOVE]), then=(target, lifted))
         yield from cell.to(target, line=True)
         try:
             yield from cell.close()

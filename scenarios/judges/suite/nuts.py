@@ -1,5 +1,6 @@
 """NutAssemblySquare and NutAssemblyRound: nuts onto pegs, held by their handles."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -19,6 +20,8 @@ ABOVE = 0.025
 """Height above the pegs at which a nut is brought there [m]."""
 LOW = 0.885
 """Height at which a nut is let go around its peg [m]."""
+ROOM = 0.02
+"""How much further than it is to go the arm must reach [m]."""
 LIFT = 0.16
 """Height by which a nut is lifted: above the pegs' tops [m]."""
 RAISED = 0.003
@@ -70,9 +73,18 @@ def choice(cell: Cell, nut: Nut) -> tuple[float, float]:
         wound = [abs(heading(pose)) for pose in (grasp, place)]
         found.append((max(wound) + 0.1 * sum(wound), turn, yaw, grasp, place))
     for _, turn, yaw, *poses in sorted(found, key=lambda one: one[0]):
-        if all(cell.reaches(moved(pose, [0.0, 0.0, up])) for pose in poses for up in (0.0, 0.09)):
+        if all(cell.reaches(pose) for pose in spread(poses)):
             return turn, yaw
     raise Failed(Cause.IK, f"no way to hold {nut.name} is reached, here and at its peg")
+
+
+def spread(poses: Sequence[SE3]) -> Iterator[SE3]:
+    """Poses around some: above, and further away, as a nut may be held otherwise than meant."""
+    for pose in poses:
+        x, y, _ = pose.translation()
+        away = ROOM * np.array([x, y, 0.0]) / np.hypot(x, y)
+        for up in (0.0, TOP + ABOVE - LOW):
+            yield moved(pose, away + np.array([0.0, 0.0, up]))
 
 
 def heading(grip: SE3) -> float:
@@ -98,7 +110,7 @@ def assemble(nut: Nut, cell: Cell) -> Ticks:
             for height in (TOP + ABOVE, LOW)
             for goal in [around_peg(cell, nut, height, yaw)]
         )
-        yield from cell.to(over)
+        yield from cell.to(over, then=(low,))
         yield from cell.wait(0.2)
         yield from cell.to(low, line=True)
         yield from cell.open()

@@ -47,7 +47,7 @@ def strip(cell: Cell, mine: Matrix, y: float, *, backwards: bool) -> Ticks:
     """Draw the wiper along x over markers."""
     first, last = mine[:, 0].min() - BEYOND, mine[:, 0].max() + BEYOND
     ends = [on_table(x, y, mine[0, 2]) for x in ((last, first) if backwards else (first, last))]
-    yield from cell.to(moved(ends[0], [0.0, 0.0, ABOVE]))
+    yield from cell.to(moved(ends[0], [0.0, 0.0, ABOVE]), then=ends)
     yield from cell.to(ends[0], line=True, pace=PACE)
     yield from cell.to(ends[1], line=True, pace=PACE)
     yield from cell.by(np.array([0.0, 0.0, ABOVE]), pace=PACE)
