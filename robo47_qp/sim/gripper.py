@@ -16,6 +16,8 @@ _UNLOADING = 0.06
 """Time in which fingers that let go of what they squeeze take their force away [s]. An arm that
 fingers have pushed aside a little springs back with it: at once, it would do so faster than its
 joints are rated for."""
+_CLEAR = 1e-4
+"""How much further they open as slowly [m]: their pads are still pressed in then."""
 
 
 class SimulatedGripper:
@@ -73,7 +75,8 @@ class SimulatedGripper:
             force = float(self._data.actuator_force[self.servo])
             squeezed = -force / float(self._model.actuator_gainprm[self.servo, 0])
             if grip.width > width and squeezed > 0.0:
-                self._unloaded, self._unloading = width, squeezed * TIMESTEP / _UNLOADING
+                self._unloaded = min(width + _CLEAR, grip.width)
+                self._unloading = squeezed * TIMESTEP / _UNLOADING
                 width = max(width - squeezed, 0.0)
             self._data.ctrl[self.servo] = width
         limit = grip.force * gripper.force_gain
