@@ -164,13 +164,16 @@ def main() -> int:
     options = parser.parse_args()
     ROBOSUITE_DEFAULT_LOGGER.setLevel(logging.ERROR)
     warnings.simplefilter("ignore")
+    policy = None
     for seed in range(options.seed, options.seed + options.episodes):
         noise = Noise(seed, NOISE) if options.noise else None
         try:
-            policy = WebsocketClientPolicy(options.address)
+            # One connection for all: this client has no way to close one.
+            policy = policy or WebsocketClientPolicy(options.address)
             line = episode(policy, options.task, seed, noise)
         except (RuntimeError, ValueError, OSError) as error:
             traceback.print_exc()
+            policy = None
             line = {
                 "task": options.task,
                 "seed": seed,

@@ -25,11 +25,6 @@ def quarter(angle: float) -> float:
     return (angle + np.pi / 4) % (np.pi / 2) - np.pi / 4
 
 
-def half(angle: float) -> float:
-    """The same up to half turns, within a quarter of a turn from zero [rad]."""
-    return (angle + np.pi / 2) % np.pi - np.pi / 2
-
-
 def block_grasp(pose: SE3) -> SE3:
     """A grasp of a block from above, by the faces that turn the hand least."""
     return tool_down(pose.translation(), quarter(yaw_of(pose)))

@@ -106,15 +106,13 @@ def assemble(nut: Nut, cell: Cell) -> Ticks:
         # As it is held: where the nut's middle is from the hand, and how it is turned.
         T_grip_nut = cell.measured_tool.inverse() @ cell.pose(nut.name)
         over, low = (
-            upright(around_peg(cell, nut, height, yaw) @ T_grip_nut.inverse(), T_grip_nut, goal)
-            for height in (TOP + ABOVE, LOW)
-            for goal in [around_peg(cell, nut, height, yaw)]
+            upright(T_grip_nut, around_peg(cell, nut, height, yaw)) for height in (TOP + ABOVE, LOW)
         )
         yield from cell.to(over, then=(low,))
         yield from cell.wait(0.2)
         yield from cell.to(low, line=True)
         yield from cell.open()
-        yield from cell.by(np.array([0.0, 0.0, ABOVE + TOP - LOW]))
+        yield from cell.by([0.0, 0.0, ABOVE + TOP - LOW])
         on = cell.here(np.array([*nut.peg, ON]))
         if cell.place(nut.name)[2] < on[2]:
             return
@@ -126,11 +124,10 @@ def grasp_of(cell: Cell, nut: Nut, turn: float) -> SE3:
     return held(nut, cell.pose(nut.name), turn)
 
 
-def upright(grip: SE3, T_grip_nut: SE3, goal: SE3) -> SE3:
-    """A grip that points down, with the middle of the nut where it was asked for."""
-    down = tool_down(np.zeros(3), heading(grip))
-    shift = goal.translation() - (down @ T_grip_nut).translation()
-    return moved(down, shift)
+def upright(T_grip_nut: SE3, goal: SE3) -> SE3:
+    """A grip that points down, with a nut as it is held at a goal; a tilt of the nut stays."""
+    down = tool_down(np.zeros(3), heading(goal @ T_grip_nut.inverse()))
+    return moved(down, goal.translation() - (down @ T_grip_nut).translation())
 
 
 square_nut = partial(assemble, SQUARE)
