@@ -76,7 +76,7 @@ class SimulatedGripper:
             squeezed = -force / float(self._model.actuator_gainprm[self.servo, 0])
             if grip.width > width and squeezed > 0.0:
                 self._unloaded = min(width + _CLEAR, grip.width)
-                self._unloading = squeezed * TIMESTEP / _UNLOADING
+                self._unloading = (squeezed + _CLEAR) * TIMESTEP / _UNLOADING
                 width = max(width - squeezed, 0.0)
             self._data.ctrl[self.servo] = width
         limit = grip.force * gripper.force_gain
