@@ -7,7 +7,6 @@ unpickled, and no other class is made.
 """
 
 from collections.abc import Mapping
-from math import prod
 from typing import Any
 
 import msgpack
@@ -47,7 +46,13 @@ def unpacked(message: bytes) -> dict[str, Any]:
     """
     try:
         content = msgpack.unpackb(message, object_hook=_array)
-    except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
+    except (
+        ValueError,
+        TypeError,
+        OverflowError,
+        RecursionError,
+        msgpack.exceptions.UnpackException,
+    ) as error:
         words = str(error) or type(error).__name__
         raise MessageError(f"A message must be msgpack; found {words[:200]}") from error
     if not isinstance(content, dict):
@@ -78,8 +83,8 @@ def _array(found: dict[Any, Any]) -> Any:
         kind, data, shape = _type(found), found.get(_DATA), found.get(_SHAPE)
         if not isinstance(shape, list) or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError("an array whose shape is no list of whole numbers")
-        if not isinstance(data, bytes) or prod(shape) * kind.itemsize != len(data):
-            raise ValueError("an array whose data and shape do not fit")
+        if not isinstance(data, bytes):
+            raise ValueError("an array without its data")
         return np.frombuffer(data, dtype=kind).reshape(shape)
     if _NUMBER in found:
         kind, data = _type(found), found.get(_DATA)
@@ -94,6 +99,6 @@ def _type(found: dict[Any, Any]) -> np.dtype[Any]:
     if not isinstance(name, str) or len(name) > _LONGEST_TYPE:
         raise ValueError("an array without the name of its type")
     kind = np.dtype(name)
-    if kind.kind not in _KINDS or not kind.itemsize:
+    if kind.kind not in _KINDS:
         raise ValueError(f"an array of {name}")
     return kind

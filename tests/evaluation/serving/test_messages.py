@@ -81,11 +81,17 @@ def array(**changed: object) -> bytes:
         array(shape=[True]),
         msgpack.packb({"x": {b"__npgeneric__": True, b"dtype": "<f8", b"data": "text"}}),
         msgpack.packb({"x": {b"__npgeneric__": True, b"dtype": "<f8"}}),
+        msgpack.packb({"x": {b"__npgeneric__": True, b"dtype": "|i1", b"data": 300}}),
     ],
 )
 def test_rubbish_is_refused(message: bytes) -> None:
     with pytest.raises(MessageError, match="must be msgpack"):
         unpacked(message)
+
+
+def test_long_names_of_types_are_not_read() -> None:
+    with pytest.raises(MessageError, match="without the name of its type"):
+        unpacked(array(dtype="f8," * 1000 + "f8"))
 
 
 def test_what_is_no_map_is_refused() -> None:

@@ -10,6 +10,7 @@ from mink import SE3, SO3
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from scenarios.judges.suite.cell import FINGERTIPS, HOME, Cell, panda
+from scenarios.judges.suite.grasping import block_grasp
 from scenarios.judges.suite.programs import PROGRAMS, Programs
 from scenarios.judges.suite.sensing import NOISE, Noise, measured
 
@@ -102,6 +103,15 @@ def test_a_block_is_lifted() -> None:
     assert world.run() == ""
     assert world.thing.translation()[2] > 0.83 + 0.07
     np.testing.assert_allclose(world.thing.translation()[:2], [0.02, -0.03], atol=2e-3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 0.9, 2.0, 3.1, -1.2])
+def test_a_block_is_held_by_its_faces_with_the_least_turn(yaw: float) -> None:
+    across = block_grasp(flat(0.5, 0.1, 0.02, yaw)).rotation().as_matrix()[:, 1]
+    np.testing.assert_allclose(
+        np.sin(2.0 * (np.arctan2(across[1], across[0]) - yaw)), 0.0, atol=1e-9
+    )
+    assert abs(across[1]) > np.cos(np.pi / 4) - 1e-9
 
 
 def test_a_block_that_is_not_there_is_told() -> None:
