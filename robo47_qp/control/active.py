@@ -33,8 +33,9 @@ class ActiveController:
         dt: float,
         stops: JointStops | None = None,
         observer: DisturbanceObserver | None = None,
+        start: Vector | None = None,
     ) -> None:
-        """Start at rest at home, with the torque that holds the arm there.
+        """Start at rest, with the torque that holds the arm there.
 
         Args:
             controller: The control law.
@@ -43,6 +44,7 @@ class ActiveController:
             stops: The springs at the joint limits; by default `JointStops()`.
             observer: What estimates the state and the disturbance; by default the state is taken
                 as it is measured, and no disturbance is compensated.
+            start: Joint positions (n,) [rad] at which it starts; by default home.
         """
         self.controller, self.arm = controller, arm
         self._dt, self._n = dt, arm.n
@@ -54,7 +56,9 @@ class ActiveController:
         low, high = self._stops.inside(arm)
         bounds = (robot.tau_rate_max * dt, robot.tau_max, low, high)
         self._bounds = [bound.tolist() for bound in bounds]
-        self.commanded: Vector = arm.inverse_dynamics(arm.home, still, still)
+        self.commanded: Vector = arm.inverse_dynamics(
+            arm.home if start is None else start, still, still
+        )
         """Torque of the last period before the limits (n,) [N·m]."""
         self._last: list[float] = np.clip(self.commanded, -robot.tau_max, robot.tau_max).tolist()
         self._before: tuple[Controller, Arm, Vector] | None = None

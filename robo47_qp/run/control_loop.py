@@ -99,7 +99,10 @@ class ControlLoop:
         self._payload_factor = simulation.payload_factor
         if observer is not None:
             observer = observer.in_cell(*simulation.joint_data_sheet, TIMESTEP)
-        self.control = ActiveController(controller, arm, dt=TIMESTEP, observer=observer)
+        start = simulation.start
+        self.control = ActiveController(
+            controller, arm, dt=TIMESTEP, observer=observer, start=start
+        )
         self.recording = Recording(signals.all_signals(simulation, extra))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
@@ -108,7 +111,7 @@ class ControlLoop:
         self._check, self._yielding, self._insisting = check, False, False
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
-        self.rest(simulation.start)
+        self.rest(start)
 
     @property
     def reference(self) -> JointReference:

@@ -129,6 +129,29 @@ def test_an_arm_that_is_not_at_home_goes_there_slowly_first(host: str) -> None:
     np.testing.assert_allclose(result.rows["joints/q"][-1], away, atol=1e-3)
 
 
+def test_the_first_torques_are_those_that_hold_the_arm_where_it_is(host: str) -> None:
+    """Far from home, at whose gravity a controller might start."""
+    task, first = Nudge(), []
+    far = FR3.home + one(1, 0.7) + one(3, 0.7)
+    arm = DrivenArm(replace(FR3, home=far), task.build_scene, host)
+    exchange = arm.link.exchange
+
+    def some(tau: Vector) -> None:
+        first.append(tau.copy())
+        if len(first) > 20:
+            raise ArmStopped("enough was seen")
+        exchange(tau)
+
+    arm.link.exchange = some  # type: ignore[method-assign]
+    try:
+        result = Runner(ClassicalStack().scenario(arm.robot, task), arm).run()
+    finally:
+        arm.close()
+    assert result.failure is not None
+    assert result.failure.evidence == "enough was seen"
+    assert np.abs(first).max() < 0.2
+
+
 def adds(tau: Callable[[int], Vector], *, blind: bool = False) -> Callable[[DrivenArm], None]:
     """Torques that are added after every limit of ours, from the 100th period on.
 
