@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import sleep
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,6 +25,8 @@ from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.franka.driven_arm import DrivenArm
 from robo47_qp.sim.franka.link import named
+from robo47_qp.sim.franka.protocol import COMMAND, Controller, Generator
+from robo47_qp.sim.franka.served_arm import ServedArm
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -67,12 +70,6 @@ class Nudge(Task):
 @pytest.fixture(scope="module")
 def host() -> Iterator[str]:
     with served("--lock-step", "--task", "pick_place") as (host, _):
-        yield host
-
-
-@pytest.fixture(scope="module")
-def wall_host() -> Iterator[str]:
-    with served("--task", "pick_place") as (host, _):
         yield host
 
 
@@ -249,20 +246,49 @@ def test_a_robot_that_is_gone_is_told_and_what_was_recorded_is_whole() -> None:
     assert len(result.rows) >= 98
 
 
-@pytest.mark.parametrize(
-    ("seconds", "told"),
-    [(0.014, "periods went by without a command"), (0.3, "communication_constraints_violation")],
-    ids=["late", "lost"],
-)
-def test_commands_that_come_late_end_the_run(wall_host: str, seconds: float, told: str) -> None:
-    def late(i: int) -> Vector:
-        sleep(seconds if i == 0 else 0.0)
-        return np.zeros(7)
+class Late:
+    """A control of torques that tells of periods without a command, from the 100th on."""
 
-    failure = run(wall_host, adds(late)).failure
-    assert failure is not None
-    assert failure.cause is Cause.ARM
-    assert told in failure.evidence
+    def __init__(self, control: Any) -> None:
+        self._control, self._count = control, 0
+        self.writeOnce = control.writeOnce
+
+    def readOnce(self) -> tuple[Any, Any]:
+        state, passed = self._control.readOnce()
+        self._count += 1
+        return state, self if self._count >= 100 else passed
+
+    def to_sec(self) -> float:
+        return 0.014
+
+
+def test_commands_that_come_late_end_the_run(host: str) -> None:
+    def plant(arm: DrivenArm) -> None:
+        start = arm.link.start
+
+        def started() -> None:
+            start()
+            arm.link._control = Late(arm.link._control)
+
+        arm.link.start = started  # type: ignore[method-assign]
+
+    result = run(host, plant)
+    assert result.failure is not None
+    assert result.failure.cause is Cause.ARM
+    assert result.failure.evidence.startswith("13 periods went by without a command; 10 in a row")
+    assert len(result.rows) == 99
+
+
+def test_the_robot_stops_at_the_twentieth_command_that_is_lost() -> None:
+    """On the robot's side, as its clock decides there, and not that of a loaded machine."""
+    served_arm = ServedArm(Simulation(FR3, Nudge().build_scene))
+    served_arm.start(Controller.EXTERNAL, Generator.NONE)
+    command: Any = np.zeros((), COMMAND)[()]
+    for commands in ([None] * 19, [command], [None] * 19):
+        for one_command in commands:
+            assert not served_arm.advance(one_command)
+    assert served_arm.advance(None)
+    assert served_arm.errors == ["communication_constraints_violation"]
 
 
 def test_a_run_that_is_killed_leaves_its_rows_and_the_arm_stops(tmp_path: Path) -> None:
