@@ -7,7 +7,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
 from robo47_qp.control.computed_torque import ComputedTorque
-from robo47_qp.control.controller import Controller
+from robo47_qp.control.controller import Controller, dry_friction_torque
 from robo47_qp.control.friction import FrictionLearning, LearnedFriction
 from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
@@ -56,16 +56,20 @@ def test_while_moving_it_is_what_inverse_dynamics_lacks(robot: Robot, arm: Arm) 
     sim = DisturbedSimulation(robot, no_objects, Disturbance(payload=LOAD))
     active = ActiveController(ComputedTorque(), arm, dt=DT, observer=NO_FRICTION)
     way = plan_ptp(arm.home, arm.home + 0.3, robot.profile, DT)
-    errors, sizes = [], []
+    errors, sizes, moving = [], [], []
     for q, v, a in zip(way.q, way.v, way.a, strict=True):
         state = sim.true_state()
         sim.step(active.torque(JointReference(q, v, a), sim.state()))
         assert active.observed is not None
         truth = arm.inverse_dynamics(*state, a) - told.inverse_dynamics(*state, a)
+        # Of the joints' dry friction a share is fed forward; the observer sees the rest.
+        truth -= arm.dry_friction * np.sign(state.v) - dry_friction_torque(arm, v)
+        moving.append(not arm.has_dry_friction or np.abs(state.v).min() > 0.02)
         errors.append(arm.mass_matrix(state.q) @ active.observed.disturbance - truth)
         sizes.append(truth)
-    settled = slice(100, None)
-    assert np.abs(errors[settled]).max() < 0.1 * np.abs(sizes[settled]).max()
+    settled = np.flatnonzero(moving)[100:]
+    assert len(settled) > 0.7 * len(way.q)
+    assert np.abs(np.array(errors)[settled]).max() < 0.1 * np.abs(np.array(sizes)[settled]).max()
 
 
 def test_with_an_exact_model_there_is_nothing_to_compensate(robot: Robot, arm: Arm) -> None:
@@ -275,7 +279,8 @@ def test_at_the_motors_limits_nothing_winds_up(
 ) -> None:
     """Pushed beyond the compensation for long, and let go of: it returns as one never pushed."""
     robot = arm.robot
-    torque = 0.6 * robot.tau_max
+    # Half as much again as is compensated: springs of the tool bear it without folding the arm.
+    torque = 0.3 * robot.tau_max
     ends = {}
     for seconds in (0.3, 1.5):
         active = ActiveController(controller, arm, dt=DT, observer=NO_FRICTION)
