@@ -215,18 +215,33 @@ def test_a_cube_pushed_away_once_is_picked_where_it_is_then() -> None:
 
 
 def test_a_cube_that_moves_before_the_first_look_is_picked_at_once() -> None:
-    """A nudge that leaves it between the fingers: lift, carry and lower go by what is held."""
+    """A nudge that leaves it between the fingers: lift, carry and lower go by what is held.
+
+    They are 1 mm beside an item whose pose is known, and 4 mm are along their pads.
+    """
 
     def nudge(simulation: Simulation) -> None:
         T = simulation.object_pose("cube")
-        turned = SO3.from_z_radians(0.05) @ T.rotation()
-        moved = T.translation() + np.array([0.004, 0.003, 0.0])
+        turned = SO3.from_z_radians(0.01) @ T.rotation()
+        moved = T.translation() + np.array([0.004, 0.0006, 0.0])
         simulation.place_object("cube", SE3.from_rotation_and_translation(turned, moved))
 
     run = carry_out(PickPlace(), observers=[Meddler("descend", nudge, after=0.5)])
     assert run.failure is None
     assert names(run).count("close gripper") == 1
     assert run.measures["place_error_m"] <= 3e-3
+
+
+def test_a_cube_that_gets_under_a_finger_ends_the_run_by_name() -> None:
+    def under(simulation: Simulation) -> None:
+        T = simulation.object_pose("cube")
+        moved = T.translation() + np.array([0.0, 0.005, 0.0])
+        simulation.place_object("cube", SE3.from_rotation_and_translation(T.rotation(), moved))
+
+    run = carry_out(PickPlace(), observers=[Meddler("descend", under, after=0.5)])
+    assert run.failure is not None
+    assert run.failure.cause is Cause.COLLISION
+    assert "the contact force on the tool is" in run.failure.evidence
 
 
 @pytest.mark.parametrize("phase", ["lift", "carry", "lower"])
