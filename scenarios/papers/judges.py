@@ -41,7 +41,7 @@ def _row(row: Mapping[str, Any]) -> list[str]:
         f"`{row['task']}`",
         "2 mm, 2°" if row["noise"] else "none",
         f"{row['successes']} of {row['judged']}",
-        f"{low:.1f} – {high:.1f} %",
+        f"{low:.1f}–{high:.1f} %",
         causes or "–",
         "–" if row["seconds"] is None else f"{row['seconds']:.1f} s",
         "–" if row["speed"] is None else f"{100 * row['speed']:.0f} %",

@@ -49,7 +49,7 @@ def test_the_table_has_a_row_for_each_task(monkeypatch: pytest.MonkeyPatch) -> N
     first, second, _, origin = judges.robosuite().splitlines()[2:]
     cells = [cell.strip() for cell in first.split("|")][1:-1]
     assert cells[:3] == ["`Lift`", "none", "2 of 4"]
-    assert cells[3:5] == ["15.0 – 85.0 %", "grasp 1, verdict 1"]
+    assert cells[3:5] == ["15.0–85.0 %", "grasp 1, verdict 1"]
     assert cells[5:] == ["6.0 s", "80 %", "5.0 %", "100 %"]
     assert second.startswith("| `Lift` | 2 mm, 2° |")
     assert second.endswith("| – |")
