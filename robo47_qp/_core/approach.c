@@ -12,21 +12,42 @@ static void place(const r47_approach *a, const double *q) {
   ((kinematics)a->kinematics)(a->model, a->data);
 }
 
-static double measured(const r47_approach *a, int pair, int *doubtful) {
+static double measured(const r47_approach *a, int pair, double seen, int *doubtful) {
   double segment[6];
+  const double most = seen < a->far ? seen : a->far;
   const double found = ((geom_distance)a->distance)(a->model, a->data, a->first[pair],
-                                                    a->second[pair], a->far, segment);
+                                                    a->second[pair], most, segment);
   const int capsule = a->capsule[pair];
   *doubtful = capsule >= 0 && may_cross(a->xpos, a->xmat, a->size, capsule, a->box[pair]);
-  return found >= a->far ? INFINITY : found;
+  return found >= most ? seen : found;
 }
 
-void r47_approach_at(const r47_approach *a, const double *q, double *distance,
+/* Whether the bounding sphere of a geom is further than `seen` from the bounding box of another. */
+static int beyond(const r47_approach *a, int sphere, int box, double seen) {
+  const double *R = a->xmat + 9 * box, *aabb = a->aabb + 6 * box;
+  const double least = seen + a->rbound[sphere];
+  double between[3], square = 0.0;
+  for (int i = 0; i < 3; i++) between[i] = a->xpos[3 * sphere + i] - a->xpos[3 * box + i];
+  for (int i = 0; i < 3; i++) {
+    const double along = R[i] * between[0] + R[3 + i] * between[1] + R[6 + i] * between[2];
+    const double out = fabs(along - aabb[i]) - aabb[3 + i];
+    if (out > 0.0) square += out * out;
+  }
+  return square > least * least;
+}
+
+static int far_apart(const r47_approach *a, int pair, double seen) {
+  const int one = a->first[pair], other = a->second[pair];
+  if (a->rbound[one] == 0.0 || a->rbound[other] == 0.0) return 0;
+  return beyond(a, one, other, seen) || beyond(a, other, one, seen);
+}
+
+void r47_approach_at(const r47_approach *a, const double *q, double seen, double *distance,
                      unsigned char *doubtful) {
   place(a, q);
   for (int i = 0; i < a->pairs; i++) {
-    int unsure;
-    distance[i] = measured(a, i, &unsure);
+    int unsure = 0;
+    distance[i] = far_apart(a, i, seen) ? seen : measured(a, i, seen, &unsure);
     doubtful[i] = (unsigned char)unsure;
   }
 }
@@ -79,7 +100,7 @@ int r47_approach_along(const r47_approach *a, r47_path *p) {
       if (p->row >= p->rows) break;
       place(a, p->q + (size_t)p->row * (size_t)a->joints);
       int unsure;
-      p->distance = measured(a, pair, &unsure);
+      p->distance = measured(a, pair, INFINITY, &unsure);
       if (unsure) {
         p->asked = 1;
         return 1;

@@ -10,6 +10,8 @@ typedef struct {
   const int *address;        /* (joints,) places in qpos */
   const double *xpos, *xmat; /* (geoms, 3) and (geoms, 9) of the data */
   const double *size;        /* (geoms, 3) of the model */
+  const double *rbound;      /* (geoms,) radii of bounding spheres [m]; 0 for planes */
+  const double *aabb;        /* (geoms, 6) bounding boxes: centre and half lengths [m] */
   int pairs;
   const int *first, *second; /* (pairs,) geoms */
   const int *capsule, *box;  /* (pairs,) of a pair of these two, else -1 */
@@ -33,9 +35,9 @@ typedef struct {
   int asked;       /* whether the caller was asked for that */
 } r47_path;
 
-/* Distances (pairs,) at q (joints,); `doubtful` (pairs,) is 1 where MuJoCo's may be wrong, as the
-   axis of a capsule may cross a box. */
-void r47_approach_at(const r47_approach *approach, const double *q, double *distance,
+/* Distances (pairs,) at q (joints,), `seen` at most; `doubtful` (pairs,) is 1 where MuJoCo's may be
+   wrong, as the axis of a capsule may cross a box. */
+void r47_approach_at(const r47_approach *approach, const double *q, double seen, double *distance,
                      unsigned char *doubtful);
 
 /* Follow all pairs through the motion, skipping rows in which one cannot be closer than the closest

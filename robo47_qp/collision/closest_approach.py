@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robo47_qp._core.library import Structure, backend, functions, pointer
-from robo47_qp._core.mujoco_functions import function, structure
+from robo47_qp._core.library import Structure, functions
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.distance import FAR, GeomDistance
+from robo47_qp.collision.distance import GeomDistance
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
+from robo47_qp.collision.pair_distances import PairDistances
 from robo47_qp.collision.pairs import GeomPairs
 from robo47_qp.errors import ModelError
 from robo47_qp.model.arm import Arm
@@ -70,17 +70,17 @@ class ClosestApproach:
         m = spec.compile()
         names = (*robot.joints, *(name for gripper in robot.grippers for name in gripper.joints))
         joints = [m.joint(name).id for name in names]
-        self._model, self._data = m, mujoco.MjData(m)
-        self._addresses = m.jnt_qposadr[joints]
-        self._measure = GeomDistance(m, self._data)
+        self._model = m
         solid = np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0))
         around = [m.geom(obstacle.name).id for obstacle in obstacles]
         pairs = [(min(a, b), max(a, b)) for a in solid.tolist() for b in around if a != b]
         if mounted:
             arm = [m.joint(joint).id for joint in robot.joints]
-            self._data.qpos[m.jnt_qposadr[arm]] = robot.home
-            mujoco.mj_kinematics(m, self._data)
-            pairs = [pair for pair in pairs if self._measure.between(*pair, inf) > _MOUNTED]
+            d = mujoco.MjData(m)
+            d.qpos[m.jnt_qposadr[arm]] = robot.home
+            mujoco.mj_kinematics(m, d)
+            measure = GeomDistance(m, d)
+            pairs = [pair for pair in pairs if measure.between(*pair, inf) > _MOUNTED]
         if own:
             pairs += _own_pairs(robot, [geom for geom in solid.tolist() if geom not in around])
         reach = approach_speed_bounds(m, tuple(pairs))[:, joints]
@@ -93,9 +93,8 @@ class ClosestApproach:
                 f"No geom of robot {robot.name!r} that moves can touch anything: its distance "
                 "from obstacles is not known. Give its links collision geoms."
             )
-        self._reach = np.ascontiguousarray(reach[moves])
-        compiled = bool(self._pairs) and backend() == "compiled"
-        self._compiled = self._in_core() if compiled else None
+        self.distances = PairDistances(m, joints, self._pairs, reach[moves])
+        """Distances of the pairs."""
         self._around = set(around)
 
     def along(self, q: Matrix) -> Nearest:
@@ -111,41 +110,26 @@ class ClosestApproach:
         q = np.ascontiguousarray(q)
         travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
         rows = np.unique(np.linspace(0, len(q) - 1, _FIRST_ROWS).astype(int)).tolist()
-        first = np.array([self._distances(q[row]) for row in rows])
+        first = np.array([self.distances.at(q[row]) for row in rows])
         k, which = divmod(int(first.argmin()), len(self._pairs))
         best, at = float(first[k, which]), (rows[k], which)
         order = np.argsort(first.min(axis=0), kind="stable")
-        if self._compiled is not None:
+        if self.distances.core is not None:
             start = first[0], best, at
-            best, at = self._followed(self._compiled, q, travelled, order, start)
+            best, at = self._followed(self.distances.core, q, travelled, order, start)
             return Nearest(best, at[0], *self._names(at[1]))
         for i in order.tolist():
-            closed, row, apart = travelled @ self._reach[i], 0, float(first[0, i])
+            closed, row, apart = travelled @ self.distances.reach[i], 0, float(first[0, i])
             while True:
                 far = closed[row] + apart - best + RESOLUTION
                 row = max(row + 1, int(np.searchsorted(closed, far, side="right")))
                 if row >= len(q):
                     break
-                self._place(q[row])
-                apart = self._between(i)
+                self.distances.place(q[row])
+                apart = self.distances.between(i)
                 if apart < best:
                     best, at = apart, (row, i)
         return Nearest(best, at[0], *self._names(at[1]))
-
-    def _distances(self, q: Vector) -> list[float]:
-        if self._compiled is None:
-            self._place(q)
-            return [self._between(i) for i in range(len(self._pairs))]
-        apart, doubtful = np.empty(len(self._pairs)), np.empty(len(self._pairs), np.uint8)
-        arrays = pointer(np.ascontiguousarray(q)), pointer(apart), pointer(doubtful)
-        functions().r47_approach_at(self._compiled.pointer, *arrays)
-        for i in np.flatnonzero(doubtful).tolist():
-            apart[i] = self._between(i)
-        distances: list[float] = apart.tolist()
-        return distances
-
-    def _between(self, pair: int) -> float:
-        return self._measure.between(*self._pairs[pair], inf)
 
     def _followed(
         self,
@@ -180,37 +164,8 @@ class ClosestApproach:
         )
         p = path.pointer
         while functions().r47_approach_along(core.pointer, p):
-            p.distance = self._between(int(order[p.next]))
+            p.distance = self.distances.between(int(order[p.next]))
         return float(p.best), (int(p.best_row), int(p.best_pair))
-
-    def _in_core(self) -> Structure:
-        m, d = self._model, self._data
-        capsule, box = np.transpose([self._measure.capsule_and_box(*pair) for pair in self._pairs])
-        first, second = np.transpose(self._pairs)
-        return Structure(
-            "r47_approach",
-            model=structure(m),
-            data=structure(d),
-            kinematics=function("mj_kinematics"),
-            distance=function("mj_geomDistance"),
-            qpos=d.qpos,
-            joints=len(self._addresses),
-            address=self._addresses.astype(np.int32),
-            xpos=d.geom_xpos,
-            xmat=d.geom_xmat,
-            size=m.geom_size,
-            pairs=len(self._pairs),
-            first=first.astype(np.int32),
-            second=second.astype(np.int32),
-            capsule=capsule.astype(np.int32),
-            box=box.astype(np.int32),
-            far=FAR,
-            reach=self._reach,
-        )
-
-    def _place(self, q: Vector) -> None:
-        self._data.qpos[self._addresses] = q
-        mujoco.mj_kinematics(self._model, self._data)
 
     def _names(self, pair: int) -> tuple[str, str]:
         m = self._model

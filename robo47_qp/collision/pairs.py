@@ -84,6 +84,17 @@ class GeomPairs:
         return cls(kept=tuple(kept), names=names, left_out=tuple(left_out))
 
 
+def colliding_pairs(m: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Return the pairs of geoms that MuJoCo lets collide: not those of a body and its parent."""
+    world = m.body_weldid[m.geom_bodyid] == 0
+    return [
+        (a, b)
+        for a, b in _movable(m)
+        if _ruled_out(m, (a, b)) is None
+        and (world[a] or world[b] or not _are_neighbours(m, (a, b)))
+    ]
+
+
 def pair_names(m: mujoco.MjModel, pair: tuple[int, int]) -> tuple[str, str]:
     """Return the names of two geoms in messages; one of the world comes last."""
     a, b = (_name(m, geom) for geom in pair)

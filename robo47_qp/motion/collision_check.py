@@ -1,13 +1,14 @@
 """Collisions: where on a trajectory the arm comes too close to itself or to its surroundings."""
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 
 import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.collision.motion_bounds import approach_speed_bounds, moved_by
+from robo47_qp.collision.motion_bounds import approach_speed_bounds
+from robo47_qp.collision.pair_distances import PairDistances
+from robo47_qp.collision.pairs import colliding_pairs
 from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
@@ -34,7 +35,9 @@ class Collisions:
     L |Δq|, with the bounds L of `collision.motion_bounds`. After a check with the least distance
     d, the next one is at L |Δq| = d - half the clearance (conservative advancement: Mirtich,
     "Impulse-based dynamic simulation of rigid body systems", 1996). So no obstacle is missed
-    between two checks, however thin: half of any clearance from 1 mm on is kept there too.
+    between two checks, however thin: half of any clearance from 1 mm on is kept there too. Where
+    more than that may be missing, the samples between two checks are looked at, too: the whole
+    clearance is kept at every sample.
     """
 
     def __init__(self, robot: Robot, surroundings: Surroundings, clearance: float = 0.005) -> None:
@@ -53,22 +56,19 @@ class Collisions:
             free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
             if free or body.mocap:
                 spec.delete(body)
-        for geom in spec.geoms:
-            # MuJoCo sums the margins of the two geoms of a pair.
-            geom.margin = 0.5 * max(_SEEN, clearance)
-        self._model = spec.compile()
-        self._data = mujoco.MjData(self._model)
-        for gripper in robot.grippers:
-            for name in gripper.joints:
-                self._data.qpos[self._model.joint(name).qposadr[0]] = gripper.width_max / 2
-        joints = [self._model.joint(name) for name in robot.joints]
-        self._addresses = [int(joint.qposadr[0]) for joint in joints]
-        self._joint_bodies = [int(joint.bodyid[0]) for joint in joints]
-        self._body: list[int] = self._model.geom_bodyid.tolist()
-        self._levers = _levers(self._model, [int(joint.id) for joint in joints])
-        self._allowed: set[tuple[int, int]] = set()
-        close = self._close(np.array(robot.home))
-        self._allowed = {pair for pair, distance in close.items() if distance < clearance}
+        m = self._model = spec.compile()
+        joints = [m.joint(name).id for name in robot.joints]
+        self._joint_bodies: list[int] = m.jnt_bodyid[joints].tolist()
+        pairs = colliding_pairs(m)
+        reach = approach_speed_bounds(m, tuple(pairs))[:, joints]
+        self._levers = reach.max(axis=0, initial=0.0)
+        """A bound on how fast each joint brings any pair of geoms closer (n,) [m per rad]."""
+        at_home = self._open(PairDistances(m, joints, pairs, reach)).at(np.array(robot.home))
+        bodies = np.sort(m.geom_bodyid[np.array(pairs, dtype=int).reshape(-1, 2)], axis=1)
+        close = {tuple(pair) for pair in bodies[at_home < clearance].tolist()}
+        apart = [tuple(pair) not in close for pair in bodies.tolist()]
+        pairs = [pair for pair, kept in zip(pairs, apart, strict=True) if kept]
+        self._distances = self._open(PairDistances(m, joints, pairs, reach[apart]))
 
     def at(self, q: Vector) -> tuple[str, str, str, float] | None:
         """Return the closest pair within the clearance: two bodies, their joint and distance.
@@ -81,7 +81,7 @@ class Collisions:
             its geom. The joint is the last that moves one of the two bodies and not the other, the
             distance is negative where they overlap [m].
         """
-        return self._found(self._close(q))
+        return self._found(self._distances.at(q, self.clearance))
 
     def check(self, waypoint: str, trajectory: Trajectory) -> None:
         """Check that a trajectory to a waypoint keeps the clearance.
@@ -102,72 +102,72 @@ class Collisions:
         """
         # Largest change of any distance since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
-        x, last = 0.0, float(way[-1])
-        while True:
+        last, free, near = float(way[-1]), 0.0, _SEEN
+        ahead = [0.0]
+        while ahead:
+            x = ahead[-1]
             k = int(np.searchsorted(way, x, side="right")) - 1
             share = (x - way[k]) / (way[k + 1] - way[k]) if x < last else 0.0
             now = q[k] + share * (q[k + 1] - q[k]) if share else q[k]
-            close = self._close(now)
-            found = self._found(close)
+            apart = self._distances.at(now, _SEEN)
+            found = self._found(apart)
             if found is not None:
-                time, whole = (k + share) * dt, (len(q) - 1) * dt
-                one, other, joint, distance = found
-                explanation = (
-                    f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
-                    f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
-                )
-                rejection = Rejection(
-                    reason=RefusalReason.COLLISION,
-                    fraction=time / whole if whole else 0.0,
-                    time=time,
-                    joint=joint,
-                    q=tuple(now.tolist()),
-                )
-                return Refusal(explanation, rejection)
-            if x >= last:
-                return None
-            least = min(close.values(), default=np.inf)
-            x += max(_LEAST, min(least, _SEEN) - _UNSEEN * self.clearance)
-            x = min(x, last)
+                return self._refusal(found, now, (k + share) * dt, (len(q) - 1) * dt)
+            least = float(apart.min(initial=_SEEN))
+            # The samples between two looks at which it could have been too close.
+            first, end = np.searchsorted(way, free, "right"), np.searchsorted(way, x)
+            if first < end and near + least - (x - free) < 2.0 * self.clearance:
+                ahead.append(float(way[(first + end) // 2]))
+                continue
+            free, near = ahead.pop(), least
+            if not ahead and x < last:
+                ahead.append(min(last, x + max(_LEAST, least - _UNSEEN * self.clearance)))
+        return None
 
-    def _found(self, close: dict[tuple[int, int], float]) -> tuple[str, str, str, float] | None:
-        pair, distance = min(close.items(), key=lambda item: item[1], default=((0, 0), np.inf))
+    def _refusal(
+        self, found: tuple[str, str, str, float], q: Vector, time: float, whole: float
+    ) -> Refusal:
+        one, other, joint, distance = found
+        explanation = (
+            f"{one} and {other} come within {1e3 * distance:.1f} mm at {time:.3f} s, where "
+            f"{1e3 * self.clearance:.1f} mm are to be kept; {joint} moves them"
+        )
+        rejection = Rejection(
+            reason=RefusalReason.COLLISION,
+            fraction=time / whole if whole else 0.0,
+            time=time,
+            joint=joint,
+            q=tuple(q.tolist()),
+        )
+        return Refusal(explanation, rejection)
+
+    def _found(self, apart: Vector) -> tuple[str, str, str, float] | None:
+        distance = float(apart.min(initial=np.inf))
         if distance >= self.clearance:
             return None
-        one, other = (self._name(body, pair, distance) for body in pair)
-        return one, other, self._mover(pair), distance
+        geoms = self._distances.pairs[int(apart.argmin())]
+        bodies = [int(self._model.geom_bodyid[geom]) for geom in geoms]
+        named = sorted(zip(bodies, geoms, strict=True))
+        one, other = (self._name(body, geom) for body, geom in named)
+        return one, other, self._mover(bodies), distance
 
-    def _name(self, body: int, pair: tuple[int, int], distance: float) -> str:
+    def _name(self, body: int, geom: int) -> str:
         """Return the name of a body; of the world, that of its geom, if it has one."""
         if body:
             return self._model.body(body).name or f"body {body}"
-        contact = self._data.contact
-        bodies = np.sort(self._model.geom_bodyid[contact.geom], axis=1)
-        row = np.flatnonzero((bodies == pair).all(axis=1) & (contact.dist == distance))[0]
-        geoms = contact.geom[row]
-        [geom] = geoms[self._model.geom_bodyid[geoms] == 0]
         return self._model.geom(geom).name or "world"
 
-    def _close(self, q: Vector) -> dict[tuple[int, int], float]:
-        """Return the distances of the pairs of bodies that are near and not allowed to be [m]."""
-        d = self._data
-        d.qpos[self._addresses] = q
-        mujoco.mj_kinematics(self._model, d)
-        mujoco.mj_collision(self._model, d)
-        close: dict[tuple[int, int], float] = {}
-        body, allowed, contact = self._body, self._allowed, d.contact
-        for (first, second), distance in zip(
-            contact.geom.tolist(), contact.dist.tolist(), strict=True
-        ):
-            a, b = body[first], body[second]
-            pair = (a, b) if a < b else (b, a)
-            if pair not in allowed and distance < close.get(pair, np.inf):
-                close[pair] = distance
-        return close
+    def _open(self, distances: PairDistances) -> PairDistances:
+        """Open the fingers of its state."""
+        for gripper in self.robot.grippers:
+            for name in gripper.joints:
+                address = self._model.joint(name).qposadr[0]
+                distances.data.qpos[address] = gripper.width_max / 2
+        return distances
 
-    def _mover(self, pair: tuple[int, int]) -> str:
+    def _mover(self, bodies: Sequence[int]) -> str:
         moving = []
-        for body in pair:
+        for body in bodies:
             chain = set()
             at = body
             while at:
@@ -176,16 +176,3 @@ class Collisions:
             moving.append([i for i, b in enumerate(self._joint_bodies) if b in chain])
         only = set(moving[0]) ^ set(moving[1])
         return self.robot.joints[max(only)] if only else "no joint"
-
-
-def _levers(model: mujoco.MjModel, joints: Sequence[int]) -> Vector:
-    """Return a bound on how fast each joint brings any pair of geoms closer (n,) [m per rad]."""
-    moves, bodies = moved_by(model), model.geom_bodyid
-    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
-    pairs = tuple(
-        (a, b) for a, b in combinations(solid, 2) if (moves[bodies[a]] != moves[bodies[b]]).any()
-    )
-    if not pairs:
-        return np.zeros(len(joints))
-    longest: Vector = approach_speed_bounds(model, pairs)[:, joints].max(axis=0)
-    return longest

@@ -31,7 +31,7 @@ def test_nothing_closer_is_missed(seed: int) -> None:
     closest = ClosestApproach(PANDA, obstacles)
     q = wandering(np.random.default_rng(seed), 1500)
     found = closest.along(q)
-    every = np.array([min(closest._distances(row)) for row in q])
+    every = np.array([closest.distances.at(row).min() for row in q])
     assert every.min() - 1e-12 <= found.distance <= every.min() + RESOLUTION
     assert every[found.row] == pytest.approx(found.distance, abs=1e-12)
     assert found.obstacle in {obstacle.name for obstacle in obstacles}
@@ -53,17 +53,20 @@ def test_the_core_finds_the_same_to_the_bit(monkeypatch: pytest.MonkeyPatch, own
     with using("numpy"):
         plain = ClosestApproach(PANDA, boxes, own=own)
         far = ClosestApproach(PANDA, boxes[2:])
-    between = core._between
+    between = core.distances.between
 
-    def counted(pair: int) -> float:
+    def counted(pair: int, seen: float = np.inf) -> float:
         crossings.append(pair)
-        return between(pair)
+        return between(pair, seen)
 
-    monkeypatch.setattr(core, "_between", counted)
+    monkeypatch.setattr(core.distances, "between", counted)
     for rows in (q, q[::50], q[:1]):
         assert core.along(rows) == plain.along(rows)
     for row in q[::10]:
-        assert core._distances(row) == plain._distances(row)
+        for seen in (np.inf, 0.1, 0.01):
+            found = core.distances.at(row, seen)
+            np.testing.assert_array_equal(found, plain.distances.at(row, seen))
+            np.testing.assert_array_equal(found, np.minimum(core.distances.at(row), seen))
     assert len(crossings) > 10
     assert ClosestApproach(PANDA, boxes[2:]).along(q) == far.along(q)
 
