@@ -123,7 +123,9 @@ class StackOptions:
         Raises:
             Robo47Error: See `load_robot`.
         """
-        return in_cell(load_robot(task.default_robot if self.robot is None else self.robot))
+        robot = load_robot(task.default_robot if self.robot is None else self.robot)
+        # A class tells its name where that is a field.
+        return in_cell(robot, task.name if isinstance(task.name, str) else None)
 
     @property
     def stack(self) -> ClassicalStack:

@@ -13,7 +13,7 @@ class Cell:
     """A mount beside the table of the tasks, which belongs to neither robot nor task.
 
     The places of the tasks fit an arm with the reach of a Panda at the origin of the world; a cell
-    moves the base of another arm so that they are in its reach.
+    moves the base of another arm, on a pedestal if need be, so that they are in its reach.
     """
 
     T_world_base: SE3 = field(default_factory=SE3.identity)
@@ -30,18 +30,26 @@ class Cell:
         return replace(robot, T_world_base=self.T_world_base)
 
 
-CELLS: dict[str, Cell] = {
+CELLS: dict[tuple[str, str | None], Cell] = {
     # Its wrist is aside of its base: at home the hand is before the middle of the table.
-    "ur5e": Cell.at(-0.05, -0.133),
-    # Its elbow bends by 120° at most: what is close to its base it does not reach from above.
-    "iiwa14": Cell.at(-0.1, 0.0),
+    ("ur5e", None): Cell.at(-0.05, -0.133),
+    # Its elbow bends by 120° at most: what is close to its base it does not reach from above, nor
+    # level except from a pedestal, from which the far places of other tasks are out of reach.
+    ("iiwa14", None): Cell.at(-0.1, 0.0),
+    ("iiwa14", "obstacle_reach"): Cell.at(-0.03, 0.0, 0.46),
 }
-"""Cells of robots by their names; others stand at the origin of the world."""
+"""Cells by the names of a robot and of a task, None for all others; robots that have none stand at
+the origin of the world."""
 
 
-def in_cell(robot: Robot) -> Robot:
-    """Return a robot as it stands in its cell, unless it already has a place."""
-    cell = CELLS.get(robot.name)
+def in_cell(robot: Robot, task: str | None = None) -> Robot:
+    """Return a robot as it stands in its cell for a task, unless it already has a place.
+
+    Args:
+        robot: The robot.
+        task: Name of the task; None for the cell of most tasks.
+    """
+    cell = CELLS.get((robot.name, task)) or CELLS.get((robot.name, None))
     if cell is None or robot.T_world_base is not None or robot.mounts:
         return robot
     return cell.with_robot(robot)

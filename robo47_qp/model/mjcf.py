@@ -17,6 +17,9 @@ from robo47_qp.model.robot import Hand, Robot, Tool
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
+_PEDESTAL = 0.1
+"""Radius of the pedestal under a base above the table [m]."""
+
 
 def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
     """Return the model of a spec that was read from a file.
@@ -118,7 +121,7 @@ def _prepared(robot: Robot, drawn: bool) -> mujoco.MjSpec:
 
 
 def _place(robot: Robot, spec: mujoco.MjSpec) -> None:
-    """Put all that stands in the world where the robot stands."""
+    """Put all that stands in the world where the robot stands, on a pedestal if that is high."""
     if robot.T_world_base is not None:
         pose = robot.T_world_base.wxyz_xyz
         base = spec.worldbody.add_frame(pos=pose[4:], quat=pose[:4])
@@ -127,6 +130,15 @@ def _place(robot: Robot, spec: mujoco.MjSpec) -> None:
         for element in placed:
             # What is in a frame of its own moves with that.
             (element if element.frame is None else element.frame).set_frame(base)
+        x, y, height = pose[4:].tolist()
+        if height > 0.0:
+            spec.worldbody.add_geom(
+                name="pedestal",
+                type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                size=[_PEDESTAL, 0.5 * height, 0.0],
+                pos=[x, y, 0.5 * height],
+                rgba=[0.35, 0.36, 0.38, 1.0],
+            )
 
 
 def _correct(robot: Robot, spec: mujoco.MjSpec) -> None:

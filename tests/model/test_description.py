@@ -1,6 +1,7 @@
 """Robots of files: an MJCF with a TOML beside it; hands and cells."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,18 @@ from robo47_qp.evaluation.command import evaluate_command
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.cell import CELLS, Cell, in_cell
+from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.fr3 import FR3
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.ur5e import UR5E
 from robo47_qp.run.runner import Runner
+from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
-from tests.robots import MODELS
+from robo47_qp.tasks.reach.obstacle_reach import ObstacleReach
+from tests.robots import MODELS, robot_or_skip
 
 WHOLE = """
 home = [0.0, 0.26, 0.0, 1.9, 0.0, 0.98, 0.0]
@@ -110,8 +114,26 @@ def test_a_cell_moves_the_robot_and_all_that_hangs_on_it() -> None:
         wanted = cell.T_world_base @ arm.pose(arm.home)
         np.testing.assert_allclose(there.pose(arm.home).as_matrix(), wanted.as_matrix(), atol=1e-12)
     assert in_cell(PANDA) is PANDA
-    assert in_cell(UR5E).T_world_base is CELLS["ur5e"].T_world_base
+    assert in_cell(UR5E).T_world_base is CELLS["ur5e", None].T_world_base
+    assert in_cell(UR5E, "reach").T_world_base is CELLS["ur5e", None].T_world_base
+    iiwa14 = replace(PANDA, name="iiwa14")
+    low, high = (in_cell(iiwa14, task).T_world_base for task in ("reach", "obstacle_reach"))
+    assert low is not None
+    assert high is not None
+    assert low.translation()[2] == 0.0
+    # Where it stands high, it stands on something.
+    pedestal = robot_spec(in_cell(iiwa14, "obstacle_reach")).geom("pedestal")
+    assert pedestal is not None
+    assert pedestal.pos[2] + pedestal.size[1] == pytest.approx(high.translation()[2])
+    np.testing.assert_allclose(pedestal.pos[:2], high.translation()[:2])
     assert EvaluateOptions(robot="ur5e").robot_for(PickPlace).T_world_base is not None
+
+
+@pytest.mark.parametrize("task", [ObstacleReach, ObstacleReach()])
+def test_a_command_puts_a_robot_into_the_cell_of_its_task(task: Task | type[Task]) -> None:
+    robot_or_skip("iiwa14")
+    robot = EvaluateOptions(robot="iiwa14").robot_for(task)
+    assert robot.T_world_base is CELLS["iiwa14", "obstacle_reach"].T_world_base
 
 
 UR_DH = zip(

@@ -73,7 +73,9 @@ class TaskEnv(_Base):
             raise InvalidValueError("task", self._task.name, expected)
         self._timing, self._vary = timing or PolicyTiming(), vary
         named = self._task.default_robot if robot is None else robot
-        self._robot = in_cell(load_robot(named)) if isinstance(named, str) else named
+        self._robot = (
+            named if isinstance(named, Robot) else in_cell(load_robot(named), self._task.name)
+        )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode

@@ -39,7 +39,8 @@ def iiwa14() -> Robot:
         tcp=TCP,
         home=np.array([0.0, 0.3, 0.0, -1.6, 0.0, pi - 1.9, 0.0]),
         rated=MotionProfile(v_max=v_max, a_max=5.0 * v_max, j_max=100.0 * v_max),
-        profile=MotionProfile(v_max=v_max, a_max=2.0 * v_max, j_max=8.0 * v_max),
+        # Less than rated: a joint that follows it may be a little faster for a moment.
+        profile=MotionProfile(v_max=0.9 * v_max, a_max=2.0 * v_max, j_max=8.0 * v_max),
         tau_max=tau_max,
         tau_rate_max=tau_max / 0.05,
         stiffness=np.array([150.0, 800.0, 75.0, 400.0, 60.0, 60.0, 15.0]),
