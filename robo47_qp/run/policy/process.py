@@ -132,6 +132,7 @@ class PolicyProcess:
     def _ask(self, method: str, observation: Observation) -> dict[str, Any]:
         self._number += 1
         seen = packed_observation(observation, sheet=method == "reset")
+        self._line.settimeout(PATIENCE)
         try:
             send(self._line, {"number": self._number, "method": method, "seen": seen})
         except OSError as error:

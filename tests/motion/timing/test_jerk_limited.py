@@ -238,6 +238,6 @@ def test_samples_of_one_coordinate_are_those_of_ruckig_to_the_bit(
     motion = to_state(np.zeros((3, 1)), goal, v, a, j, dt)
     samples = s_curve(length, np.array(limits), dt)
     assert len(samples) == round(motion.duration / dt) + 1
-    for k, row in enumerate(samples[:-1]):
-        np.testing.assert_array_equal(row, motion.at(k * dt))
+    there = np.array([motion.at(k * dt) for k in range(len(samples) - 1)])
+    np.testing.assert_array_equal(samples[:-1], there.reshape(samples[:-1].shape))
     np.testing.assert_array_equal(samples[-1], goal[:, 0])

@@ -120,9 +120,14 @@ def test_children_and_temporary_files_go_with_it() -> None:
 
 
 def test_a_policy_that_gives_no_answer_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "PATIENCE", 6.0)
     monkeypatch.setattr(process, "_GRACE", 0.1)
-    assert fault("Sleeper") == "its process gave no answer in act"
+    policy = PolicyProcess(f"{HOSTILE}:Sleeper")
+    policy.start()
+    policy.reset(seen())
+    monkeypatch.setattr(process, "PATIENCE", 0.3)
+    with pytest.raises(PolicyFault, match="^its process gave no answer in act$"):
+        policy.act(seen())
+    policy.close()
 
 
 def test_what_it_prints_does_not_mix_with_what_the_run_prints(
