@@ -125,7 +125,7 @@ def test_a_policy_that_gives_no_answer_is_not_waited_for(monkeypatch: pytest.Mon
     policy.start()
     policy.reset(seen())
     monkeypatch.setattr(process, "PATIENCE", 0.3)
-    with pytest.raises(PolicyFault, match="^its process gave no answer in act$"):
+    with pytest.raises(PolicyFault, match=r"^its process gave no answer in act$"):
         policy.act(seen())
     policy.close()
 
