@@ -83,6 +83,7 @@ class Event(Enum):
     TARGET_JUMPED = "the target moved farther than the tool can: its velocity is not followed"
     TOO_CLOSE = "a pair of geoms is closer than the clearance: it is parted"
     CLEARANCE_RELAXED = "joint limits leave no velocity with room to brake before every clearance"
+    STOPPING = "after the step asked for no stop would keep every clearance: the arm brakes"
     LIMIT_RELAXED = "no velocity keeps joint limits, clearances and a user's limit: that gives way"
     CONSTRAINT_RELAXED = "nor does any keep a user's constraint beside them: it gives way, too"
     OBJECTIVE_RELAXED = "an objective of the user is not met at the pace it asks for"

@@ -13,12 +13,16 @@ from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
 from robo47_qp.ik.stream.compiled_bounds import bounds_type
 from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox, braked
+from robo47_qp.ik.stream.safe_stop import SafeStop, stop_type
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
 from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective
 from robo47_qp.ik.stream.targets import targets_of
 from robo47_qp.ik.stream.user_parts import UserParts, null_space
 from robo47_qp.ik.stream.velocity_qp import Kept, VelocityQp
 from robo47_qp.model.arm import Arm
+
+_STOPS_WITHIN = 0.15
+"""Part of the buffer that is left at the end of a stop, against what lies between samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +48,9 @@ class StreamIk(StreamSettings):
     5. the user's `constraints`, where there is none either (`Event.CONSTRAINT_RELAXED`);
     6. the rows of clearances: pairs with much room first, those without any last (`VelocityQp`),
        told by `Event.CLEARANCE_RELAXED`;
-    7. never a limit of q, v or a, nor a frozen joint. The box is not empty, so there is always an
+    7. all of these where the arm could not stop after the step without coming too close: it brakes
+       instead (`SafeStop`, `Event.STOPPING`);
+    8. never a limit of q, v or a, nor a frozen joint. The box is not empty, so there is always an
        answer.
 
     A part of the user's that raises or is not finite is left out of that tick and counted
@@ -83,6 +89,7 @@ class StreamSolver:
         self._target_velocity = TargetVelocity(settings, arm, profile)
         data, a_max = self._target_velocity.data, self.bounds.a_max
         self._clearance_bounds = _clearance_bounds(settings, arm, data, a_max)
+        self._stop = _safe_stop(settings, arm, self.bounds)
         composes = settings.objectives or settings.limits or settings.constraints
         parts = UserParts(settings, arm, profile) if composes or settings.frozen else None
         self._user = parts if composes else None
@@ -121,6 +128,8 @@ class StreamSolver:
         if self._clearance_bounds is not None:
             self._target_velocity.update(self._q)
             self._clearance_bounds.reset(self._q)
+        if self._stop is not None:
+            self._stop.reset(self._q, self._v)
 
     def tick(self, T_world_target: object) -> StreamTick:
         """Move the command on by one tick, towards where the target is now.
@@ -150,6 +159,10 @@ class StreamSolver:
                 events.add(told)
         else:
             v_next = self._composed(self._user, objective, box, rows, events)
+        if self._stop is not None:
+            v_next, stopping = self._stop.step(self._q, self._v, v_next, box)
+            if stopping:
+                events.add(Event.STOPPING)
         q_next = self.bounds.moved(self._q, self._v, v_next)
         a = (v_next - self._v) / self.settings.dt
         self._q, self._v = q_next, v_next
@@ -216,6 +229,14 @@ class StreamSolver:
         if any(cost.unmet(v, pace) for level, pace in asked for cost in level):
             events.add(Event.OBJECTIVE_RELAXED)
         return v
+
+
+def _safe_stop(settings: StreamIk, arm: Arm, bounds: JointBounds) -> SafeStop | None:
+    if settings.clearance is None:
+        return None
+    pairs = arm.derived(Clearance, settings.clearance).pairs.kept
+    least = settings.clearance + _STOPS_WITHIN * settings.buffer
+    return stop_type(arm.n)(arm.model, pairs, bounds, least)
 
 
 def _clearance_bounds(
