@@ -12,10 +12,11 @@ from robo47_qp.arrays import Vector, checked_vector
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.ik.stream.clearance_bounds import ClearanceBounds, VelocityRows
 from robo47_qp.ik.stream.compiled_bounds import bounds_type
+from robo47_qp.ik.stream.compiled_velocity import velocity_type
 from robo47_qp.ik.stream.joint_bounds import JointBounds, VelocityBox, braked
 from robo47_qp.ik.stream.safe_stop import SafeStop, stop_type
 from robo47_qp.ik.stream.settings import Event, StreamSettings, StreamTick
-from robo47_qp.ik.stream.target_velocity import TargetVelocity, VelocityObjective
+from robo47_qp.ik.stream.target_velocity import VelocityObjective
 from robo47_qp.ik.stream.targets import targets_of
 from robo47_qp.ik.stream.user_parts import UserParts, null_space
 from robo47_qp.ik.stream.velocity_qp import Kept, VelocityQp
@@ -86,7 +87,7 @@ class StreamSolver:
         """Limits of velocity and acceleration that are kept."""
         self.bounds = JointBounds(arm.q_min, arm.q_max, profile, settings.dt, settings.margin)
         self._qp = VelocityQp(settings.backend, arm.n)
-        self._target_velocity = TargetVelocity(settings, arm, profile)
+        self._target_velocity = velocity_type(settings, arm.n)(settings, arm, profile)
         data, a_max = self._target_velocity.data, self.bounds.a_max
         self._clearance_bounds = _clearance_bounds(settings, arm, data, a_max)
         self._stop = _safe_stop(settings, arm, self.bounds)

@@ -90,9 +90,9 @@ class TargetMotion:
         return twist, False
 
 
-_TINY = 1e-100
+TINY = 1e-100
 """Squares of singular values below this are those of a tool that cannot move at all."""
-_LOST = 1e-12
+LOST = 1e-12
 """Squares of singular values below this part of the largest count as zero."""
 
 
@@ -121,7 +121,7 @@ class DampedInverse:
         # off leaves it positive definite, nothing is damped and no eigenvalue is needed.
         squares = J @ J.T
         entries = J.ravel()
-        reserve = max(threshold**2, _LOST) * float(entries.dot(entries))
+        reserve = max(threshold**2, LOST) * float(entries.dot(entries))
         lessened = squares.copy()
         lessened.reshape(-1)[:: len(J) + 1] -= reserve
         _, lost = lapack.dpotrf(lessened)
@@ -146,14 +146,14 @@ def _by_eigenvalues(squares: Matrix, J: Matrix, threshold: float) -> tuple[Matri
     """The transposes of J⁺, damped and not damped (rows, n)."""
     eigenvalues, U, _ = lapack.dsyev(squares)
     np.maximum(eigenvalues, 0.0, out=eigenvalues)
-    largest = max(float(eigenvalues[-1]), _TINY)
+    largest = max(float(eigenvalues[-1]), TINY)
     zero = threshold**2 * largest
     damping = np.maximum(zero - eigenvalues, 0.0)
     damping *= damping
     damping /= 4.0 * zero
     damping += eigenvalues
-    kept = eigenvalues > _LOST * largest
-    exact = np.where(kept, 1.0 / np.maximum(eigenvalues, _TINY), 0.0)
+    kept = eigenvalues > LOST * largest
+    exact = np.where(kept, 1.0 / np.maximum(eigenvalues, TINY), 0.0)
     along = U.T @ J
     return (U / damping) @ along, (U * exact) @ along
 
@@ -224,11 +224,11 @@ class _Stack:
         self.columns = np.repeat(self.units[:, None], n, axis=1)
         self.J, self.scaled = np.zeros((rows, n)), np.zeros((rows, n))
         self.way, self.twist = np.zeros(rows), np.zeros(rows)
-        self.groups = _groups([arm.tool_joints(tool) for tool in tools])
+        self.groups = joint_groups([arm.tool_joints(tool) for tool in tools])
         """Joints that move together, where tools share none of them; empty for a single group."""
 
 
-def _groups(joints: list[NDArray[np.bool_]]) -> list[NDArray[np.intp]]:
+def joint_groups(joints: list[NDArray[np.bool_]]) -> list[NDArray[np.intp]]:
     """Join tools that share joints; return the joints of each group, none for a single one."""
     groups: list[NDArray[np.bool_]] = []
     for mine in joints:
