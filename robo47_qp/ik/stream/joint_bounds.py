@@ -10,7 +10,8 @@ from math import floor, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Vector, frozen_vector
+from robo47_qp._core.library import backend, functions, pointer
+from robo47_qp.arrays import Matrix, Vector, frozen_vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
 
@@ -130,7 +131,12 @@ class JointBounds:
         # Further from its limit than this, a joint may go at v_max whatever its speed is now.
         ample = stopping_distance(self.v_max, self.a_max, dt) + (self.v_max + self._step) * dt
         limits = (self.q_min, self.q_max, self.v_max, self._step, ample)
-        self._limits: list[list[float]] = np.stack(limits, axis=1).tolist()
+        self._limits = np.stack(limits, axis=1)
+        self._rows: list[list[float]] = self._limits.tolist()
+        self._compiled = backend() == "compiled"
+        if self._compiled:
+            self._memory = np.zeros((4, n))
+            self._pointers = pointer(self._limits), *map(pointer, self._memory)
 
     def is_viable(self, q: Vector, v: Vector) -> bool:
         """True where the arm can still be stopped inside all limits."""
@@ -141,7 +147,7 @@ class JointBounds:
 
     def box(self, q: Vector, v: Vector) -> VelocityBox:
         """Bounds on the velocity at the next tick, from the state now."""
-        ends = self._viable_box(q, v)
+        ends = self._compiled_box(q, v) if self._compiled else self._viable_box(q, v)
         if ends is not None:
             return VelocityBox(low=np.array(ends[0]), high=np.array(ends[1]), recovering=False)
         room, ahead = np.stack([self.q_max - q, q - self.q_min]), np.stack([v, -v])
@@ -164,6 +170,13 @@ class JointBounds:
         least = np.minimum(np.minimum(np.maximum(least, low), high), most)
         return VelocityBox(low=least, high=most, recovering=outside or not fits)
 
+    def _compiled_box(self, q: Vector, v: Vector) -> Matrix | None:
+        """Return what `_viable_box` does, by the compiled core."""
+        self._memory[:2] = q, v
+        limits, *rest = self._pointers
+        n, call = len(q), functions().r47_velocity_box
+        return None if call(n, limits, self.dt, _ROUNDING, *rest) else self._memory[2:]
+
     def _viable_box(self, q: Vector, v: Vector) -> tuple[list[float], list[float]] | None:
         """Both ends of the box; None where a joint has to be brought back.
 
@@ -171,7 +184,7 @@ class JointBounds:
         """
         lows, highs, dt = [], [], self.dt
         for (q_min, q_max, v_max, step, ample), q_j, v_j in zip(
-            self._limits, q.tolist(), v.tolist(), strict=True
+            self._rows, q.tolist(), v.tolist(), strict=True
         ):
             low, high, most, least = v_j - step, v_j + step, v_max, -v_max
             above, below = q_max - q_j, q_j - q_min

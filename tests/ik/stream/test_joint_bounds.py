@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robo47_qp._core.library import using
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.stream.joint_bounds import (
     JointBounds,
@@ -180,3 +181,23 @@ def test_the_box_of_several_joints_is_that_of_each(rng: np.random.Generator) -> 
         assert not box.recovering
         near += int((up < v_max).sum())
     assert near > 50
+
+
+def test_the_core_tells_the_box_of_the_reference_to_the_bit(rng: np.random.Generator) -> None:
+    """Of states all over, near limits of position and of velocity, and beyond them."""
+    profile = MotionProfile.uniform(3, v=1.0, a=7.0, j=1.0)
+    q_max = np.array([0.4, 1.0, np.inf])
+    with using("numpy"):
+        reference = JointBounds(-q_max, q_max, profile, DT, 1e-6)
+    core = JointBounds(-q_max, q_max, profile, DT, 1e-6)
+    kinds = [0, 0]
+    for _ in range(3000):
+        q = np.clip(q_max, 0.0, 2.0) * rng.uniform(-1.005, 1.005, 3)
+        v = rng.uniform(-1.05, 1.05, 3) * rng.choice([0.0, 0.1, 1.0])
+        expected, found = reference.box(q, v), core.box(q, v)
+        assert found.low.tolist() == expected.low.tolist()
+        assert found.high.tolist() == expected.high.tolist()
+        assert found.recovering == expected.recovering
+        assert (core._compiled_box(q, v) is None) == (reference._viable_box(q, v) is None)
+        kinds[found.recovering] += 1
+    assert min(kinds) > 100
