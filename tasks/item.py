@@ -118,17 +118,19 @@ class Item:
         """Give the item a friction of its range, which nobody is told."""
         simulation.set_friction(self.name, float(rng.uniform(*self.friction)))
 
-    def grip_force(self, most: float) -> float:
+    def grip_force(self, most: float, acceleration: float) -> float:
         """Return the force of one finger that holds the item, by its data sheet alone [N].
 
         Two fingers bear 2 µ F. They are to bear `_SAFETY` times the weight of the item as it is
-        lifted, at the least friction of the data sheet, and its moment about the fingers' axis
-        where the centre of mass is off the middle, by contacts that are `_SPREAD` from it.
+        lifted and carried aside, at the least friction of the data sheet, and its moment about the
+        fingers' axis where the centre of mass is off the middle, by contacts that are `_SPREAD`
+        from it.
 
         Args:
             most: Largest force of a finger [N], also where the item would need more.
+            acceleration: That of the tool, as it carries the item [m/s²].
         """
-        weight = self.mass * (_GRAVITY + _LIFTED)
+        weight = self.mass * float(np.hypot(_GRAVITY + _LIFTED, acceleration))
         moment = weight * float(np.hypot(*self.com[:2]))
         needed = _SAFETY * float(np.hypot(weight, moment / _SPREAD)) / (2.0 * self.friction[0])
         return min(max(needed, _GENTLEST), most)

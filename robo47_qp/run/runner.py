@@ -244,7 +244,16 @@ def _sheet(scenario: Scenario, simulation: Simulation) -> CellSheet:
         obstacles=[plain(obstacle) for obstacle in scenario.task.obstacles],
         noise=simulation.noise_figures,
         time_limit=scenario.time_limit,
+        acceleration=_acceleration(scenario),
     )
+
+
+def _acceleration(scenario: Scenario) -> float:
+    """Return the sum of what the joints give the tool that is given most, at home [m/s²]."""
+    arm, a_max = Arm(scenario.robot), scenario.planner.profile.a_max
+    tools = range(len(scenario.robot.tools))
+    levers = [np.linalg.norm(arm.jacobian(arm.home, tool)[:3], axis=0) for tool in tools]
+    return max(float(lever @ a_max) for lever in levers)
 
 
 class _Derive:

@@ -39,6 +39,8 @@ class CellSheet:
     part of the nominal mass objects may be off [-]."""
     time_limit: float = 0.0
     """Longest simulated time of the job [s]."""
+    acceleration: float = 0.0
+    """Acceleration of the tool, at home, with all joints at those of the arm's motions [m/s²]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -180,7 +180,7 @@ class ConveyorPick(Task):
             sensed=sensed,
             item=self.item,
             above=above,
-            force=self.item.grip_force(self.grip_force),
+            force=self.item.grip_force(self.grip_force, sensed.sheet.acceleration),
         )
 
     def _picker(self, sensed: Sensed) -> BeltPicker:
@@ -188,7 +188,7 @@ class ConveyorPick(Task):
             sensed=sensed,
             item=self.item,
             rise=self.clearance,
-            force=self.item.grip_force(self.grip_force),
+            force=self.item.grip_force(self.grip_force, sensed.sheet.acceleration),
             tracker=ObjectTracker(sensed, self.item.name, self._on_belt(0.0)[2]),
         )
 

@@ -159,7 +159,7 @@ class PickPlace(Task):
             sensed=sensed,
             item=self.item,
             above=resting + self.clearance,
-            force=self.item.grip_force(self.grip_force),
+            force=self.item.grip_force(self.grip_force, sensed.sheet.acceleration),
             opening=_OPENING,
             resting=resting,
         )

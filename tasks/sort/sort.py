@@ -248,7 +248,7 @@ class Sort(Task):
             sensed=sensed,
             item=item,
             above=TABLE_TOP + self.above,
-            force=item.grip_force(self.grip_force),
+            force=item.grip_force(self.grip_force, sensed.sheet.acceleration),
             opening=_LET_GO,
             resting=on_table if stands else None,
             T_item_standing=turn,

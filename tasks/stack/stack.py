@@ -258,7 +258,7 @@ class Stack(Task):
             sensed=sensed,
             item=item,
             above=top + self.clearance,
-            force=item.grip_force(self.grip_force),
+            force=item.grip_force(self.grip_force, sensed.sheet.acceleration),
             resting=tower.height(tower.storey(T_world_cube)),
             T_item_standing=turn,
         )

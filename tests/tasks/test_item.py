@@ -112,14 +112,16 @@ def test_what_is_no_item_is_refused(
 def test_the_grip_follows_the_data_sheet_between_what_is_gentle_and_what_is_most() -> None:
     item = Item(name="it", size=(0.04, 0.04, 0.04), mass=0.5, friction=(0.3, 0.8))
     # 1.5 times its weight, lifted with 2 m/s², on two fingers of the least friction.
-    assert item.grip_force(70.0) == pytest.approx(1.5 * 0.5 * 11.81 / 0.6)
-    assert replace(item, mass=1.0).grip_force(70.0) == pytest.approx(2.0 * item.grip_force(70.0))
-    assert replace(item, friction=(0.6, 0.8), mass=0.1).grip_force(70.0) == 10.0
-    assert replace(item, mass=2.0).grip_force(30.0) == 30.0
+    assert item.grip_force(70.0, 0.0) == pytest.approx(1.5 * 0.5 * 11.81 / 0.6)
+    assert item.grip_force(70.0, 5.0) == pytest.approx(1.5 * 0.5 * np.hypot(11.81, 5.0) / 0.6)
+    usual = item.grip_force(70.0, 0.0)
+    assert replace(item, mass=1.0).grip_force(70.0, 0.0) == pytest.approx(2.0 * usual)
+    assert replace(item, friction=(0.6, 0.8), mass=0.1).grip_force(70.0, 0.0) == 10.0
+    assert replace(item, mass=2.0).grip_force(30.0, 0.0) == 30.0
     off = replace(item, com=(0.004, 0.003, 0.01))
-    assert off.grip_force(70.0) == pytest.approx(np.hypot(1.0, 5.0 / 7.0) * item.grip_force(70.0))
+    assert off.grip_force(70.0, 0.0) == pytest.approx(np.hypot(1.0, 5.0 / 7.0) * usual)
     # What a world has drawn is in no data sheet: the largest friction does not count.
-    assert replace(item, friction=(0.3, 0.3)).grip_force(70.0) == item.grip_force(70.0)
+    assert replace(item, friction=(0.3, 0.3)).grip_force(70.0, 0.0) == usual
 
 
 @pytest.mark.parametrize("item", [BAR, ROD], ids=lambda item: item.name)

@@ -116,7 +116,7 @@ def test_the_cube_is_squeezed_as_hard_as_asked_while_it_is_carried() -> None:
     run = picked_and_placed()
     carry = next(phase for phase in run.phases if phase.name == "carry")
     force = run.rows["gripper/force"][carry.start : carry.start + 1000]
-    asked = PickPlace().item.grip_force(PickPlace.grip_force)
+    asked = PickPlace().item.grip_force(PickPlace.grip_force, 6.0)
     assert asked == 10.0
     np.testing.assert_allclose(force, asked, atol=0.5)
 
