@@ -18,6 +18,9 @@ from robo47_qp.errors import InvalidValueError
 
 _WRIST = 5
 """The wrist begins with the fifth joint of a chain."""
+_INSIDE = 0.7
+"""Largest share of the way from the middle of an object to its sides at which its centre of mass
+is: further out, it falls over before anything has touched it."""
 
 
 def numbers(name: str, given: ArrayLike, count: int, width: int = 1) -> Matrix:
@@ -99,7 +102,7 @@ def change_object(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, row: Ve
         model: The same, compiled.
         name: Name of the body.
         row: Factors of its lengths and of its mass [-], and shift of its centre of mass along
-            its axes [m], which is cut at 0.7 of the way to its sides (5,).
+            its axes [m] (5,), which takes it no further than 0.7 of the way to its sides.
 
     Raises:
         InvalidValueError: A body that consists of meshes cannot have another size.
@@ -115,12 +118,18 @@ def change_object(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, row: Ve
         body_spec = cast(mujoco.MjsBody, spec.body(name))
         x, y, z = body_spec.pos
         body_spec.pos = [x, y, z + (1.0 - size) * below]
-    inside = 0.7 * size * np.abs(_corners(model, name)).max(axis=0)
-    moved = np.clip(row[2:], -inside, inside)
-    if all(model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER for i in geoms):
-        # Cut along each axis, it could be over the rim of a standing cylinder, which falls over.
-        moved[:2] *= min(1.0, inside[0] / max(float(np.hypot(*moved[:2])), 1e-12))
-    shift = moved + (size - 1.0) * model.body_ipos[body.id]
+    corners = size * _corners(model, name)
+    middle = 0.5 * (corners.max(axis=0) + corners.min(axis=0))
+    inside = _INSIDE * (corners.max(axis=0) - middle)
+    rim = float(inside[:2].min())
+    nominal = size * model.body_ipos[body.id]
+    most = np.maximum(inside, np.abs(nominal - middle))  # what its data sheet tells is kept
+    away = np.clip(nominal + row[2:] - middle, -most, most)
+    if any(model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER for i in geoms):
+        # Cut along each axis, it could still be over the rim.
+        rim = max(rim, float(np.hypot(*(nominal - middle)[:2])))
+        away[:2] *= min(1.0, rim / max(float(np.hypot(*away[:2])), 1e-12))
+    shift = middle + away - model.body_ipos[body.id]
     change_inertias(spec, model, [body.id], np.array([[mass, size**2, *shift]]))
 
 

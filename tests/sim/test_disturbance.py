@@ -10,6 +10,8 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.table import add_table
 from tests.controlled import DT, LOAD
 from tests.runs import no_objects
 
@@ -294,6 +296,25 @@ def test_a_centre_of_mass_stays_inside() -> None:
     wrong = Disturbance(object_com_shift=[0.5, -0.01, 0.0])
     model = DisturbedSimulation(PANDA, two_bricks, wrong).model
     assert model.body("left").ipos == pytest.approx([0.014, -0.01, 0.0])
+
+
+@pytest.mark.parametrize("round_", [False, True])
+@pytest.mark.parametrize("shift", [(0.01, 0.01), (0.01, -0.004), (-0.02, -0.02)])
+def test_what_stands_does_not_fall_over_by_itself(round_: bool, shift: tuple[float, float]) -> None:
+    """Its data sheet has its centre of mass off the middle, and the world has it further out."""
+    size = (0.032, 0.032, 0.07)
+    item = Item(name="it", size=size, round=round_, mass=0.3, com=(0.004, 0.003, 0.005))
+
+    def scene(spec: mujoco.MjSpec) -> None:
+        add_table(spec)
+        item.add(spec, (0.5, 0.1, 0.035))
+
+    sim = DisturbedSimulation(PANDA, scene, Disturbance(object_com_shift=(*shift, 0.01)))
+    found = sim.model.body("it").ipos
+    assert np.sign(found[:2] - item.com[:2]).tolist() == np.sign(shift).tolist()
+    assert found[2] == pytest.approx(0.015)
+    hold(sim, 0.4)
+    assert sim.object_pose("it").rotation().as_matrix()[2, 2] > np.cos(np.radians(1.5))
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.1])
