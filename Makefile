@@ -59,6 +59,7 @@ test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscop
 judges: $(JUDGES) ## Make .judges, the environments of outside judges (see scenarios/judges)
 
 judge: install judges ## Let outside judges judge: hours (EPISODES=100 of each task)
+	@$(BIN)/python scenarios/judge_franka.py --seed 2000000 || test $$? = 1
 	@$(BIN)/python scenarios/judge_robosuite.py --episodes $(EPISODES) --seed 2000000 --workers 2
 
 wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3.13")
@@ -112,7 +113,7 @@ lock: ## Renew requirements.lock (LOCK_FLAGS=--upgrade for newer versions)
 	  $(LOCK_FLAGS) --output-file requirements.lock pyproject.toml
 	@for judge in scenarios/judges/*.in; do \
 	  build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	    --override scenarios/judges/overrides.txt --no-build --fork-strategy fewest \
+	    --override $${judge%.in}.overrides --no-build --fork-strategy fewest \
 	    --generate-hashes --no-header $(LOCK_FLAGS) --output-file $${judge%.in}.lock $$judge || exit; \
 	done
 

@@ -149,9 +149,12 @@ def _correct(robot: Robot, spec: mujoco.MjSpec) -> None:
             before = None if link is None else link.parent
             if link is not None and before is not None and before != spec.worldbody:
                 spec.add_exclude(bodyname1=before.name, bodyname2=link.name)
-    if robot.armature is not None:
-        for name, inertia in zip(robot.joints, robot.armature.tolist(), strict=True):
-            cast(mujoco.MjsJoint, spec.joint(name)).armature = inertia
+    for i, name in enumerate(robot.joints):
+        joint = cast(mujoco.MjsJoint, spec.joint(name))
+        if robot.armature is not None:
+            joint.armature = robot.armature[i]
+        if robot.damping is not None:
+            joint.damping = [robot.damping[i], 0.0, 0.0]
 
 
 def _mounted(robot: Robot) -> mujoco.MjSpec:

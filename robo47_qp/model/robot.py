@@ -155,6 +155,8 @@ class Robot:
     larger than the links, are not compared."""
     armature: Vector | None = None
     """Inertia of the rotors as the joints feel it (n,) [kg·m²]; None takes that of the file."""
+    damping: Vector | None = None
+    """Viscous friction of the joints (n,) [N·m s/rad]; None takes that of the file."""
     gripper: Gripper | None = None
     """None where it has none or it stays unused: all joints except the arm's are then welded."""
     tool_name: str = "tool"
@@ -174,8 +176,9 @@ class Robot:
         n = len(self.joints)
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
-        if self.armature is not None:
-            object.__setattr__(self, "armature", frozen_vector("armature", self.armature, n))
+        for name in ("armature", "damping"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
         for name, profile in (("rated", self.rated), ("profile", self.profile)):
             frozen_vector(f"{name}.v_max", profile.v_max, n)
         names = [tool.name for tool in self.tools]

@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from math import inf
 
 import mujoco
@@ -21,6 +22,9 @@ from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
+_ROTORS, _DAMPING = np.array([0.195] * 4 + [0.074] * 3), np.full(JOINTS, 0.21)
+"""Inertia of the rotors [kg m²] and viscous friction [N·m s/rad] of the joints: those of the FR3 in
+MuJoCo Menagerie (https://github.com/google-deepmind/mujoco_menagerie, franka_fr3)."""
 _RATE = 0.999
 """Share of the largest torque rate that commands without gravity may have [-]."""
 _HELD = 1e-3
@@ -46,6 +50,15 @@ def uncollected() -> Iterator[None]:
         gc.unfreeze()
         if enabled:
             gc.enable()
+
+
+def driven(robot: Robot) -> Robot:
+    """Return what is believed of an arm that is driven: the least that is published of its joints.
+
+    Sources differ by a factor of 2.8 (see fr3.xml). An arm with lighter rotors than is believed
+    swings where commands take effect late; one with heavier ones is followed by the observer.
+    """
+    return replace(robot, armature=_ROTORS, damping=_DAMPING)
 
 
 class DrivenArm(Simulation):
