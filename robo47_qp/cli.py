@@ -36,7 +36,7 @@ from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Task, own_options, task_of_options
 from robo47_qp.run.teleop.driver import TeleopDriver
-from robo47_qp.sim.franka.driven_arm import DrivenArm, uncollected
+from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
 from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
@@ -328,6 +328,7 @@ def run_task(
         Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
             a `RecordingError`, what was recorded before is in the file.
     """
+    robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
     looks: BuildScene = task.build_scene
     if options.visuals == "menagerie":

@@ -89,8 +89,8 @@ class JudgeOptions(CheckedOptions):
     """Motions of one connection; each begins at home."""
     seed: CountOrZero = 80_000
     """Seed of the first connection's motions."""
-    speed: Ratio = 0.5
-    """Pace of the motions, in (0, 1]; by default half."""
+    speed: Ratio = 1.0
+    """Pace of the motions, in (0, 1]."""
     observer: bool = True
     """Estimate the joints' state and compensate what disturbs them."""
     host: str = "127.0.0.1"
@@ -122,17 +122,17 @@ def run(options: JudgeOptions, console: Console) -> int:
             try:
                 done = connection(options, seed, count)
             except ArmStopped as stopped:
-                stops.append(f"{seed}: {stopped}")
+                stop = str(stopped)
             else:
+                stop = "" if done.failure is None else done.failure.evidence
                 now = measured(done)
                 motions += now
                 largest = _told(summary("", now)["largest"])
                 console.print(f"{seed}: {len(now)} motions, errors up to {largest} mrad")
-                if done.failure is not None:
-                    stops.append(f"{seed}: {done.failure.evidence}")
+            if stop:
+                stops.append(f"{seed}: {stop}")
+                console.print(stops[-1], highlight=False)
             seed += 1
-    for stop in stops:
-        console.print(stop, highlight=False)
     rows = [summary(kind, [m for m in motions if m["kind"] == kind]) for kind in options.kinds]
     rows.append(summary("all", motions))
     figures = {

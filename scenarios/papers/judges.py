@@ -48,3 +48,43 @@ def _row(row: Mapping[str, Any]) -> list[str]:
         "–" if row["saturated"] is None else f"{100 * row['saturated']:.1f} %",
         f"{learned} %" if learned else "–",
     ]
+
+
+def franka() -> str:
+    """franka-sim's motions: a row for each kind."""
+    if not is_kept("judge_franka"):
+        return "No result of this kind is kept yet."
+    found = kept("judge_franka")
+    heads = {
+        "motions": "---",
+        "made": "--:",
+        "commands in time: least, median": "--:",
+        "largest joint error": "--:",
+        "rms": "--:",
+        "within 2 mrad": "--:",
+        "in even time": "--:",
+        "of these within 2 mrad": "--:",
+        "longest period": "--:",
+    }
+    rows = [_motions(row) for row in found["rows"] if row["done"]]
+    low, high = found["seeds"]
+    priority = "with" if all(found["real_time"].values()) else "without"
+    told = (
+        f"Reflexes: {found['reflexes']}; runs that stopped: {len(found['stops'])}. Pace "
+        f"{found['pace']:g}, {priority} real-time priority, seeds {low} to {high}. "
+    )
+    return f"{markdown_table(heads, rows)}\n\n{told}{origin_line({'judge_franka': found})}"
+
+
+def _motions(row: Mapping[str, Any]) -> list[str]:
+    return [
+        row["kind"],
+        str(row["done"]),
+        f"{row['rate_min']:.2f}, {row['rate_median']:.2f}",
+        f"{row['largest']:.2f} mrad",
+        f"{row['rms']:.2f} mrad",
+        f"{row['within']}",
+        f"{row['even']}",
+        f"{row['even_within']}",
+        f"{row['jump']:.1f} ms",
+    ]

@@ -8,7 +8,7 @@ from robo47_qp.evaluation.perturbation import PRESETS
 from robo47_qp.model.robots import robot_names
 from robo47_qp.run.registry import task_names
 from scenarios.papers.blocks import markdown_table
-from scenarios.papers.judges import robosuite
+from scenarios.papers.judges import franka, robosuite
 from scenarios.papers.kept import is_kept, kept, origin_line
 
 Result = Mapping[str, Any]
@@ -377,6 +377,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "streams": streams,
     "motions": motions,
     "controllers": controllers,
+    "judge_franka": franka,
     "judge_robosuite": robosuite,
 }
 """What writes a table, by the name that a page gives."""

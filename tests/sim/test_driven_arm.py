@@ -16,6 +16,7 @@ import pytest
 from robo47_qp.arrays import Vector
 from robo47_qp.cli import main, task_options
 from robo47_qp.errors import ArmStopped, InvalidValueError
+from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.run.failure import Cause, Failure
@@ -23,7 +24,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program, Task
-from robo47_qp.sim.franka.driven_arm import DrivenArm
+from robo47_qp.sim.franka.driven_arm import DrivenArm, driven
 from robo47_qp.sim.franka.link import named
 from robo47_qp.sim.franka.protocol import COMMAND, Controller, Generator
 from robo47_qp.sim.franka.served_arm import ServedArm
@@ -335,6 +336,30 @@ def test_names_are_found_in_messages() -> None:
     text = 'aborted by reflex! ["joint_reflex", "cartesian_reflex"] control_command_success_rate: 1'
     assert named(text) == "joint_reflex, cartesian_reflex"
     assert named("libfranka: server closed connection") == ""
+
+
+class LateArm(Simulation):
+    """An arm with the joints that are believed of a driven one, and commands 3 periods late."""
+
+    def __init__(self) -> None:
+        super().__init__(driven(FR3), Nudge().build_scene)
+        self._waiting = [self._gravity()] * 3
+
+    def step(self, tau: Vector) -> None:
+        self._waiting.append(tau.copy())
+        super().step(self._waiting.pop(0))
+
+    def _gravity(self) -> Vector:
+        return Arm(FR3).inverse_dynamics(FR3.home, np.zeros(7), np.zeros(7))
+
+
+def test_light_rotors_and_late_commands_swing_only_where_rotors_are_believed_heavy() -> None:
+    swings = []
+    for believed in (driven(FR3), FR3):
+        result = Runner(ClassicalStack().scenario(believed, Nudge()), LateArm()).run()
+        swings.append(np.abs(np.diff(result.rows["joints/tau"][-200:, 6])).max())
+    assert swings[0] < 1e-3
+    assert swings[1] > 0.1
 
 
 def test_only_an_fr3_is_driven() -> None:

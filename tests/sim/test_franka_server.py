@@ -40,6 +40,11 @@ def blend(i: int, steps: int = STEPS) -> float:
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
+def speeds(way: float) -> list[float]:
+    """The speed in every period of a way from rest to rest."""
+    return [1e3 * way * (blend(i + 1) - blend(i)) for i in range(STEPS)] + [0.0]
+
+
 def run(control: Any, command: Callable[[int, Any], Any], steps: int = STEPS) -> list[Any]:
     """Send commands i = 0 … steps, the last one as the end of the motion; return the states."""
     states = []
@@ -73,21 +78,35 @@ def test_a_state_is_that_of_the_model(robot: Any) -> None:
     np.testing.assert_allclose(turned, np.vstack([R @ J[:3], R @ J[3:]]), atol=1e-5)
 
 
-def test_joint_positions_are_followed(robot: Any) -> None:
-    start = np.array(robot.read_once().q_d)
-    way = np.array([0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.02])
-
-    def command(i: int, _: Any) -> Any:
-        return franka.JointPositions((start + blend(i) * way).tolist())
-
-    run(robot.start_joint_position_control(MODE), command)
-    np.testing.assert_allclose(robot.read_once().q_d, start + way, atol=1e-6)
-    np.testing.assert_allclose(robot.read_once().q, start + way, atol=1e-3)
+@pytest.mark.parametrize(
+    ("commanded", "measured", "start", "kind", "way"),
+    [
+        ("q_d", "q", "start_joint_position_control", franka.JointPositions, {1: 0.01, 6: 0.02}),
+        (
+            "O_T_EE_c",
+            "O_T_EE",
+            "start_cartesian_pose_control",
+            franka.CartesianPose,
+            {12: 0.004, 13: -0.003, 14: 0.005},
+        ),
+    ],
+    ids=["joints", "tool"],
+)
+def test_positions_are_followed(
+    robot: Any, commanded: str, measured: str, start: str, kind: Any, way: dict[int, float]
+) -> None:
+    first = np.array(getattr(robot.read_once(), commanded))
+    whole = np.zeros(len(first))
+    whole[list(way)] = list(way.values())
+    run(getattr(robot, start)(MODE), lambda i, _: kind((first + blend(i) * whole).tolist()))
+    state = robot.read_once()
+    np.testing.assert_allclose(getattr(state, commanded), first + whole, atol=1e-6)
+    np.testing.assert_allclose(getattr(state, measured), first + whole, atol=1e-3)
 
 
 def test_joint_velocities_are_followed(robot: Any) -> None:
     start = np.array(robot.read_once().q_d)
-    rates = [np.diff([blend(i), blend(i + 1)])[0] * 1e3 * 0.02 for i in range(STEPS)] + [0.0]
+    rates = speeds(0.02)
 
     def command(i: int, _: Any) -> Any:
         return franka.JointVelocities([0.0] * 6 + [rates[i]])
@@ -96,22 +115,9 @@ def test_joint_velocities_are_followed(robot: Any) -> None:
     assert robot.read_once().q_d[6] == pytest.approx(start[6] + 0.02, abs=1e-6)
 
 
-def test_tool_poses_are_followed(robot: Any) -> None:
-    start = np.array(robot.read_once().O_T_EE_c)
-    way = np.zeros(16)
-    way[12:15] = 0.004, -0.003, 0.005
-
-    def command(i: int, _: Any) -> Any:
-        return franka.CartesianPose((start + blend(i) * way).tolist())
-
-    run(robot.start_cartesian_pose_control(MODE), command)
-    np.testing.assert_allclose(robot.read_once().O_T_EE_c, start + way, atol=1e-6)
-    np.testing.assert_allclose(robot.read_once().O_T_EE, start + way, atol=1e-3)
-
-
 def test_tool_velocities_are_followed(robot: Any) -> None:
     start = np.array(robot.read_once().O_T_EE_c)
-    rates = [np.diff([blend(i), blend(i + 1)])[0] * 1e3 * 0.004 for i in range(STEPS)] + [0.0]
+    rates = speeds(0.004)
 
     def command(i: int, _: Any) -> Any:
         return franka.CartesianVelocities([0.0, rates[i], 0.0, 0.0, 0.0, 0.0])

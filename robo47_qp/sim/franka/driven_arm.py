@@ -23,8 +23,8 @@ from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 _ROTORS, _DAMPING = np.array([0.195] * 4 + [0.074] * 3), np.full(JOINTS, 0.21)
-"""Inertia of the rotors [kg m²] and viscous friction [N·m s/rad] of the joints: those of the FR3 in
-MuJoCo Menagerie (https://github.com/google-deepmind/mujoco_menagerie, franka_fr3)."""
+"""Inertia of the rotors [kg m²] and viscous friction [N·m s/rad] of an FR3's joints, as identified
+in torque control (https://github.com/google-deepmind/mujoco_menagerie, franka_fr3/CHANGELOG.md)."""
 _RATE = 0.999
 """Share of the largest torque rate that commands without gravity may have [-]."""
 _HELD = 1e-3
@@ -53,11 +53,16 @@ def uncollected() -> Iterator[None]:
 
 
 def driven(robot: Robot) -> Robot:
-    """Return what is believed of an arm that is driven: the least that is published of its joints.
+    """Return what is believed of an FR3 that is driven: its joints as others identified them.
 
-    Sources differ by a factor of 2.8 (see fr3.xml). An arm with lighter rotors than is believed
-    swings where commands take effect late; one with heavier ones is followed by the observer.
+    In our simulation its rotors have up to 3.1 times that inertia, as Franka told (see fr3.xml). An
+    arm with lighter rotors than are believed swings, as commands take effect late; one with heavier
+    rotors is followed by the observer. Dry friction is left to the observer.
+
+    Raises:
+        InvalidValueError: The robot is no FR3.
     """
+    _check_name(robot)
     return replace(robot, armature=_ROTORS, damping=_DAMPING)
 
 
@@ -88,8 +93,7 @@ class DrivenArm(Simulation):
             MissingExtraError, ArmStopped: See `Link`.
             UnknownNameError, ModelError: See `Simulation`.
         """
-        if len(robot.joints) != JOINTS or robot.name != "fr3":
-            raise InvalidValueError("--robot", robot.name, "fr3 with --at, the robot of libfranka")
+        _check_name(robot)
         self.link = Link(host)
         self._bare: Arm = bare_arm(robot)
         self._tau_d, self._prepared = np.zeros(JOINTS), False
@@ -294,3 +298,8 @@ class DrivenArm(Simulation):
             if distance < min(nearest, _NEAR):
                 nearest, found = distance, (name, T_tcp_object)
         return found
+
+
+def _check_name(robot: Robot) -> None:
+    if robot.name != "fr3" or len(robot.joints) != JOINTS:
+        raise InvalidValueError("--robot", robot.name, "fr3 with --at, the robot of libfranka")
