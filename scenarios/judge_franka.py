@@ -31,13 +31,13 @@ from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
 from robo47_qp.sim.franka.link import named
 from robo47_qp.stack import ClassicalStack
 from scenarios.judges.franka_motions import RandomMotions
-from scenarios.judges.real_time import real_time
+from scenarios.judges.real_time import own_core
 
 ROOT = Path(__file__).resolve().parents[1]
 JUDGE = ROOT / ".judges" / "franka" / "bin" / "python"
 SERVER = "scenarios.judges.franka_server"
-CORE, PRIORITY = 1, 49
-"""Those of the client; the server has another core, and comes first."""
+CORE = 1
+"""That of the client, to which libfranka gives priority in motions; the server has another one."""
 TRACKING = 2.0
 """Largest error of a joint that is asked for [mrad]."""
 _KEYS = {
@@ -115,7 +115,7 @@ def run(options: JudgeOptions, console: Console) -> int:
     made, motions, stops = provenance(), list[dict[str, Any]](), list[str]()
     with served(options.host) as told:
         console.print(told)
-        permitted = {"server": "real-time" in told, "client": real_time(CORE, PRIORITY)}
+        permitted = {"server": "real-time" in told, "client": own_core(CORE)}
         seed, last = options.seed, options.seed + 2 * -(-options.motions // options.connection)
         while len(motions) < options.motions and seed < last:
             count = min(options.connection, options.motions - len(motions))

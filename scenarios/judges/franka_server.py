@@ -10,7 +10,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from scenarios.judges.real_time import real_time
+from scenarios.judges.real_time import own_core, real_time
 
 CORE, PRIORITY = 0, 50
 
@@ -29,7 +29,7 @@ def main(host: str) -> None:
             super().run_server()
 
     server = Server(host=host, enforce_comm_constraints=True, enforce_motion_limits=True)
-    permitted = real_time(CORE, PRIORITY)
+    permitted = own_core(CORE) and real_time(PRIORITY)
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -3,18 +3,19 @@
 import os
 
 
-def real_time(core: int, priority: int) -> bool:
-    """Let this process run at once, on a core of its own; return whether that was permitted.
+def own_core(core: int) -> bool:
+    """Keep this process to a core, and return whether it may have real-time priority."""
+    os.sched_setaffinity(0, {core % (os.cpu_count() or 1)})
+    permitted = real_time(1)
+    if permitted:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return permitted
 
-    Args:
-        core: Number of the core.
-        priority: Of SCHED_FIFO, 1 to 99.
-    """
-    if (os.cpu_count() or 1) < 2:
-        return False
+
+def real_time(priority: int) -> bool:
+    """Let this process come before all others, by SCHED_FIFO; return whether that was permitted."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        os.sched_setaffinity(0, {core})
     except OSError:
         return False
     return True
