@@ -106,25 +106,27 @@ def test_it_meets_the_board_at_a_tenth_of_a_metre_per_second_and_not_too_hard() 
 
 @cache
 def wiped_by_foam() -> tuple[Run, float]:
-    """A run with a wrist that errs and a light sponge, and the weight of that [N]."""
+    """A run with a wrist that errs and a light sponge, up to the middle of its first stroke, and
+    the weight of the sponge [N]."""
     erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
-    scenario = episode.scenario(80001)
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=46.0))
     return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
 
 
 def test_where_the_wrist_drifts_the_foam_tells_the_force() -> None:
     """The drift of the sensor is twice the band of the force; judged by a hand of its own."""
     run, weight = wiped_by_foam()
-    assert run.failure is None
-    stroke = np.concatenate([rows_of(run, f"stroke {i}", "contact/tool")[:, 2] for i in (1, 2, 3)])
-    assert len(stroke) > 20000
+    assert run.failure is not None
+    assert run.failure.cause is Cause.TIMEOUT
+    stroke = rows_of(run, "stroke 1", "contact/tool")[:, 2]
+    assert len(stroke) > 10000
     assert np.mean(np.abs(stroke + weight - 10.0) <= 0.5) >= 0.99
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
 
 def test_touches_of_a_drifting_wrist_are_averaged() -> None:
-    """Touches are even in truth, each with an error of the wrist's; the strokes have less."""
+    """Touches are even in truth, each with an error of the wrist's; the stroke has less."""
     run, weight = wiped_by_foam()
     ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
     force = run.rows["contact/tool"][:, 2] + weight
@@ -133,9 +135,9 @@ def test_touches_of_a_drifting_wrist_are_averaged() -> None:
         for phase, end in zip(run.phases, ends, strict=True)
         if phase.name == "touch down"
     ]
-    # Eight and four and four, and one before each stroke.
-    assert len(touches) == 19
-    stroke = np.mean([rows_of(run, f"stroke {i}", "contact/tool")[:, 2].mean() for i in (1, 2, 3)])
+    # Eight, and one before the stroke.
+    assert len(touches) == 9
+    stroke = rows_of(run, "stroke 1", "contact/tool")[:, 2].mean()
     assert abs(stroke + weight - 10.0) < np.abs(np.array(touches) - 10.0).max()
 
 
