@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +58,8 @@ class JudgeOptions(Checked):
     """Clients at once."""
     report: Path = LOGS / "judge_robosuite.json"
     """File for the figures (JSON)."""
+    resume: bool = False
+    """Keep the rows that the report has, and add those that are missing."""
 
     def __post_init__(self) -> None:
         """Check every option.
@@ -80,10 +82,13 @@ class JudgeOptions(Checked):
 def run(options: JudgeOptions, console: Console) -> int:
     """Run all episodes, print the table, write figures; return 0 unless an episode broke down."""
     check_writable(options.report)
-    made, rows, failures = provenance(), list[dict[str, Any]](), list[dict[str, Any]]()
+    made = provenance()
+    rows, failures = finished(options, made)
     asked = [(task, False) for task in options.tasks or PROGRAMS]
     if options.noise:
         asked += [(task, True) for task, _ in asked if task in NOISY]
+    done = {(row["task"], row["noise"]) for row in rows}
+    asked = [one for one in asked if one not in done]
     told = {"episodes": options.episodes, "seeds": [options.seed, _last(options)]}
     with served() as address:
         for task, noisy in asked:
@@ -102,6 +107,28 @@ def run(options: JudgeOptions, console: Console) -> int:
     console.print(table)
     print_files(console, {"report": options.report})
     return FAILED if any(row["errors"] for row in rows) else OK
+
+
+def finished(
+    options: JudgeOptions, made: Mapping[str, Any]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The rows to keep of a report, and their failures; a row with errors is judged again.
+
+    Raises:
+        InvalidValueError: The report is of other seeds, or not of the same unchanged commit.
+    """
+    if not options.resume or not options.report.exists():
+        return [], []
+    kept = json.loads(options.report.read_text(encoding="utf-8"))
+    mine = (made["commit"], False, False, options.episodes, [options.seed, _last(options)])
+    theirs = (kept["commit"], kept["changed"], made["changed"], kept["episodes"], kept["seeds"])
+    if theirs != mine:
+        must = "of the same seeds and commit, without changes of files"
+        raise InvalidValueError("--resume", str(options.report), must)
+    rows = [row for row in kept["rows"] if not row["errors"]]
+    whole = {(row["task"], row["noise"]) for row in rows}
+    failures = [one for one in kept["failures"] if (one["task"], one["noisy"]) in whole]
+    return rows, failures
 
 
 @contextmanager

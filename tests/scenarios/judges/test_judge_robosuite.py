@@ -1,5 +1,6 @@
 """What is told of episodes that robosuite judged: counts, causes, and the table of a page."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from scenarios import judge_robosuite
-from scenarios.judge_robosuite import JudgeOptions, summary
+from scenarios.judge_robosuite import JudgeOptions, finished, summary
 from scenarios.papers import judges
 
 ORIGIN = {"commit": "0123456789abcdef", "date": "2026-01-02"}
@@ -64,3 +65,35 @@ def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path / "none")
     with pytest.raises(InvalidValueError, match="make judges"):
         JudgeOptions()
+
+
+@pytest.mark.parametrize(
+    ("theirs", "mine"),
+    [
+        ({}, {}),
+        ({"commit": "fedcba"}, None),
+        ({"changed": True}, None),
+        ({"seeds": [2, 6]}, None),
+        ({"episodes": 4}, None),
+        ({}, None),
+    ],
+)
+def test_resuming_keeps_whole_rows_of_the_same_run(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    theirs: dict[str, Any],
+    mine: dict[str, Any] | None,
+) -> None:
+    monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path)
+    made = {"commit": "0123", "changed": not theirs and mine is None}
+    whole, broken = summary("Lift", LINES[:4], noisy=False), summary("Stack", LINES, noisy=False)
+    failures = [LINES[2], {**LINES[4], "task": "Stack"}]
+    report = {"commit": "0123", "changed": False, "seeds": [1, 5], "episodes": 5}
+    path = tmp_path / "report.json"
+    path.write_text(json.dumps({**report, "rows": [whole, broken], "failures": failures, **theirs}))
+    options = JudgeOptions(seed=1, episodes=5, report=path, resume=True)
+    if mine is None:
+        with pytest.raises(InvalidValueError, match="same seeds and commit"):
+            finished(options, made)
+    else:
+        assert finished(options, made) == ([whole], [LINES[2]])
