@@ -32,6 +32,8 @@ _TILT = np.deg2rad(60.0)
 _ROOM = (0.015, 0.010)
 """Distance that random poses keep between links, unless these are closer at home: room for a
 clearance [m]."""
+_SPARE = 0.02
+"""Room that random poses leave to joint limits, of which a controller keeps some [rad or m]."""
 _DRAWS = 100_000
 """Largest number of configurations drawn per pose; about one in a hundred is in the workspace."""
 _PATIENCE = 2.0
@@ -187,7 +189,7 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
     # Slides carry the first joint that turns.
     base = next(joint.id for joint in joints if joint.name not in robot.slides)
     for _ in range(_DRAWS):
-        data.qpos[addresses] = rng.uniform(low, high)
+        data.qpos[addresses] = rng.uniform(low + _SPARE, high - _SPARE)
         mujoco.mj_kinematics(model, data)
         from_base = data.site_xpos[tcp] - [*data.xanchor[base][:2], 0.0]
         if not _in_workspace(from_base, -float(data.site_xmat[tcp][8])):
