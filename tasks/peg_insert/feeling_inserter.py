@@ -12,12 +12,12 @@ from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
-from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
+from robo47_qp.tasks.peg_insert.sinking import Sinking
 
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
 """Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
@@ -25,14 +25,14 @@ speed without contact [m/s]; and how many readings are averaged."""
 _SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
 and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_CAUGHT, _STOPPED, _STUCK_FOR = 0.3e-3, 6.0, 10
-"""Descent from which on the hole holds the peg's end [m]; by how much the force along a lane is
-above that on the block where a wall, and not friction, stops the peg [N], in how many readings."""
+_STOPPED, _STUCK_FOR = 6.0, 10
+"""By how much the force along a lane is above that on the block where a wall, and not friction,
+stops the peg [N], in how many readings."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
-_LATELY = 100
-"""Readings of the height, every 10 ms, in which it sinks into a hole."""
+_BEYOND = 1e-4
+"""Distance from a tool across lanes from which on a lane is not the one that it is on [m]."""
 _PRESSES = 6
 """How often a peg that sticks is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -106,11 +106,32 @@ class FeelingInserter(PegInserter):
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
+        lanes, deep = self._lanes(touched, radius, pitch), 0.0
+        while lanes and deep < _SINKS:
+            caught = yield from self._search(stiff, free, lanes)
+            yield from self._press_in(stiff, free)
+            deep, lanes = self._depth(caught), self._lanes_beyond(caught, lanes)
+        for again in range(_PRESSES):
+            if again:
+                yield from self._press_in(stiff, free)
+            if self._depth(touched) >= _DEEP:
+                # Fingers that open under load would let the arm leap.
+                yield from self._ease(stiff, free)
+                return
+        yield from self._push(touched)
+
+    def _search(
+        self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...]
+    ) -> Generator[StepLike, None, SE3]:
+        """Search along lanes; return the pose of the tool in which the hole caught the peg.
+
+        A wall also stops a peg whose edge meets the hole from a lane beside it, which has not sunk.
+        """
         sinking = Sinking(self.sensed, self._axis)
         searching = replace(
             stiff,
             name="search",
-            waypoints=self._lanes(touched, radius, pitch),
+            waypoints=lanes,
             damping=_FIRM_TOUCH / _SINK_SPEED,
             speed=_SEARCH_SPEED,
             seconds=0.0,
@@ -123,21 +144,19 @@ class FeelingInserter(PegInserter):
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
         yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
-        for _ in range(_PRESSES):
-            yield from self._ease(stiff, free)
-            yield replace(
-                stiff,
-                name="insert",
-                force=_FIRM_INSERT,
-                damping=_FIRM_INSERT / _SINK_SPEED,
-                seconds=15.0,
-                until=self._rests(),
-            )
-            if self._depth(touched) >= _DEEP:
-                # Fingers that open under load would let the arm leap.
-                yield from self._ease(stiff, free)
-                return
-        yield from self._push(touched)
+        return caught
+
+    def _press_in(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
+        """Ease the peg, and press it until it sinks no more."""
+        yield from self._ease(stiff, free)
+        yield replace(
+            stiff,
+            name="insert",
+            force=_FIRM_INSERT,
+            damping=_FIRM_INSERT / _SINK_SPEED,
+            seconds=15.0,
+            until=self._rests(),
+        )
 
     def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Press hardly any more, and give way to what pushes the peg aside."""
@@ -273,7 +292,7 @@ class FeelingInserter(PegInserter):
         """Return by how much the tool is below a pose along the hole's axis [m]."""
         return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
 
-    def _found(self, sinking: "Sinking", free: FreeWrist) -> Condition:
+    def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
         """Return the condition that the peg has sunk, or is stopped along a lane."""
         _, y = self._across(self.sensed.tool_pose())
         readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
@@ -305,6 +324,21 @@ class FeelingInserter(PegInserter):
             Waypoint(name=f"search {i}", target=pose, motion=Motion.LIN)
             for i, pose in enumerate(poses[1:], start=1)
         )
+
+    def _lanes_beyond(self, here: SE3, lanes: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
+        """Return the lanes beyond the one of a tool pose; the next begins beside that pose.
+
+        From there it is searched to the end from which the tool came, and then as a whole.
+        """
+        x, y = self._across(here)
+        poses = [lane.target for lane in lanes if isinstance(lane.target, SE3)]
+        off = [pose.translation() - here.translation() for pose in poses]
+        left = [i for i, by in enumerate(off) if by.dot(x) > _BEYOND]
+        if not left:
+            return ()
+        beside = SE3.from_translation(-off[left[0]].dot(y) * y) @ poses[left[0]]
+        ahead = tuple(lanes[i] for i in left)
+        return (replace(ahead[0], name="search beside", target=beside), *ahead[1:2], *ahead)
 
     def _across(self, T_world_tcp: SE3) -> tuple[np.ndarray, np.ndarray]:
         """Return the directions next to a tool's x and y that are normal to the hole's axis."""
@@ -350,27 +384,3 @@ class FeelingInserter(PegInserter):
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
         yield Release(name="open gripper")
         yield from ItemHandler.back_off(self)
-
-
-class Sinking:
-    """By how much a tool has sunk of late; between the fingers, a pressed peg only creeps."""
-
-    def __init__(self, sensed: Sensed, axis: np.ndarray) -> None:
-        """Begin where the tool is; `axis` points up (3,) [-]."""
-        self._sensed, self._axis = sensed, axis
-        self._heights: deque[float] = deque(maxlen=_LATELY)
-        self.caught = sensed.tool_pose()
-        """Pose of the tool before it began to sink."""
-        self.read()
-
-    def read(self) -> None:
-        """Measure the pose of the tool."""
-        here = self._sensed.tool_pose()
-        self._heights.append(float(here.translation().dot(self._axis)))
-        if self.sunk < _CAUGHT:
-            self.caught = here
-
-    @property
-    def sunk(self) -> float:
-        """How far it has sunk [m]."""
-        return self._heights[0] - self._heights[-1]
