@@ -184,12 +184,15 @@ def _reachable(simulation: Simulation, rng: np.random.Generator) -> SE3:
     as_built = [_close(model, data, gap) for gap in _ROOM]
     joints = [model.joint(name) for name in robot.joints]
     addresses = [int(joint.qposadr[0]) for joint in joints]
-    low, high = np.array([joint.range for joint in joints]).T
+    limited = model.jnt_limited[[joint.id for joint in joints], None] == 1
+    spare = np.array((_SPARE, -_SPARE))
+    room = [joint.range + spare for joint in joints]
+    low, high = np.where(limited, room, (-np.pi, np.pi)).T
     tcp = model.site(robot.tcp).id
     # Slides carry the first joint that turns.
     base = next(joint.id for joint in joints if joint.name not in robot.slides)
     for _ in range(_DRAWS):
-        data.qpos[addresses] = rng.uniform(low + _SPARE, high - _SPARE)
+        data.qpos[addresses] = rng.uniform(low, high)
         mujoco.mj_kinematics(model, data)
         from_base = data.site_xpos[tcp] - [*data.xanchor[base][:2], 0.0]
         if not _in_workspace(from_base, -float(data.site_xmat[tcp][8])):
