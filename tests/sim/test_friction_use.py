@@ -87,7 +87,7 @@ def test_a_hanging_weight_uses_what_it_must(friction: float) -> None:
 
 
 def test_what_is_too_heavy_uses_all_and_slides() -> None:
-    world = held(0.3, replace(ITEM, mass=1.5), seconds=0.15)
+    world = held(0.3, replace(ITEM, mass=1.5), seconds=0.1)
     np.testing.assert_allclose(use(world)[1::2], 1.0, atol=0.02)
     assert world.object_twist("block")[2] < -0.05
 

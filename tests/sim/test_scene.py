@@ -37,6 +37,34 @@ def test_the_period_is_one_millisecond(model: mujoco.MjModel) -> None:
     assert model.opt.timestep == TIMESTEP
 
 
+def test_what_touches_a_finger_hardly_is_pushed_away_from_it() -> None:
+    """At MuJoCo's own tolerance, half of these cylinders were pulled in."""
+
+    def beside_a_box(spec: mujoco.MjSpec) -> None:
+        kinds = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
+        for kind, size in zip(kinds, ([0.01, 0.004, 0.01], [0.016, 0.03, 0.0]), strict=True):
+            body = spec.worldbody.add_body(name=kind.name, pos=[0.5, 0.4, 0.5])
+            body.add_freejoint()
+            body.add_geom(name=kind.name, type=kind, size=size, mass=0.1)
+
+    m = compile_scene(PANDA, beside_a_box)
+    d, rng = mujoco.MjData(m), np.random.default_rng(0)
+    cylinder = m.geom("mjGEOM_CYLINDER").id
+    start = int(m.body("mjGEOM_CYLINDER").jntadr[0])
+    place = d.qpos[m.jnt_qposadr[start] :][:7]
+    for depth in np.geomspace(1e-8, 1e-5, 300):
+        tilt = [1.0, *rng.normal(0.0, 1e-5, 3)]
+        place[:] = [0.5 + rng.uniform(-1e-3, 1e-3), 0.42 - depth, 0.5, *tilt]
+        mujoco.mj_forward(m, d)
+        normals = {
+            g[1] == cylinder: n[1]
+            for g, n in zip(d.contact.geom, d.contact.frame, strict=True)
+            if cylinder in g
+        }
+        assert normals
+        assert all(n > 0.99 if second else n < -0.99 for second, n in normals.items())
+
+
 def test_free_and_mocap_bodies_are_found_in_their_order(model: mujoco.MjModel) -> None:
     assert free_bodies(model) == ("ball", "die")
     assert mocap_bodies(model) == ("ghost", "second ghost")
