@@ -183,7 +183,7 @@ class Runner:
             failure=failure,
             measures=task.measures(self._sim),
             loop_seconds=loop.seconds,
-            objects=self._sim.objects,
+            objects={name: np.array(self._sim.model.body(name).ipos) for name in self._sim.objects},
             fixed=self._sim.fixed(),
             failed_steps=self.failed_steps,
         )

@@ -1,8 +1,9 @@
 """Scenario and Run: what is to be done, and what happened."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from robo47_qp.arrays import Vector
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.obstacle import Obstacle
@@ -48,8 +49,8 @@ class Run:
     """The task's figures of the final state, by name with unit."""
     loop_seconds: float
     """Wall time of the control loop with its recording, without planning and observers [s]."""
-    objects: Sequence[str]
-    """Bodies that move freely."""
+    objects: Mapping[str, Vector]
+    """Bodies that move freely, each with its centre of mass in its frame (3,) [m]."""
     fixed: Sequence[Obstacle]
     """What stands fixed around the robot and can be touched, at the end of the run."""
     failed_steps: int | None = None

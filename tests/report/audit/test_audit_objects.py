@@ -12,15 +12,27 @@ from robo47_qp.report.audit.objects import object_jumps
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import JointTarget, Observation
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.policies import Scripted, follow
 from tests.runs import picked_and_placed
 
 
-def meddled(meddle: Callable[[Simulation], None] | None) -> Run:
+class Tossed(PickPlace):
+    """A cylinder with its centre of mass off its middle is thrown onto the table."""
+
+    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
+        """See `Task.reset`."""
+        super().reset(simulation, rng)
+        joint = simulation.data.joint(simulation.model.body(self.item.name).jntadr[0])
+        joint.qvel[:] = [0.5, 0.2, 1.0, 15.0, -9.0, 12.0]
+
+
+def meddled(meddle: Callable[[Simulation], None] | None, task: Task | None = None) -> Run:
     """A policy in the process of the run, which reaches the world at 0.1 s."""
-    task = PickPlace()
+    task = PickPlace() if task is None else task
     simulation = Simulation(PANDA, task.build_scene)
 
     def act(seen: Observation) -> JointTarget:
@@ -78,3 +90,11 @@ def test_so_does_one_that_turns_or_is_kicked() -> None:
     assert broken(meddled(turn))["object turn (cube)"] == pytest.approx(0.01, rel=1e-3)
     kicked = broken(meddled(kick))
     assert kicked["object kick (cube)"] == pytest.approx(0.01, rel=1e-6)
+
+
+def test_one_that_tumbles_about_a_centre_of_mass_off_its_middle_was_not_kicked() -> None:
+    item = Item(name="cube", size=(0.05, 0.05, 0.06), round=True, com=(0.012, -0.009, 0.006))
+    task = Tossed(item=item)
+    *_, tossed = object_jumps(meddled(None, task))
+    assert tossed.extreme < 1e-6
+    assert broken(meddled(kick, task))["object kick (cube)"] == pytest.approx(0.01, rel=1e-3)
