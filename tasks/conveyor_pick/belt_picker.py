@@ -13,15 +13,17 @@ from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.follow_step import Follow
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
+from robo47_qp.tasks.handling.compliant_grasp import width_around
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
 from robo47_qp.tasks.handling.item_handler import HeldItem
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.heading import raised
 from robo47_qp.tasks.item import Item
 
 _AHEAD = 1.8
 """Time given to the arm to reach the meeting point [s]."""
-_LEAD = 0.25
+_LEAD = 0.4
 """Least time before the meeting at which the tool starts to move, and after it until it has the
 item's velocity [s]."""
 _LONGEST = 30.0
@@ -31,6 +33,10 @@ _WAY = 0.8
 _NEAR, _ALIGNED = 1.5e-3, 0.02
 """Errors of position [m] and orientation [rad] below which the tool is on its target."""
 
+_CLOSING = 1.5
+"""Longest time in which fingers close at their full speed [s]."""
+_GENTLY = 0.03
+"""Rate of the opening width where one finger touches the item before the other [m/s]."""
 _PATIENCE = 2.0
 """Longest time to reach the target after the planned end [s]."""
 
@@ -82,14 +88,22 @@ class BeltPicker:
         end = start + 2.0 * max(meet - start, _LEAD)
         yield self._follow("follow", self._setting_out(waits, start, meet, end), end)
         end = self.sensed.time + _WAY
-        yield self._follow("descend", self._eased(end, self.rise, 0.0), end)
+        descend = self._follow("descend", self._eased(end, self.rise, 0.0), end)
+        close, seconds = Grip(width=0.0, force=self.force), _CLOSING
+        if camera_errs(self.sensed):
+            near = width_around(self.sensed, self.item, self.tracker.at(self.sensed.time))
+            near = min(near, self.sensed.width())
+            descend = replace(descend, grip=replace(close, width=near))
+            close = replace(close, speed=_GENTLY)
+            seconds += (near - min(self.item.size[:2])) / _GENTLY
+        yield descend
         still = self._with_item(lambda _: 0.0)
         yield Follow(
             name="close gripper",
             target=still,
-            grip=Grip(width=0.0, force=self.force),
+            grip=close,
             until=self._held(Cause.GRASP),
-            seconds=1.5,
+            seconds=seconds,
         )
         tool = self._tool()
         T_world_item = self.tracker.at(self.sensed.time)

@@ -42,12 +42,17 @@ def compliant_grasp(
     """
     grasp = replace(grasp, speed=_GENTLY)
     if camera_errs(sensed):
-        near = item.width(sensed.tool_pose(), T_world_item) + 2.0 * _DEVIATIONS * _off(sensed)
+        near = width_around(sensed, item, T_world_item)
         if near < sensed.width():
             yield Grasp(name="close around", force=grasp.force, width=near)
         springs = Compliance(stiffness=_YIELDING, frame="tool")
         grasp = replace(grasp, compliance=springs)
     yield grasp
+
+
+def width_around(sensed: Sensed, item: Item, T_world_item: SE3) -> float:
+    """Return the opening width up to which fingers may close fast around a seen item [m]."""
+    return item.width(sensed.tool_pose(), T_world_item) + 2.0 * _DEVIATIONS * _off(sensed)
 
 
 def _off(sensed: Sensed) -> float:

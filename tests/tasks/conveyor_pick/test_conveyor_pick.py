@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -11,12 +12,16 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.follow_step import Follow
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.conveyor_pick import belt_picker
+from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
+from robo47_qp.tasks.heading import raised
 from tests.runs import Holder, Meddler, at_rest, carry_out, live, make_runner
 
 
@@ -60,6 +65,53 @@ def test_the_tool_moves_with_the_cube_without_lead_or_lag() -> None:
     ahead = run.rows["tool/pose_ref"][rows, 1][:50] - run.rows["objects/cube"][rows, 1][:50]
     # A period of 1 ms at 0.12 m/s is 0.12 mm.
     assert np.abs(ahead).max() < 0.03e-3
+
+
+class OnFastestBelt(ObjectTracker):
+    """Knows the cube on a belt at 0.2 m/s."""
+
+    velocity = np.array([0.0, 0.2, 0.0])
+
+    def at(self, time: float) -> SE3:
+        """See `ObjectTracker.at`."""
+        return SE3.from_translation(np.array([0.5, 0.2 * time, 0.1]))
+
+
+def picker() -> BeltPicker:
+    task = ConveyorPick()
+    sensed = live(Simulation(PANDA, task.build_scene))
+    return replace(task._picker(sensed), tracker=OnFastestBelt(sensed, "cube"))
+
+
+def test_setting_out_leaves_the_joints_room_below_their_accelerations() -> None:
+    """3 rad/s² at 0.4 m are 1.2 m/s²: at the bounds, the stream jumps from one to the other."""
+    lead, belt = belt_picker._LEAD, picker()
+    waits = raised(belt._grasp(belt.tracker.at(lead)), belt.rise)
+    late = SE3.from_translation(np.array([0.0, -0.02, 0.0])) @ waits
+    target = belt._setting_out(late, 0.0, lead, 2.0 * lead)
+    times = np.arange(0.0, 2.0 * lead, 2e-3)
+    places = np.array([target(time).translation() for time in times])
+    assert np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() / 2e-3**2 < 0.9
+
+
+@pytest.mark.parametrize("errs", [False, True])
+def test_where_the_camera_errs_fingers_close_around_the_item_on_the_way_and_then_gently(
+    errs: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(belt_picker, "camera_errs", lambda _: errs)
+    *_, descend, close = islice(picker().catch(-0.1), 5)
+    assert isinstance(descend, Follow)
+    assert isinstance(close, Follow)
+    assert close.grip is not None
+    assert close.grip.width == 0.0
+    if errs:
+        assert descend.grip is not None
+        assert 0.044 < descend.grip.width < 0.05
+        assert close.grip.speed <= 0.03
+        # In the time that closing may take, and force after that.
+        assert close.seconds > 1.0 + (descend.grip.width - 0.04) / close.grip.speed
+    else:
+        assert descend.grip is None
 
 
 def test_the_belt_takes_the_cube_along_by_friction() -> None:
