@@ -17,7 +17,7 @@ from robo47_qp.motion.waypoint import PRESCRIBED, Waypoint
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
-from robo47_qp.run.steps import Step, StepExecutor
+from robo47_qp.run.steps import Step, StepExecutor, place_of
 
 _TICK_ROWS = 2
 """Control periods between two checks of the world while contact is expected."""
@@ -41,6 +41,8 @@ class Guarded(Checked, Step):
     """Largest speed of the tool [m/s]."""
     missing: Cause | None = Cause.TIMEOUT
     """Cause of the failure without contact up to the end; None if that is allowed."""
+    tool: str | None = None
+    """Name of the tool that is to touch something; None is the main one."""
 
     def __post_init__(self) -> None:
         """Check motion and numbers.
@@ -67,10 +69,11 @@ class Guarded(Checked, Step):
         loop = executor.loop
         (leg,) = executor.plan([self.waypoint], self.speed)
         loop.set_payload(self.waypoint.carried)
-        before = loop.sim.felt_force()
+        place = place_of(executor, self.tool)
+        before = loop.sim.felt_force(place)
 
         def touched() -> bool:
-            change = loop.sim.felt_force() - before
+            change = loop.sim.felt_force(place) - before
             return float(np.sqrt(change.dot(change))) >= self.force
 
         # Contact pushes the tool off its line before the arm stops.

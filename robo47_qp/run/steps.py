@@ -271,7 +271,7 @@ class Release(Step):
 
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
-        gripper = executor.loop.sim.gripper_of(_place(executor, self.tool))
+        gripper = executor.loop.sim.gripper_of(place_of(executor, self.tool))
         width = gripper.width_max if self.width is None else self.width
         _grip(executor, self.name, Grip(width=width, force=gripper.force_max), tool=self.tool)
 
@@ -307,7 +307,7 @@ def _grip(
     compliance: Compliance | None = None,
     tool: str | None = None,
 ) -> None:
-    place = _place(executor, tool)
+    place = place_of(executor, tool)
     if place and compliance is not None:
         raise InvalidValueError(f"compliance of tool {tool!r}", "one", "None: the main tool's only")
     loop, sim = executor.loop, executor.loop.sim
@@ -330,7 +330,7 @@ def _grip(
     loop.note(f"{name}: {width:.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
 
 
-def _place(executor: StepExecutor, tool: str | None) -> int:
+def place_of(executor: StepExecutor, tool: str | None) -> int:
     """Return the place of a tool among the robot's."""
     return 0 if tool is None else executor.loop.arm.robot.tool_index(tool)
 

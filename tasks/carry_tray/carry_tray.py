@@ -1,6 +1,6 @@
 """Two arms carry a tray, level, over a wall, and set it down."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -185,6 +185,9 @@ class CarryTray(Task):
         above, down = self._approach(self._grasps(level(tray)))
         yield replace(above, onward=(down,))
         yield down
+        free = {}
+        for hand in hands:
+            free[hand.name] = yield from hand.felt()
         for hand in hands:
             yield from hand.grasp(self.tray.handle_width, self.grip_force)
         # What the hands were off the handles is not to be carried along as an internal force.
@@ -194,7 +197,7 @@ class CarryTray(Task):
         tray = level(tray)
         poses = ToolPoses({hand.name: hand.pose() for hand in hands})
         holding = poses.each(lambda _, pose: tray.inverse() @ pose)
-        loads = yield from self._take_up(sensed, tray, holding)
+        loads = yield from self._take_up(sensed, tray, holding, free)
         for waypoint in self._way(tray, holding, level(goal)):
             yield self._carrying(hands, replace(waypoint, carried=loads))
         for hand in hands:
@@ -265,9 +268,16 @@ class CarryTray(Task):
         return told("the tray", reasons) or self.placed.against_rest(simulation, (NAME, CUP))
 
     def _take_up(
-        self, sensed: Sensed, tray: SE3, holding: ToolPoses
+        self, sensed: Sensed, tray: SE3, holding: ToolPoses, free: Mapping[str, float]
     ) -> Generator[StepLike, None, dict[str, Payload]]:
-        """Lift the tray a little, and return what each hand carries by its own sensor."""
+        """Lift the tray a little, and return what each hand carries by its own sensor.
+
+        Args:
+            sensed: What is sensed.
+            tray: T_world_tray as it stands.
+            holding: T_tray_tcp of the hands.
+            free: What each hand felt before, by its name [N]; see `Hand.felt`.
+        """
         hands = self._hands(sensed)
         loads = {hand.name: _load(0.5 * self.tray.whole_mass) for hand in hands}
         up = replace(_line("take up", raised(tray, _TAKE_UP), holding), carried=loads)
@@ -275,7 +285,7 @@ class CarryTray(Task):
         yield Wait(name="weigh", seconds=0.1)
         shares = {}
         for hand in hands:
-            shares[hand.name] = yield from hand.weigh()
+            shares[hand.name] = yield from hand.weigh(free[hand.name])
         least = 0.05 * self.tray.whole_mass
         loads = {name: _load(max(share, least)) for name, share in shares.items()}
         yield from settled(replace(up, carried=loads))

@@ -10,9 +10,10 @@ from mink import SE3
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.run.failure import Cause, Condition
-from robo47_qp.run.steps import Grasp, StepLike, Wait
+from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.pose_estimate import camera_errs
 
 _WIDTH_TOLERANCE = 3e-3
 """Largest difference between the opening width and that of what is held [m]."""
@@ -20,7 +21,7 @@ _LEAST_SHARE = 0.1
 """Least force of a finger that holds something, relative to the commanded one [-]."""
 _AROUND, _GENTLY = 8e-3, 0.02
 """Opening beyond the width up to which the fingers close fast [m], and their rate then [m/s]."""
-_STILL, _READINGS = 0.3, 5
+_STILL, _READINGS = 0.3, 20
 """Time to come to rest [s], and how many readings of the sensor are averaged."""
 _GRAVITY = 9.81
 
@@ -81,18 +82,33 @@ class Hand:
         held = (self.holds(width, force, Cause.GRASP),)
         yield Grasp(name=name, tool=self.name, force=force, speed=_GENTLY, after=held)
 
-    def weigh(self) -> Generator[StepLike, None, float]:
-        """Return the mass that hangs on the hand at rest, by the force sensor at its wrist [kg]."""
+    def release(self, name: str) -> Generator[StepLike, None, None]:
+        """Open the fingers; where the camera errs, wait for an arm that had been pushed aside."""
+        yield Release(name=name, tool=self.name)
+        if camera_errs(self.sensed):
+            yield Wait(name="settle", seconds=_STILL)
+
+    def felt(self) -> Generator[StepLike, None, float]:
+        """Return the vertical force on the hand at rest, by the sensor at its wrist [N]."""
         yield Wait(name="weigh", seconds=_STILL)
         readings: list[float] = []
 
         def against() -> str | None:
-            readings.append(-float(self.sensed.felt_force(self.place)[2]) / _GRAVITY)
+            readings.append(float(self.sensed.felt_force(self.place)[2]))
             return None if len(readings) >= _READINGS else "not read often enough"
 
         read = Condition(name="the sensor is read", cause=Cause.TIMEOUT, against=against)
         yield Wait(name="weigh", seconds=1.0, until=read)
         return float(np.mean(readings))
+
+    def weigh(self, free: float) -> Generator[StepLike, None, float]:
+        """Return the mass that hangs on the hand at rest [kg].
+
+        Args:
+            free: What was `felt` without it, shortly before: the sensor drifts [N].
+        """
+        now = yield from self.felt()
+        return (free - now) / _GRAVITY
 
 
 def closed_on(simulation: Simulation, tool: int, width: float, force: float) -> bool:

@@ -26,9 +26,9 @@ UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
 """Causes of failure before a step has started to move."""
 _ROUGH, _TO_GRASP = 4e-3, 1.5e-3
 """Accepted standard deviations of a coordinate: on the way, and of what is to be grasped [m]."""
-_NEAR = 0.012
+NEAR = 0.012
 """Height above its goal at which a held item is looked at once more [m]."""
-_ABOVE = 0.5e-3
+LET_GO = 0.5e-3
 """Height above its goal at which an item is released where it is seen with errors [m]: an arm that
 presses it down is pushed aside by more than it errs while it is free."""
 _AROUND = 0.001
@@ -101,7 +101,7 @@ class ItemHandler:
         # It may have turned between the fingers on the way.
         T_world_item = yield from self.look_held(held, _ROUGH if errs else GOOD_ENOUGH)
         T_world_tcp = self.sensed.tool_pose()
-        near = raised(T_world_goal, _NEAR) if errs else T_world_goal
+        near = raised(T_world_goal, NEAR) if errs else T_world_goal
         lower = hand.lower(T_world_tcp, T_world_item, near)
         try:
             yield lower
@@ -114,7 +114,7 @@ class ItemHandler:
         if errs:
             # Beside its goal, both are seen with the same error of the camera's calibration.
             T_world_item = yield from self.look_held(held)
-            above = raised(T_world_goal, _ABOVE)
+            above = raised(T_world_goal, LET_GO)
             yield hand.lower(self.sensed.tool_pose(), T_world_item, above)
         yield self.release()
 

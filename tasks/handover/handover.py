@@ -9,10 +9,11 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Positive, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Waypoint, tool_down
+from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Move, Release, StepLike
 from robo47_qp.run.task import Program, Task, option
@@ -20,9 +21,9 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, estimate_item_goal, place_goal
 from robo47_qp.tasks.handling.hand import Hand, closed_on, settled
-from robo47_qp.tasks.handling.item_handler import HOME, LOST
+from robo47_qp.tasks.handling.item_handler import HOME, LET_GO, LOST, NEAR
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
 from robo47_qp.tasks.heading import heading, level, raised, upright
 from robo47_qp.tasks.item import BLUE, Item
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
@@ -44,6 +45,8 @@ _LOWEST = 0.014
 """Least height of a tool point above the table [m]."""
 _ABOVE = 0.12
 """Height above a grasp from which a hand descends [m]."""
+_TOUCH = 3.0
+"""Change of the force at the wrist by which a bar that is lowered touches the table [N]."""
 _TAKE_UP = 0.015
 """Height of the first lift [m]."""
 
@@ -194,21 +197,27 @@ class Handover(Task):
         return {**errors, "handed_over": float(task_state(simulation)[0])}
 
     def _attempt(self, sensed: Sensed) -> Generator[StepLike, None, None]:
-        left, _ = self._hands(sensed)
+        left, right = self._hands(sensed)
         goal = yield from estimate_item_goal(sensed, self.bar)
-        bar = yield from self._pick(sensed, left)
-        yield from self._give(sensed, bar)
-        yield from self._put_down(sensed, bar, level(goal))
+        bar, place = yield from self._pick(sensed, left)
+        place = yield from self._give(sensed, bar, _HeldBar(hand=left, place=place))
+        yield from self._put_down(sensed, bar, _HeldBar(hand=right, place=place), level(goal))
 
-    def _pick(self, sensed: Sensed, left: Hand) -> Generator[StepLike, None, Item]:
-        """Pick the bar with the left hand, and return it with the mass that was measured."""
+    def _pick(self, sensed: Sensed, left: Hand) -> Generator[StepLike, None, tuple[Item, Vector]]:
+        """Pick the bar with the left hand.
+
+        Returns:
+            It with the mass that was measured, and where the tool point is in its frame (3,) [m].
+        """
         resting = TABLE_TOP + 0.5 * self.bar.height
         T_world_bar = yield from estimate_pose(sensed, self.bar.name, resting)
         grasp = self._grasp(T_world_bar, 1.0)
         yield Waypoint(name="approach", target=left.target(raised(grasp, _ABOVE)))
         yield left.line("descend", grasp)
+        free = 0.0 if sensed.weights_known else (yield from left.felt())
         yield from left.grasp(self.bar.size[0], self.grip_force)
         bar, T_tcp_bar = self.bar, grasp.inverse() @ T_world_bar
+        place = T_world_bar.inverse().apply(left.pose().translation())
         held = (left.holds(bar.size[0], self.grip_force, Cause.DROP),)
         taken_up = raised(left.pose(), _TAKE_UP)
         # On no line: a bar of unknown weight pulls the hand off it.
@@ -219,58 +228,68 @@ class Handover(Task):
         )
         yield Move(waypoints=(up,), after=held)
         if not sensed.weights_known:
-            mass = yield from left.weigh()
+            mass = yield from left.weigh(free)
             bar = replace(bar, mass=max(mass, 0.1 * bar.mass))
             yield from settled(replace(up, carried={left.name: bar.payload(T_tcp_bar)}))
         lift = left.line("lift", raised(taken_up, _ABOVE - _TAKE_UP))
         lift = replace(lift, carried={left.name: bar.payload(T_tcp_bar)})
         yield Move(waypoints=(lift,), during=held, after=held)
-        return bar
+        return bar, place
 
-    def _give(self, sensed: Sensed, bar: Item) -> Generator[StepLike, None, None]:
-        """Bring the bar and the right hand together, and change hands."""
+    def _give(
+        self, sensed: Sensed, bar: Item, held_bar: "_HeldBar"
+    ) -> Generator[StepLike, None, Vector]:
+        """Bring the bar and the right hand together, and change hands.
+
+        Returns:
+            Where the right tool point is in the frame of the bar (3,) [m].
+        """
         left, right = self._hands(sensed)
         width, force = bar.size[0], self.grip_force
         held = (left.holds(width, force, Cause.DROP),)
-        T_world_bar = yield from estimate_pose(sensed, bar.name)
-        T_bar_left = level(T_world_bar).inverse() @ left.pose()
+        T_world_bar = yield from held_bar.look(sensed, bar)
+        T_bar_left = T_world_bar.inverse() @ left.pose()
         carried = {left.name: bar.payload(T_bar_left.inverse())}
         meeting = sensed.seen_pose(_MEETING)
         meet = replace(
             self._meet(meeting @ T_bar_left, self._grasp(meeting, -1.0)), carried=carried
         )
         yield Move(waypoints=(meet,), during=held, after=held)
-        T_world_bar = yield from estimate_pose(sensed, bar.name)
+        T_world_bar = yield from held_bar.look(sensed, bar)
         grasp = self._grasp(T_world_bar, -1.0)
         reach = replace(right.line("reach", grasp), carried=carried)
         yield Move(waypoints=(reach,), during=held)
         yield from right.grasp(width, force)
-        yield Release(name="let go", tool=left.name)
+        place = T_world_bar.inverse().apply(right.pose().translation())
+        yield from left.release("let go")
         carried = {right.name: bar.payload(right.pose().inverse() @ T_world_bar)}
         away = replace(left.line("leave", raised(left.pose(), _ABOVE)), carried=carried)
         taken = (right.holds(width, force, Cause.DROP),)
         yield Move(waypoints=(away,), before=taken, during=taken, after=taken)
+        return place
 
     def _put_down(
-        self, sensed: Sensed, bar: Item, T_world_goal: SE3
+        self, sensed: Sensed, bar: Item, held_bar: "_HeldBar", T_world_goal: SE3
     ) -> Generator[StepLike, None, None]:
         """Put the bar at its goal with the right hand; the left one goes home meanwhile."""
-        _, right = self._hands(sensed)
-        T_world_bar = yield from estimate_pose(sensed, bar.name)
-        T_bar_right = level(T_world_bar).inverse() @ right.pose()
-        carried = {right.name: bar.payload(T_bar_right.inverse())}
-        goal = T_world_goal @ T_bar_right
-        lower = replace(right.line("lower", goal), carried=carried)
+        right, errs = held_bar.hand, camera_errs(sensed)
+        taken = (right.holds(bar.size[0], self.grip_force, Cause.DROP),)
+        near = raised(T_world_goal, NEAR) if errs else T_world_goal
+        lower, goal = yield from held_bar.lower(sensed, bar, near)
         over = Waypoint(
             name="carry",
             target=right.target(raised(goal, _ABOVE)),
-            carried=carried,
+            carried=lower.carried,
             onward=(lower,),
         )
-        taken = (right.holds(bar.size[0], self.grip_force, Cause.DROP),)
         yield Move(waypoints=(over,), during=taken, after=taken)
         yield Move(waypoints=(lower,), during=taken)
-        yield Release(name="put down", tool=right.name)
+        if errs:
+            # Beside its goal, both are seen with the same error of the camera's calibration.
+            lower, _ = yield from held_bar.lower(sensed, bar, raised(T_world_goal, LET_GO))
+            # Its far end hangs lower than the camera tells.
+            yield Guarded(waypoint=lower, force=_TOUCH, missing=None, tool=right.name)
+        yield from right.release("put down")
         yield right.line("retreat", raised(right.pose(), _ABOVE))
 
     def _back_off(self, sensed: Sensed) -> Generator[StepLike, None, None]:
@@ -300,6 +319,33 @@ class Handover(Task):
         """Return the waypoint at which the bar is in the air and the right hand above it."""
         poses = {"left": T_world_left, "right": raised(grasp, _ABOVE)}
         return Waypoint(name="meet", target=ToolPoses(poses))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _HeldBar:
+    """The bar in a hand, in which it may turn about the axis of the fingers."""
+
+    hand: Hand
+    place: Vector
+    """Where the tool point is in the frame of the bar (3,) [m]."""
+
+    def look(self, sensed: Sensed, bar: Item) -> Generator[StepLike, None, SE3]:
+        """Return T_world_bar as it is seen, at the height at which the hand is known to be."""
+        seen = yield from estimate_pose(sensed, bar.name)
+        x, y, _ = seen.translation()
+        height = self.hand.pose().translation()[2] - seen.rotation().apply(self.place)[2]
+        at = np.array([x, y, height]) if camera_errs(sensed) else seen.translation()
+        return SE3.from_rotation_and_translation(seen.rotation(), at)
+
+    def lower(
+        self, sensed: Sensed, bar: Item, T_world_goal: SE3
+    ) -> Generator[StepLike, None, tuple[Waypoint, SE3]]:
+        """Return the way down to a goal, by a look at the bar, and T_world_tcp at its end."""
+        T_world_bar = yield from self.look(sensed, bar)
+        T_bar_tcp = T_world_bar.inverse() @ self.hand.pose()
+        goal = T_world_goal @ T_bar_tcp
+        carried = {self.hand.name: bar.payload(T_bar_tcp.inverse())}
+        return replace(self.hand.line("lower", goal), carried=carried), goal
 
 
 _MEETING = "meeting"

@@ -1,21 +1,28 @@
 """The bar changes hands in the air, and nothing else counts."""
 
-from dataclasses import replace
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pytest
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import StepLike, Wait
+from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.goal import Goal
 from robo47_qp.tasks.handling.hand import Hand, closed_on
+from robo47_qp.tasks.handover import handover
 from robo47_qp.tasks.handover.handover import Handover
 from robo47_qp.tasks.task_state import task_state
 from tests.runs import at_rest, live
@@ -129,3 +136,88 @@ def test_the_bar_is_believed_to_be_where_it_is(run: Run) -> None:
         load = carried[name]
         assert isinstance(load, dict)
         assert [*load] == [hand]
+
+
+T = TypeVar("T")
+
+
+def returned(steps: Generator[StepLike, None, T]) -> T:
+    """What steps return that move nothing."""
+    try:
+        while True:
+            step = next(steps)
+            while isinstance(step, Wait) and step.until and step.until.against():
+                pass
+    except StopIteration as end:
+        result: T = end.value
+        return result
+
+
+class Feels(Simulation):
+    """Wrists that feel what they are told to, upwards [N]."""
+
+    felt = (50.0, 50.0)
+
+    def felt_force(self, tool: int = 0) -> np.ndarray:
+        return np.array([0.0, 0.0, self.felt[tool]])
+
+
+def test_what_a_hand_holds_is_weighed_by_what_changes_at_its_own_wrist() -> None:
+    simulation = Feels(PAIR, TASK.build_scene)
+    hand = Hand(sensed=live(simulation), name="right")
+    simulation.felt = (50.0, 0.8)
+    free = returned(hand.felt())
+    simulation.felt = (-50.0, 0.8 - 0.2 * 9.81)
+    assert returned(hand.weigh(free)) == pytest.approx(0.2)
+
+
+def test_a_bar_that_turned_between_the_fingers_is_where_the_hand_is_and_put_down_level(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drooping = SO3.from_z_radians(0.4) @ SO3.from_x_radians(0.06)
+    bar = SE3.from_rotation_and_translation(drooping, np.array([0.45, -0.2, 0.15]))
+    place, off = np.array([3e-3, -0.08, 0.01]), np.array([2e-3, -1e-3, 5e-3])
+    point = bar.apply(place)
+    tcp = SE3.from_rotation_and_translation(SO3.from_x_radians(np.pi), point)
+
+    def seen(*_: object) -> Generator[StepLike, None, SE3]:
+        yield from ()
+        return SE3.from_translation(off) @ bar
+
+    monkeypatch.setattr(handover, "estimate_pose", seen)
+    monkeypatch.setattr(handover, "camera_errs", lambda _: True)
+    monkeypatch.setattr(Hand, "pose", lambda _: tcp)
+    hand = Hand(sensed=live(start()), name="right")
+    held = handover._HeldBar(hand=hand, place=place)
+    found = returned(held.look(hand.sensed, TASK.bar))
+    np.testing.assert_allclose(found.translation() - bar.translation(), [2e-3, -1e-3, 0], atol=1e-9)
+    goal = SE3.from_translation(np.array([0.5, -0.3, 0.015]))
+    _, there = returned(held.lower(hand.sensed, TASK.bar, goal))
+    brought = there @ tcp.inverse() @ found
+    np.testing.assert_allclose(brought.as_matrix(), goal.as_matrix(), atol=1e-9)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lowering(Handover):
+    """The right hand goes down until its wrist feels something."""
+
+    def program(self, sensed: Sensed) -> Program:
+        """See `Task.program`."""
+        right = Hand(sensed=sensed, name="right")
+        down = right.line("lower", SE3.from_translation(np.array([0, 0, -0.05])) @ right.pose())
+        yield Guarded(waypoint=down, force=3.0, missing=Cause.TIMEOUT, tool="right")
+        return None
+
+
+def test_a_guarded_motion_of_the_second_hand_ends_at_what_this_one_touches() -> None:
+    class Touches(Feels):
+        def felt_force(self, tool: int = 0) -> np.ndarray:
+            low = self.tool_pose(1).translation()[2] < start_height - 0.02
+            return np.array([0.0, 0.0, 5.0 if tool == 1 and low else 0.0])
+
+    task = Lowering()
+    simulation = Touches(PAIR, task.build_scene)
+    start_height = simulation.tool_pose(1).translation()[2]
+    run = Runner(ClassicalStack(ik="qp").scenario(PAIR, task), simulation).run()
+    lowest = run.rows["tool/right_pose"][:, 2].min()
+    assert start_height - lowest == pytest.approx(0.02, abs=2e-3)
