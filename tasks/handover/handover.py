@@ -12,7 +12,7 @@ from mink import SE3
 from robo47_qp.arrays import CountOrZero, Positive, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.tool_poses import ToolPoses
-from robo47_qp.motion.waypoint import Waypoint, tool_down
+from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Move, Release, StepLike
@@ -318,7 +318,12 @@ class Handover(Task):
     def _meet(self, T_world_left: SE3, grasp: SE3) -> Waypoint:
         """Return the waypoint at which the bar is in the air and the right hand above it."""
         poses = {"left": T_world_left, "right": raised(grasp, _ABOVE)}
-        return Waypoint(name="meet", target=ToolPoses(poses))
+        ways = {"right": grasp, "left": raised(T_world_left, _ABOVE)}
+        onward = tuple(
+            Waypoint(name=f"{hand} onward", motion=Motion.LIN, target=ToolPoses({hand: goal}))
+            for hand, goal in ways.items()
+        )
+        return Waypoint(name="meet", target=ToolPoses(poses), onward=onward)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
