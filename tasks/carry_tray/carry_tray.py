@@ -22,7 +22,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.carry_tray.tray import CUP, NAME, Tray
 from robo47_qp.tasks.goal import estimate_goal
 from robo47_qp.tasks.handling.hand import Hand, settled
-from robo47_qp.tasks.handling.item_handler import HOME
+from robo47_qp.tasks.handling.item_handler import HOME, NEAR
 from robo47_qp.tasks.handling.place_criterion import (
     END,
     Miss,
@@ -30,7 +30,7 @@ from robo47_qp.tasks.handling.place_criterion import (
     told,
     unfinished,
 )
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
 from robo47_qp.tasks.heading import level, raised, tilt, upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 from robo47_qp.tasks.task_state import task_state
@@ -175,7 +175,7 @@ class CarryTray(Task):
         tray = sensed.seen_pose(NAME)
         grasps, goal = self._grasps(tray), sensed.seen_pose(_GOAL)
         holding = grasps.each(lambda _, pose: tray.inverse() @ pose)
-        return [(*self._approach(grasps), *self._way(tray, holding, goal)), HOME]
+        return [(*self._approach(grasps), *self._way(tray, holding, raised(goal, _LET_GO))), HOME]
 
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
@@ -198,7 +198,14 @@ class CarryTray(Task):
         poses = ToolPoses({hand.name: hand.pose() for hand in hands})
         holding = poses.each(lambda _, pose: tray.inverse() @ pose)
         loads = yield from self._take_up(sensed, tray, holding, free)
-        for waypoint in self._way(tray, holding, level(goal)):
+        goal, errs = level(goal), camera_errs(sensed)
+        for waypoint in self._way(tray, holding, raised(goal, NEAR if errs else _LET_GO)):
+            yield self._carrying(hands, replace(waypoint, carried=loads))
+        if errs:
+            # Beside its goal, both are seen with the same error of the camera's calibration.
+            seen = yield from estimate_pose(sensed, NAME, goal.translation()[2])
+            end = goal @ level(seen).inverse() @ raised(goal, _LET_GO)
+            waypoint = _line("put down", end, holding)
             yield self._carrying(hands, replace(waypoint, carried=loads))
         for hand in hands:
             yield Release(name="let go", tool=hand.name)
@@ -298,10 +305,10 @@ class CarryTray(Task):
         return Waypoint(name="approach", target=above), down
 
     def _way(self, tray: SE3, holding: ToolPoses, goal: SE3) -> tuple[Waypoint, ...]:
-        """Return the straight ways of the tray up, over the wall and down to its goal."""
-        high = TABLE_TOP + self.wall[2] + _OVER - tray.translation()[2]
-        over = raised(goal, high)
-        ways = (("lift", raised(tray, high)), ("cross", over), ("lower", raised(goal, _LET_GO)))
+        """Return the straight ways of the tray up, over the wall and down to a goal."""
+        top = TABLE_TOP + self.wall[2] + _OVER
+        high, over = top - tray.translation()[2], raised(goal, top - goal.translation()[2])
+        ways = (("lift", raised(tray, high)), ("cross", over), ("lower", goal))
         return tuple(_line(name, pose, holding) for name, pose in ways)
 
     def _carrying(self, hands: Sequence[Hand], waypoint: Waypoint) -> Move:

@@ -9,7 +9,7 @@ from mink import SE3
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import heading, tilt
-from robo47_qp.tasks.item import SPINNING
+from robo47_qp.tasks.item import SPINNING, Item
 
 NAME, BALL, CUP = "tray", "ball", "cup"
 _PLATE = (0.10, 0.15, 0.004)
@@ -93,15 +93,14 @@ class Tray:
             # A ball on metal: it rolls almost freely.
             friction=[0.5, 0.003, 0.0002],
         )
-        cup = spec.worldbody.add_body(name=CUP, pos=[x - self.aside, y + _CUP_Y, top + _CUP[1]])
-        cup.add_freejoint()
-        cup.add_geom(
+        cup = Item(
             name=CUP,
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=[*_CUP, 0.0],
+            size=(2.0 * _CUP[0], 2.0 * _CUP[0], 2.0 * _CUP[1]),
+            round=True,
             mass=self.cup_mass,
             rgba=WHITE,
         )
+        cup.add(spec, (x - self.aside, y + _CUP_Y, top + _CUP[1]))
 
     def _add_rim(self, tray: mujoco.MjsBody) -> None:
         for k in range(_RIM_PARTS):
