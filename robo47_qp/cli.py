@@ -302,8 +302,9 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     def run(options: RunOptions, console: Console) -> int:
-        task = task_of_options(kind, vars(options), options.seed)
-        return run_task(task, options.robot_for(task), options, console)
+        robot = options.robot_for(kind)
+        task = task_of_options(kind, vars(options), options.seed, robot)
+        return run_task(task, robot, options, console)
 
     return run
 

@@ -17,6 +17,7 @@ from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robu
 from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.files import check_writable, write_json
+from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robots import load_robot
 from robo47_qp.report.provenance import provenance
 from robo47_qp.run.registry import load_task
@@ -63,10 +64,11 @@ def run(options: RobustnessOptions, console: Console) -> int:
     for path in (options.report, picture):
         check_writable(path)
     made = provenance()
-    robot, task = load_robot(options.robot), load_task(options.task)()
+    task = load_task(options.task)()
+    robot = in_cell(load_robot(options.robot), task.name)
     chosen = options.kinds or (_QUICK if options.quick else tuple(kinds()))
     campaign = Robustness(
-        task=task,
+        task=task.laid_out(robot),
         robot=robot,
         stacks=options.stacks,
         kinds=chosen,

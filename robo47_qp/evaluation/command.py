@@ -18,4 +18,5 @@ def evaluate_command(args: Sequence[str] | None = None, prog: str | None = None)
 def evaluate_chosen(options: EvaluateOptions, console: Console) -> int:
     """Run the evaluation that was chosen, and return the exit code."""
     task = load_task(options.task)()
-    return evaluate(task, options.robot_for(task), options, console)
+    robot = options.robot_for(task)
+    return evaluate(task.laid_out(robot), robot, options, console)

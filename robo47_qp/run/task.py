@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import Field, field, fields
+from dataclasses import Field, field, fields, replace
 from typing import Any, ClassVar, Self
 
 import mujoco
@@ -11,6 +11,7 @@ from mink import SE3
 
 from robo47_qp.arrays import Checked
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.cell import places_in_cell
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.failure import Failure
@@ -81,6 +82,20 @@ class Task(Checked, ABC):
                 f"{self.name}, such as {self.default_robot}"
             )
             raise InvalidValueError("robot", f"{robot.name}, {found}", expected)
+
+    def laid_out(self, robot: Robot) -> Self:
+        """Return the task with its places where the cell of a robot has them.
+
+        Fields that have other values than their defaults were chosen, and stay.
+        """
+        places = places_in_cell(robot, self.name)
+        own: list[Field[Any]] = list(fields(self))  # type: ignore[arg-type]
+        moved = {
+            one.name: places[one.name]
+            for one in own
+            if one.name in places and getattr(self, one.name) == one.default
+        }
+        return replace(self, **moved) if moved else self  # type: ignore[type-var]
 
     @property
     @abstractmethod
@@ -173,19 +188,22 @@ def own_options(kind: type[Task]) -> list[Field[Any]]:
     return [one for one in fields(kind) if "help" in one.metadata]  # type: ignore[arg-type]
 
 
-def task_of_options(kind: type[Task], given: Mapping[str, Any], seed: int | None) -> Task:
-    """Return a task by its options, as it is in a single run.
+def task_of_options(
+    kind: type[Task], given: Mapping[str, Any], seed: int | None, robot: Robot
+) -> Task:
+    """Return a task by its options, as it is in a single run, in the cell of a robot.
 
     Args:
         kind: Its class.
         given: Values of all of its options, by name.
         seed: Draws its `variant`; None leaves it as the options say.
+        robot: The robot, as it stands in its cell.
 
     Raises:
         InvalidValueError: An option has no sense, or the seed draws it in place of what is given.
     """
     own = own_options(kind)
-    task = kind(**{one.name: given[one.name] for one in own})
+    task = kind(**{one.name: given[one.name] for one in own}).laid_out(robot)
     if seed is None:
         return task
     for one in own:

@@ -9,6 +9,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Positive
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
@@ -51,6 +52,10 @@ class ObstacleReach(Task):
     """Position of the shelf's centre, x and y [m]; it opens towards the robot."""
     shelf_height: Positive = 0.50
     """Height of the shelf's lower side [m]."""
+    post_distance: tuple[float, float] = (0.36, 0.42)
+    """Least and largest distance from the origin at which a seed puts the post [m]."""
+    shelf_distance: tuple[float, float] = (0.55, 0.60)
+    """Least and largest distance from the origin at which a seed puts the shelf [m]."""
     behind: Positive = 0.22
     """Default distance of the target behind the centre of the post [m]."""
     position_tolerance: Positive = 1e-3
@@ -70,6 +75,11 @@ class ObstacleReach(Task):
         super().__post_init__()
         check_place("post", self.post)
         check_place("shelf", self.shelf)
+        for name in ("post_distance", "shelf_distance"):
+            found = getattr(self, name)
+            if len(found) != 2 or not 0.0 < found[0] <= found[1] < np.inf:
+                expected = "two numbers above 0, the least and the largest distance [m]"
+                raise InvalidValueError(name, found, expected)
 
     @property
     def obstacles(self) -> Sequence[Obstacle]:
@@ -103,8 +113,8 @@ class ObstacleReach(Task):
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with a random post and shelf, one to the left and one to the right."""
         side = 1.0 if rng.random() < 0.5 else -1.0
-        post = _polar(rng.uniform(0.36, 0.42), -side * rng.uniform(0.35, 0.75))
-        shelf = _polar(rng.uniform(0.55, 0.60), side * rng.uniform(0.55, 0.95))
+        post = _polar(rng.uniform(*self.post_distance), -side * rng.uniform(0.35, 0.75))
+        shelf = _polar(rng.uniform(*self.shelf_distance), side * rng.uniform(0.55, 0.95))
         return replace(
             self,
             post=post,

@@ -76,6 +76,7 @@ class TaskEnv(_Base):
         self._robot = (
             named if isinstance(named, Robot) else in_cell(load_robot(named), self._task.name)
         )
+        self._task = self._task.laid_out(self._robot)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", repr(render_mode), "None or 'rgb_array'")
         self.render_mode = render_mode
