@@ -108,7 +108,7 @@ class MultiStart(Checked):
 
     solver: IkSolver
     """Solver that runs from each start; best with few iterations and a stall test."""
-    max_restarts: CountOrZero = 100
+    max_restarts: CountOrZero = 200
     """Starts after the first before giving up. Up to 12 more searches may continue the closest
     ends; results count them as restarts."""
     seed_first: bool = True

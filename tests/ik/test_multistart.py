@@ -7,6 +7,8 @@ from mink import SE3
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.benchmarks.ik.catalogue import solvers
+from robo47_qp.evaluation.benchmarks.ik.targets import near_limits
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
@@ -22,6 +24,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.sampling import spread
 from robo47_qp.model.tool_poses import Target
 from tests.plain_arm import PlainArm
+from tests.robots import arm_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -329,3 +332,15 @@ def test_with_restarts_every_target_inside_the_limits_is_reached(arm: Arm, plain
         assert max(plain.errors(result.q, target)) < 1.1e-6
         restarted += result.restarts > 0
     assert restarted > 0
+
+
+@pytest.mark.parametrize("name", ["fused", "fast"])
+def test_all_of_two_thousand_poses_near_joint_limits_are_reached(name: str) -> None:
+    """With 100 restarts, two or four of them were not."""
+    arm, solver = arm_of("panda"), solvers()[name]
+    targets = near_limits(arm, 2000, np.random.default_rng([0, 0, *b"near_limits"]))
+    results = [solver.solve(arm, target, arm.home) for target in targets.targets]
+    assert all(result.converged for result in results)
+    far = [arm.pose_distance(t, r.q) for t, r in zip(targets.targets, results, strict=True)]
+    assert np.max(far) <= 1e-6
+    assert max(result.restarts for result in results) > 112

@@ -27,7 +27,7 @@ from robo47_qp.model.robot import Robot
 
 TOLERANCE = Tolerance()
 """Tolerance at which every solver may stop."""
-SINGLE, STARTS, EACH = 200, 101, 30
+SINGLE, STARTS, EACH = 200, 201, 30
 """Budgets of all solvers: iterations of a single start; starts, and iterations of each."""
 CLEARANCE = 0.005
 """Distance between links that the solver "clear" keeps [m]."""
