@@ -100,15 +100,16 @@ def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> Non
     for name in ("success_moderate_reach", "success_none_reach", "success_none_stack"):
         (results / f"{name}.json").write_text(json.dumps(told))
     short = TABLES["success_short"]().splitlines()
-    rate = "1 of 2 (9.5–90.5 %)"
+    whole = "1 of 2 (9.5–90.5 %)"
+    rate = f"{whole}, audit kept in 1"
     assert short[0] == "| task | `none` | `moderate` |"
     assert short[2:4] == [f"| `reach` | {rate} | {rate} |", f"| `stack` | {rate} | – |"]
-    later = {**told, "commit": "fedcba9876543210", "date": "2026-01-05"}
+    later = {**told, "broken_audits": 0, "commit": "fedcba9876543210", "date": "2026-01-05"}
     (results / "robots_ur5e_obstacle_reach.json").write_text(json.dumps(later))
     (results / "robots_panda_reach.json").write_text(json.dumps(told))
     robots = TABLES["robots"]().splitlines()
     assert robots[0] == "| robot | `reach` | `obstacle_reach` |"
-    assert robots[2:4] == [f"| `panda` | {rate} | – |", f"| `ur5e` | – | {rate} |"]
+    assert robots[2:4] == [f"| `panda` | {rate} | – |", f"| `ur5e` | – | {whole} |"]
     commits = "Commits `0123456789`, `fedcba9876`, 2026-01-02 to 2026-01-05"
     assert robots[5] == f"{commits}; `docs/results/robots_*.json`."
 

@@ -330,7 +330,10 @@ def _evaluation(result: Result) -> list[str]:
 
 
 def _rate(result: Result | None) -> str:
-    return "–" if result is None else f"{_counts(result)} ({_interval(result)})"
+    if result is None:
+        return "–"
+    told, broken = f"{_counts(result)} ({_interval(result)})", result["broken_audits"]
+    return f"{told}, audit kept in {result['judged'] - broken}" if broken else told
 
 
 def _counts(result: Result) -> str:
