@@ -13,6 +13,7 @@ from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError, ModelError, PlanError
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.cell import in_cell
 from robo47_qp.model.loading import robot_from_mjcf
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
@@ -20,12 +21,13 @@ from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.reach.reach import Reach
 from robo47_qp.tasks.task_state import hide_marker
-from tests.robots import MODELS
+from tests.robots import MODELS, robot_or_skip
 from tests.runs import Meddler, carry_out, live, make_runner
 
 
@@ -39,6 +41,14 @@ def distance(T: SE3, target: SE3) -> tuple[float, float]:
     off = target.inverse() @ T
     angle = np.arccos(np.clip((np.trace(off.rotation().as_matrix()) - 1) / 2, -1.0, 1.0))
     return float(np.linalg.norm(off.translation())), float(angle)
+
+
+@pytest.mark.parametrize("name", ["panda", "fr3", "ur5e", "xarm7", "iiwa14"])
+def test_the_default_poses_are_in_reach_of_every_robot_as_it_stands(name: str) -> None:
+    robot, task = in_cell(robot_or_skip(name), "reach"), Reach()
+    simulation = Simulation(robot, task.build_scene)
+    legs = Runner(ClassicalStack().scenario(robot, task), simulation).rehearse()
+    assert len(legs) >= task.count == 5
 
 
 @pytest.mark.parametrize("seed", [None, 0])
