@@ -26,8 +26,6 @@ _SAMPLES, _HEAVY = 32, 80.0
 for which the torque rate is kept."""
 _ROUNDS, _LOUD = 50, 0.1
 """Rounds of lowering the noise, in joints that make this share of a torque's variance."""
-_IMPLICIT = 0.05
-"""Damping times the control period, relative to the inertia, above which it is not neglected."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,8 +124,7 @@ class ObservedJoints:
         lightest = 1.0 / np.diag(np.linalg.inv(arm.mass_matrix(arm.home)))
         self._high = settings.torque_share * arm.robot.tau_max / lightest
         self._least = float(self._high.min()) ** 2
-        self._slowed = _slowed(arm, dt)
-        self._special = arm.has_dry_friction or self._delayed or self._slowed is not None
+        self._special = arm.has_dry_friction or self._delayed
         self._started, self._on, self._learns = False, True, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
@@ -233,8 +230,6 @@ class ObservedJoints:
             # What friction takes does not accelerate.
             tau = tau - dry_friction_torque(arm, reference.v)
         a = arm.acceleration(tau)
-        if self._slowed is not None:
-            a = self._slowed.dot(a)
         if self._delayed:
             waiting = np.vstack([self._pending, a])
             a, self._pending = waiting[0], waiting[1:]
@@ -388,13 +383,3 @@ def _bandwidths(arm: Arm, bandwidth: float, noise_q: float, dt: float) -> Vector
 
 def _excess(omega: float, most: float, dt: float) -> float:
     return _noise(omega, dt) - most
-
-
-def _slowed(arm: Arm, dt: float) -> Matrix | None:
-    """Return (M + dt B)⁻¹ M at home, where damping B matters within a period; else None."""
-    M = arm.mass_matrix(arm.home)
-    B = np.diag(dt * arm.model.dof_damping)
-    if (np.diag(B) < _IMPLICIT * np.diag(M)).all():
-        return None
-    slowed: Matrix = np.linalg.solve(M + B, M).astype(np.float64)
-    return slowed

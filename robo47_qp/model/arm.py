@@ -257,7 +257,7 @@ class Arm:
         return out
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return M(q) (n, n), with the rotor inertias [kg·m²]."""
+        """Return M(q) (n, n), with the rotor inertias and `implicit_inertia` [kg·m²]."""
         d = self.place_only(q)
         mujoco.mj_comPos(self.model, d)
         mujoco.mj_makeM(self.model, d)

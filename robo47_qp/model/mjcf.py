@@ -10,6 +10,8 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
+from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.payload import Payload
@@ -17,6 +19,8 @@ from robo47_qp.model.robot import Hand, Robot, Tool
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
+_IMPLICIT = 0.05
+"""Damping in a period, relative to the inertia, above which it is not neglected [-]."""
 _PEDESTAL = 0.1
 """Radius of the pedestal under a base above the table [m]."""
 
@@ -305,7 +309,18 @@ def _checked(robot: Robot, model: mujoco.MjModel) -> mujoco.MjModel:
             "Give them one; only joints that turn may have none."
         )
     model.jnt_range[free] = 0.0
+    model.dof_armature += implicit_inertia(model)
     return model
+
+
+def implicit_inertia(model: mujoco.MjModel) -> Vector:
+    """Return what damping adds to the inertias in an arm's model (n,) [kg·m²]; zeros if little.
+
+    MuJoCo integrates damping B implicitly: over a period dt it resists like the inertia dt B. That
+    is more than the links have where a file gives light wrists without rotors.
+    """
+    implicit: Vector = TIMESTEP * model.dof_damping
+    return implicit if (implicit > _IMPLICIT * model.dof_M0).any() else np.zeros(model.nv)
 
 
 @lru_cache(maxsize=16)

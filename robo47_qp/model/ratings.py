@@ -8,6 +8,7 @@ import numpy as np
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.mjcf import implicit_inertia
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.model.sampling import spread
 
@@ -112,7 +113,7 @@ def stiffness(arm: Arm, tau_max: Vector, period: float) -> Vector:
     """
     M, _ = arm.derived(inertia_and_gravity)
     # Joint damping is integrated implicitly, where it acts like inertia.
-    M = M + period * np.diag(arm.model.dof_damping)
+    M = M + np.diag(period * arm.model.dof_damping - implicit_inertia(arm.model))
     home = np.diag(arm.mass_matrix(arm.home))
     fastest = DAMPING_RATE / period
     # The smallest inertia of a joint: with all others free to move.

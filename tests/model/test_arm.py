@@ -1,9 +1,11 @@
 import gc
 import weakref
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,10 +15,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots.panda import PANDA
 from tests.examples import fractions, poses, rates, rotations, turned
 from tests.plain_arm import PlainArm, welded_file
 
@@ -133,6 +137,23 @@ def test_damping_takes_torque_in_proportion_to_the_speed(
     odd = 0.5 * (arm.inverse_dynamics(q, v, still) - arm.inverse_dynamics(q, -v, still))
     assert (plain.damping > 0.0).all()
     assert odd == pytest.approx(plain.damping * v, abs=1e-10)
+
+
+def test_the_dynamics_of_a_wrist_without_rotors_are_those_of_a_step_of_mujoco() -> None:
+    """MuJoCo's own step, of the same model without what `Arm` adds, moves as was asked for."""
+    light = Arm(replace(PANDA, armature=np.zeros(7)))
+    world = copy(light.model)
+    world.dof_armature[:], world.opt.timestep = 0.0, TIMESTEP
+    assert (light.model.dof_armature > 0.0).all()
+    d = mujoco.MjData(world)
+    for q, v, a in np.random.default_rng(3).uniform(-0.4, 0.4, (20, 3, 7)):
+        d.qpos, d.qvel, d.qfrc_applied = (
+            light.home + q,
+            v,
+            light.inverse_dynamics(light.home + q, v, 9.0 * a),
+        )
+        mujoco.mj_step(world, d)
+        np.testing.assert_allclose((d.qvel - v) / TIMESTEP, 9.0 * a, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("payload", [None, HELD], ids=["empty", "carrying"])
