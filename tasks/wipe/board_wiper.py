@@ -42,7 +42,7 @@ _UNLOADING = (5e-4, 5e-3)
 """Rise of the tool in which the foam, still pressed, tells its stiffness [m]."""
 _TOUCH_ERROR = 0.2
 """Standard deviation of the force that a touch tells [N]."""
-_CREEP = (0.038, 0.004)
+_CREEP = (0.0195, 0.003)
 """Mean and standard deviation of the rate at which the force of a pressed sponge falls, as it
 creeps between the fingers [N/s]."""
 _CAREFUL, _DRAGGED = 0.0125, 0.0137
@@ -50,7 +50,7 @@ _CAREFUL, _DRAGGED = 0.0125, 0.0137
 same force, for its speed and its coefficient of friction [s]."""
 _FRICTION, _TRUSTED = 0.5, 20
 """Coefficient of friction that is expected, and how many readings it counts as."""
-_EASY, _OFF = 3e-3, 0.012
+_EASY, _OFF = 3e-3, 0.008
 """Speed at which a sponge that has slid is relieved, and at which it is lifted off otherwise: it
 slips back if that is fast [m/s]."""
 
