@@ -110,7 +110,7 @@ def wiped_by_foam() -> tuple[Run, float]:
     the weight of the sponge [N]."""
     erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
-    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=46.0))
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=53.0))
     return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
 
 
@@ -155,7 +155,7 @@ class Foam(Sensed):
     @property
     def true_force(self) -> float:
         lifted = 0.0137 * self.friction * self.speed
-        return self.stiffness * (lifted - self.height) - 0.04 * self.pressed
+        return self.stiffness * (lifted - self.height) - 0.02 * self.pressed
 
     def tool_pose(self, tool: int = 0) -> SE3:
         return SE3.from_translation(np.array([0.0, 0.0, self.height]))
