@@ -8,6 +8,18 @@ static double rest(int left, int fade) {
   return x * x * (3.0 - 2.0 * x);
 }
 
+/* Leaves of the compensation what tools that hold one body may do; see ClosedChain. */
+static void keep_together(r47_control *c) {
+  const int n = c->n;
+  double beyond[R47_MAX_N];
+  for (int i = 0; i < n; i++) beyond[i] = c->compensation[i] - c->base[i];
+  for (int i = 0; i < n; i++) {
+    double sum = 0.0;
+    for (int k = 0; k < n; k++) sum += c->shares[i * n + k] * beyond[k];
+    c->compensation[i] = c->base[i] + sum;
+  }
+}
+
 static void estimate(r47_control *c, const double *measured, double *a) {
   const int n = c->n;
   double *q = c->estimate, *v = q + n, *d = v + n;
@@ -20,14 +32,15 @@ static void estimate(r47_control *c, const double *measured, double *a) {
     q[i] = next[0], v[i] = next[1], d[i] = next[2];
     square += d[i] * d[i];
   }
-  if (c->on) {
-    c->follows = !c->observer_left && square < c->least;
+  if (c->on || c->closed) {
+    c->follows = c->on && !c->observer_left && square < c->least;
     double share = 0.0;
     if (c->observer_left) share = rest(--c->observer_left, c->observer_fade);
     for (int i = 0; i < n; i++) {
       c->compensation[i] = c->follows ? d[i] : clipped(d[i], -c->bound[i], c->bound[i]);
       if (share > 0.0) c->compensation[i] += share * c->offset[i];
     }
+    if (c->closed) keep_together(c);
   }
   for (int i = 0; i < n; i++) a[i] -= c->compensation[i];
 }
@@ -98,6 +111,7 @@ static void expect(r47_control *c, const double *tau) {
   for (int i = 0; i < n; i++) {
     c->estimate[2 * n + i] += c->turned[i];
     if (!c->on || c->follows) c->compensation[i] += c->turned[i];
+    if (c->closed) c->base[i] += c->turned[i];
   }
 }
 

@@ -37,6 +37,10 @@ typedef struct {
   int observer_fade, observer_left;
   int turning; /* whether d changes by `turned` in every period */
   const double *turned;
+  /* Tools hold one body: of what is beyond `base`, `shares` (n, n) are compensated. */
+  int closed;
+  double *base;
+  const double *shares;
 } r47_control;
 
 /* The torques tau (periods, n) for periods that start with references and states (periods, n),

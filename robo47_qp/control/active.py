@@ -1,8 +1,11 @@
 """ActiveController: runs a controller and keeps its state between periods."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robo47_qp.arrays import Vector
+from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.compiled import CompiledControl, law_of
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_stops import JointStops
@@ -97,6 +100,16 @@ class ActiveController:
         """Compensate disturbances, or hold the compensation; see `DisturbanceObserver`."""
         if self.observed is not None:
             self.observed.compensate(on, learn=learn)
+
+    def close(self, tools: Sequence[int], q: Vector) -> None:
+        """Compensate, while it is held, as far as tools that hold one body may.
+
+        Args:
+            tools: Their places in `Robot.tools`.
+            q: Joint positions (n,) [rad].
+        """
+        if self.observed is not None:
+            self.observed.close(ClosedChain.of(self.arm, tools, q))
 
     def state(self, measured: JointState) -> JointState:
         """Return the state at the start of the next period: as the observer expects it."""

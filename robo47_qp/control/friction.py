@@ -121,6 +121,14 @@ class LearnedFriction:
         changed: Vector = change[0]
         return changed
 
+    def expected(self, arm: Arm) -> Vector:
+        """Return the disturbance that is expected by what was learned (n,) [rad/s²]."""
+        change, torque = self._rows
+        torque[0] = -self._b - self._f * self._z
+        mujoco.mj_solveM(arm.model, arm.scratch, change, torque)
+        expected: Vector = change[0].copy()
+        return expected
+
     def learn(self, arm: Arm, disturbance: Vector) -> None:
         """Learn from the disturbance (n,) [rad/s²]; see `change`. Called after every `change`."""
         self._count += 1

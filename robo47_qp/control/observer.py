@@ -7,16 +7,15 @@ from typing import Annotated, Any, Self
 import numpy as np
 from scipy.optimize import brentq
 
-from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Positive, Range, Vector
+from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Range, Vector
+from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.controller import dry_friction_torque
 from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
 from robo47_qp.control.jitter import Jitter
-from robo47_qp.control.pole_placement import observer_gains
+from robo47_qp.control.joint_filter import gains, per_joint, prediction, update
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.sampling import spread
 
-_POLES = np.array([-1.0, -0.7 + 0.714j, -0.7 - 0.714j])
-"""Poles of the observer, relative to its bandwidth."""
 _FEEDBACK = 30.0
 """Natural frequency of the feedback through which the noise comes to the motors [rad/s]."""
 _DEVIATIONS = 7.0
@@ -113,14 +112,14 @@ class ObservedJoints:
         self.settings, self._n, self._dt = settings, arm.n, dt
         n, command_delay = arm.n, settings.command_delay or 0
         delay = (settings.state_delay or 0) + command_delay
-        gains = np.array([_gains(omega, dt) for omega in settings.bandwidths(arm, dt)])
-        filters = [_filter(G, dt) for G in gains]
-        self._update = _per_joint(filters)
+        corrections = np.array([gains(omega, dt) for omega in settings.bandwidths(arm, dt)])
+        filters = [update(G, dt) for G in corrections]
+        self._update = per_joint(filters)
         self._last, self._now = _Known(n), _Known(n)
         self._pending = np.zeros((delay, n))
         self._delayed, self._late = bool(delay), command_delay * dt
-        self._predict = _per_joint([_prediction(delay, dt)] * n)
-        self._next = _per_joint([_prediction(1, dt)] * n)
+        self._predict = per_joint([prediction(delay, dt)] * n)
+        self._next = per_joint([prediction(1, dt)] * n)
         lightest = 1.0 / np.diag(np.linalg.inv(arm.mass_matrix(arm.home)))
         self._high = settings.torque_share * arm.robot.tau_max / lightest
         self._least = float(self._high.min()) ** 2
@@ -128,9 +127,11 @@ class ObservedJoints:
         self._started, self._on, self._learns = False, True, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
+        self._chain: ClosedChain | None = None
         # For the compiled core, whose arrays keep their place.
         self._filters = np.ascontiguousarray(np.moveaxis(np.array(filters), 0, 2))
         self._kept, self._held, self._turning = self._now, np.zeros(n), np.zeros(n)
+        self._base, self._shares = np.zeros(n), np.zeros((n, n))
         self._jitter: Jitter | None = None
         if settings.jitter:
             self._jitter = Jitter(settings.noise_q or 0.0, settings.jitter, dt)
@@ -161,15 +162,26 @@ class ObservedJoints:
 
     def compensate(self, on: bool, *, learn: bool = True) -> None:
         """Follow the estimate, or hold the compensation; `learn` dry friction, but in contact."""
-        self._learns = learn
+        self._learns, self._chain = learn, None
         if on is self._on:
             return
         if on:
-            self._left = self._fade = round(self.settings.fade / self._dt)
-            self._offset[:] = self._compensation - self._bounded()
+            self._come_back()
         else:
             self._compensation = self._compensation.copy()
         self._on = on
+
+    def close(self, chain: ClosedChain) -> None:
+        """Follow the estimate, where it is held, as far as tools that hold one body may.
+
+        Args:
+            chain: How far, where the arm is now; to be told anew as it moves.
+        """
+        if self._chain is None:
+            self._base[:] = self._compensation
+            self._come_back()
+        self._chain = chain
+        self._shares[:] = chain.shares
 
     def estimate(self, reference: JointReference, q: Vector) -> tuple[JointReference, JointState]:
         """Return what the controller gets: its reference and the state, for the measured q (n,).
@@ -192,6 +204,8 @@ class ObservedJoints:
             # Only where one joint may be beyond its bound, all are looked at.
             inside = not self._left and d.dot(d) < self._least
             self._compensation = d if inside else self._faded()
+        elif self._chain is not None:
+            self._compensation = self._base + self._shares @ (self._faded() - self._base)
         q_ref, v_ref, a_ref = reference
         if self._delayed:
             known = np.concatenate((now.estimate, self._pending.reshape(-1)))
@@ -218,6 +232,7 @@ class ObservedJoints:
             self._now.d += self._turned
             if not self._on:
                 self._compensation += self._turned
+                self._base += self._turned
         self._count -= 1
         if not self._count:
             self._count = PERIODS
@@ -249,6 +264,8 @@ class ObservedJoints:
             "compensation": self._held,
             "offset": self._offset,
             "turned": self._turning,
+            "base": self._base,
+            "shares": self._shares,
         }
 
     def enter(self, c: Any, q: Vector) -> int:
@@ -261,7 +278,7 @@ class ObservedJoints:
         if self._compensation is not self._held:
             self._held[:] = self._compensation
         c.on, c.observer_left, c.observer_fade = self._on, self._left, self._fade
-        c.turning = self._turned is not None
+        c.turning, c.closed = self._turned is not None, self._chain is not None
         if self._turned is not None:
             self._turning[:] = self._turned
         return self._count
@@ -290,6 +307,14 @@ class ObservedJoints:
         self._turned = None if change is None else change / PERIODS
         if self._on and self._learns:
             friction.learn(arm, self._now.d)
+        elif self._chain is not None:
+            expected = friction.expected(arm)
+            friction.learn(arm, expected + self._chain.along @ (self._now.d - expected))
+
+    def _come_back(self) -> None:
+        """Begin to follow the estimate, from what is compensated now."""
+        self._left = self._fade = round(self.settings.fade / self._dt)
+        self._offset[:] = self._compensation - self._bounded()
 
     def _faded(self) -> Vector:
         """Return what is compensated at bounds, or soon after it was held."""
@@ -316,47 +341,9 @@ class _Known:
         self.state = JointState(q, v)
 
 
-def _gains(omega: float, dt: float) -> Vector:
-    """Return the gains (3,) that correct q, v, d by the error of q, with poles at omega."""
-    F, H = _transition(dt), np.array([[1.0, 0.0, 0.0]])
-    poles = np.exp(omega * dt * _POLES)
-    return observer_gains(F, H @ F, (poles[0].real, poles[1]))
-
-
-def _transition(dt: float) -> Matrix:
-    """As MuJoCo integrates: the velocity first, then the position with the new velocity."""
-    return np.array([[1.0, dt, dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-
-
-def _filter(gains: Vector, dt: float) -> Matrix:
-    """Return the matrix (3, 5) from q, v, d, a and the next measured q to the next q, v, d."""
-    kept = np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])
-    known = np.column_stack([_transition(dt), [dt * dt, dt, 0.0]])
-    return np.column_stack([kept @ known, gains])
-
-
-def _prediction(periods: int, dt: float) -> Matrix:
-    """Return the matrix (2, 3 + periods) from q, v, d and the next accelerations to q, v."""
-    out = np.eye(3, 3 + periods)
-    for k in range(periods):
-        out = _transition(dt) @ out
-        out[:, 3 + k] += [dt * dt, dt, 0.0]
-    return out[:2]
-
-
-def _per_joint(matrices: list[Matrix]) -> Matrix:
-    """Return one matrix for rows of all joints, from one for the numbers of each joint."""
-    rows, columns = matrices[0].shape
-    n = len(matrices)
-    whole = np.zeros((rows, n, columns, n))
-    for j, matrix in enumerate(matrices):
-        whole[:, j, :, j] = matrix
-    return whole.reshape(rows * n, columns * n)
-
-
 def _noise(omega: float, dt: float) -> float:
     """Return the acceleration that feedback and compensation make of an error of q, per rad."""
-    q, v, d = _gains(omega, dt).tolist()
+    q, v, d = gains(omega, dt).tolist()
     return float(_FEEDBACK**2 * q + 2.0 * _FEEDBACK * v + d)
 
 

@@ -291,9 +291,9 @@ class Unload(Checked, Step):
     """Take the arm's position as its reference, so that its springs carry no load.
 
     Two hands that hold one body stiffly press and pull at it by what their positions lack to fit:
-    that goes, and until a hand opens, disturbances are compensated no further than they were, as
-    hands that insist on their positions would press ever harder. The body should stand on
-    something, as its weight would be let go as well.
+    that goes, and until the hands move it together or one opens, disturbances are compensated no
+    further than they were, as hands that insist on their positions would press ever harder. The
+    body should stand on something, as its weight would be let go as well.
     """
 
     seconds: NotNegative = 0.2

@@ -109,6 +109,7 @@ class ControlLoop:
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
         self._check, self._yielding, self._insisting = check, False, False
+        self._together: tuple[int, ...] = ()
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self.rest(start)
@@ -139,8 +140,18 @@ class ControlLoop:
             in_contact: Whether it does so in contact, too: for what is softer than the arm. Dry
                 friction is then not learned.
         """
-        self._yielding, self._insisting = not on, in_contact
+        self._yielding, self._insisting, self._together = not on, in_contact, ()
         self.control.compensate(on, learn=not in_contact)
+
+    def hold_together(self, tools: Sequence[str]) -> None:
+        """Let tools that hold one body compensate what does not press them at each other.
+
+        That lasts until `compensate` is called; see `ClosedChain`.
+        """
+        places = tuple(self.arm.robot.tool_index(name) for name in tools)
+        if places != self._together:
+            self.compensate(on=False)
+            self._together = places
 
     @property
     def resting(self) -> bool:
@@ -208,6 +219,8 @@ class ControlLoop:
             if not self._yielding and self.control.observed is not None:
                 on, learn = self._insisting or not self._touching(), not self._insisting
                 self.control.compensate(on, learn=learn)
+            if self._together:
+                self.control.close(self._together, self._reference.q)
             for observer in self.observers:
                 observer.tick(self.sim)
             if self._check is not None:

@@ -223,6 +223,8 @@ class Move(Step):
         for leg in legs:
             waypoint = leg.waypoint
             loop.set_payload(waypoint.carried)
+            if waypoint.holding is not None and len(waypoint.holding) > 1:
+                loop.hold_together(tuple(waypoint.holding))
             if leg.trajectory.steps:
                 loop.begin(waypoint.name, leg)
                 monitor = StepMonitor(self.name, self.during)

@@ -21,7 +21,7 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.carry_tray.tray import CUP, NAME, Tray
 from robo47_qp.tasks.goal import estimate_goal
-from robo47_qp.tasks.handling.hand import Hand, settled
+from robo47_qp.tasks.handling.hand import Hand, settled, still_poses
 from robo47_qp.tasks.handling.item_handler import HOME, NEAR
 from robo47_qp.tasks.handling.place_criterion import (
     END,
@@ -49,8 +49,9 @@ _OVER = 0.05
 """Height of the tray above the wall [m]."""
 _TAKE_UP = 0.015
 """Height of the first lift [m]."""
-_PACE = 0.7
-"""Pace of the tray: the faster it goes, the more the handles creep between the fingers [-]."""
+_PACE, _GENTLE = 0.5, 0.2
+"""Pace of hands and tray, whose handles creep the more between the fingers the faster it goes; and
+that of its first lift, when each hand begins to bear a weight that it does not know [-]."""
 _UNLOADS = 3
 """How often: as the forces fade, hands and pads move a little."""
 _LET_GO = 1e-3
@@ -195,7 +196,9 @@ class CarryTray(Task):
             yield Unload()
         tray = yield from estimate_pose(sensed, NAME, TABLE_TOP)
         tray = level(tray)
-        poses = ToolPoses({hand.name: hand.pose() for hand in hands})
+        poses = yield from still_poses(hands)
+        # One reading was the reference since; the hands are not to be led from it to the mean.
+        yield self._carrying(hands, Waypoint(name="hold", target=poses, motion=Motion.LIN))
         holding = poses.each(lambda _, pose: tray.inverse() @ pose)
         loads = yield from self._take_up(sensed, tray, holding, free)
         goal, errs = level(goal), camera_errs(sensed)
@@ -210,7 +213,7 @@ class CarryTray(Task):
         for hand in hands:
             yield Release(name="let go", tool=hand.name)
         up = ToolPoses({hand.name: raised(hand.pose(), _ABOVE) for hand in hands})
-        yield Waypoint(name="retreat", target=up, motion=Motion.LIN)
+        yield Waypoint(name="retreat", target=up, motion=Motion.LIN, pace=_PACE)
         yield HOME
         return None
 
@@ -287,7 +290,8 @@ class CarryTray(Task):
         """
         hands = self._hands(sensed)
         loads = {hand.name: _load(0.5 * self.tray.whole_mass) for hand in hands}
-        up = replace(_line("take up", raised(tray, _TAKE_UP), holding), carried=loads)
+        up = _line("take up", raised(tray, _TAKE_UP), holding)
+        up = replace(up, carried=loads, pace=_GENTLE)
         yield self._carrying(hands, up)
         yield Wait(name="weigh", seconds=0.1)
         shares = {}
@@ -301,7 +305,7 @@ class CarryTray(Task):
     def _approach(self, grasps: ToolPoses) -> tuple[Waypoint, ...]:
         """Return the waypoints of both hands above the handles and down to them."""
         above = grasps.each(lambda _, pose: raised(pose, _ABOVE))
-        down = Waypoint(name="descend", target=grasps, motion=Motion.LIN)
+        down = Waypoint(name="descend", target=grasps, motion=Motion.LIN, pace=_PACE)
         return Waypoint(name="approach", target=above), down
 
     def _way(self, tray: SE3, holding: ToolPoses, goal: SE3) -> tuple[Waypoint, ...]:

@@ -1,6 +1,6 @@
 """Hand: one of several hands of a robot, what it holds, and its weight."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,8 +21,9 @@ _LEAST_SHARE = 0.1
 """Least force of a finger that holds something, relative to the commanded one [-]."""
 _AROUND, _GENTLY = 8e-3, 0.02
 """Opening beyond the width up to which the fingers close fast [m], and their rate then [m/s]."""
-_STILL, _READINGS = 0.3, 20
-"""Time to come to rest [s], and how many readings of the sensor are averaged."""
+_STILL, _READINGS, _BETWEEN = 0.3, 20, 0.02
+"""Time to come to rest [s], how many readings of a sensor are averaged, and the time between
+two of the joints [s]."""
 _GRAVITY = 9.81
 
 
@@ -109,6 +110,22 @@ class Hand:
         """
         now = yield from self.felt()
         return (free - now) / _GRAVITY
+
+
+def still_poses(hands: Sequence[Hand]) -> Generator[StepLike, None, ToolPoses]:
+    """Return T_world_tcp of hands at rest: the mean of some readings of their joints."""
+    read: dict[str, list[SE3]] = {hand.name: [] for hand in hands}
+    for _ in range(_READINGS):
+        yield Wait(name="measure hands", seconds=_BETWEEN)
+        for hand in hands:
+            read[hand.name].append(hand.pose())
+    return ToolPoses({name: _mean(poses) for name, poses in read.items()})
+
+
+def _mean(poses: Sequence[SE3]) -> SE3:
+    """Return the mean of poses that are close to each other."""
+    first = poses[0]
+    return first @ SE3.exp(np.mean([(first.inverse() @ pose).log() for pose in poses], axis=0))
 
 
 def closed_on(simulation: Simulation, tool: int, width: float, force: float) -> bool:

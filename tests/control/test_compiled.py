@@ -13,6 +13,7 @@ from robo47_qp._core.mujoco_functions import dynamics
 from robo47_qp.arrays import Matrix
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
+from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.compiled import law_of
 from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller
@@ -68,6 +69,16 @@ def inputs(periods: int, seed: int, noise: float = 0.0) -> Inputs:
     return Inputs(references=(q, v, a), states=(q + off, v + 1e-2 * off))
 
 
+def closed(active: ActiveController, seed: int) -> None:
+    """Tell the observer, if there is one, of a chain that leaves two thirds of the joints free."""
+    n = active.arm.n
+    A = np.random.default_rng(seed).normal(size=(n // 3, n))
+    along = np.eye(n) - np.linalg.pinv(A) @ A
+    if active.observed is not None:
+        chain = ClosedChain(along=along, shares=0.9 * along + 0.1 * np.eye(n))
+        active.observed.close(chain)
+
+
 def asked(
     controller: Controller, observer: DisturbanceObserver | None, given: Inputs, backend: str
 ) -> Matrix:
@@ -78,6 +89,8 @@ def asked(
         happens: dict[int, Callable[[], None]] = {
             200: partial(active.set_arm, arm.with_payload(LOAD), seconds=0.02),
             300: partial(active.compensate, on=False),
+            340: partial(closed, active, seed=1),
+            400: partial(closed, active, seed=2),
             450: partial(active.compensate, on=True),
             500: partial(active.compensate, on=False),
             520: partial(active.compensate, on=True),

@@ -1,16 +1,21 @@
 """The tray stays level between two hands that do not fight each other."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.watchdog import Watchdog
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.carry_tray.carry_tray import CarryTray, squeeze
@@ -61,6 +66,18 @@ def test_no_limit_is_violated_and_the_hands_keep_their_relative_pose(run: Run) -
     assert [finding for finding in findings if not finding.ok] == []
     together = [finding for finding in findings if finding.signal.startswith("relative pose")]
     assert len(together) == 2
+
+
+def test_in_a_wrong_world_the_hands_neither_drift_nor_fight() -> None:
+    """Heavier links, joints that rub, noise, delays: up to where the tray is lifted."""
+    episode = TaskEpisode(robot=PAIR, task=TASK, perturbation=PRESETS["moderate"])
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=32.0))
+    run = Runner(scenario, episode.simulation(scenario, 80001)).run()
+    assert run.failure is not None
+    assert run.failure.cause is Cause.TIMEOUT
+    assert run.phases[-1].name == "lift"
+    assert [finding for finding in audit(run) if not finding.ok] == []
+    assert run.measures["internal_force_N"] < 10.0
 
 
 def test_the_weight_is_shared(run: Run) -> None:
