@@ -63,6 +63,10 @@ def inputs(periods: int, seed: int, noise: float = 0.0) -> Inputs:
     size[3] = 1.2
     q = arm.home + size * np.sin(w * t)
     v, a = size * w * np.cos(w * t), -size * w**2 * np.sin(w * t)
+    # One that stops in the middle of its turn, while others move.
+    q[:, 5] = arm.home[5] + np.minimum(1e-3 * t[:, 0], 5e-5)
+    v[:, 5] = np.where(t[:, 0] < 0.05, 1e-3, 0.0)
+    a[:, 5] = 0.0
     still = (t[:, 0] > 1.0) & (t[:, 0] < 1.2)
     q[still], v[still], a[still] = q[still][:1], 0.0, 0.0
     off = 2e-3 * np.sin(13.0 * t + np.arange(arm.n)) + noise * rng.standard_normal(q.shape)

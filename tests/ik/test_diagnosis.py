@@ -226,6 +226,16 @@ def test_a_reason_that_is_known_is_kept(arm: Arm, plain: PlainArm) -> None:
         assert diagnosed(arm, arm.pose(arm.home), best, [arm.home], Tolerance()) is best
 
 
+def test_where_the_pose_is_reached_nothing_is_said_of_it(arm: Arm) -> None:
+    """Something else that was asked for is missing; but an orientation alone is not the pose."""
+    reached = judged(arm, arm.pose(arm.home), arm.home, Tolerance(), 5)
+    missing = replace(reached, reason=Reason.NOT_CONVERGED)
+    assert diagnosed(arm, arm.pose(arm.home), missing, [arm.home], Tolerance()) is missing
+    beside = shifted(arm.pose(arm.home), np.array([0.05, 0.0, 0.0]))
+    found = diagnosed(arm, beside, lost(arm, beside), [arm.home], Tolerance())
+    assert found.explanation.startswith("the pose is within reach, but 50 mm and")
+
+
 @pytest.mark.parametrize("turns", [1, -1, 2, -3])
 def test_whole_turns_do_not_count(arm: Arm, plain: PlainArm, turns: int) -> None:
     q = plain.at(np.full(8, 0.4))

@@ -32,6 +32,18 @@ def test_the_rated_acceleration_is_within_the_motors_strength(arm: Arm) -> None:
         assert (np.abs(arm.inverse_dynamics(q, still, a)) <= limits).all()
 
 
+def test_what_gravity_and_drag_take_accelerates_nothing(arm: Arm) -> None:
+    """Motors that are hardly strong enough to hold the arm."""
+    rng, still = np.random.default_rng(4), np.zeros(arm.n)
+    qs = rng.uniform(arm.q_min, arm.q_max, (300, arm.n))
+    held = np.abs([arm.inverse_dynamics(q, still, still) for q in qs]).max(axis=0)
+    limits = 1.3 * np.maximum(held, 0.05 * held.max())
+    a_max = defaults.rated_profile(arm, limits).a_max
+    for q in qs:
+        a = rng.choice([-1.0, 1.0], arm.n) * a_max
+        assert (np.abs(arm.inverse_dynamics(q, still, a)) <= limits).all()
+
+
 def test_twice_the_strength_is_more_acceleration_and_never_less() -> None:
     arm = Arm(PANDA)
     weak, strong = (defaults.rated_profile(arm, k * PANDA.tau_max) for k in (1.0, 2.0))

@@ -138,7 +138,7 @@ class CollisionLimit(mink.Limit):
         """Return the bounds with room to brake, relaxed where no step in the box meets them."""
         brake = self._share * (np.abs(A[:, limit.dofs]) @ limit.a_max)
         speed = max_stoppable_speed(room, 0.0, np.maximum(brake, _LEAST), dt)
-        h = np.where(room < 0.0, h, np.minimum(h, dt * speed))
+        h = np.minimum(h, dt * speed)
         low, high = (np.clip(end, -_FAR, _FAR) for end in limit.box(configuration, dt))
         rest = np.clip(0.0, low, high)
         return h if (A @ rest <= h + _ROUNDING).all() else self._relaxed_rows(A, h, low, high, rest)

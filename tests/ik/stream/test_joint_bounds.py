@@ -194,6 +194,11 @@ def test_the_core_tells_the_box_of_the_reference_to_the_bit(rng: np.random.Gener
     for _ in range(3000):
         q = np.clip(q_max, 0.0, 2.0) * rng.uniform(-1.005, 1.005, 3)
         v = rng.uniform(-1.05, 1.05, 3) * rng.choice([0.0, 0.1, 1.0])
+        if rng.uniform() < 0.5:
+            # About as fast as can still be stopped.
+            way = np.where(v < 0.0, -1.0, 1.0)
+            fastest = max_stoppable_speed(np.minimum(q_max - way * q, 1.0), 0.0, 7.0, DT)
+            v = way * fastest * rng.uniform(0.97, 1.001)
         expected, found = reference.box(q, v), core.box(q, v)
         assert found.low.tolist() == expected.low.tolist()
         assert found.high.tolist() == expected.high.tolist()
