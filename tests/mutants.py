@@ -4,13 +4,13 @@ Each of tests/mutants.toml changes one place of the sources in a copy of the rep
 tests that are to catch it then run. A mutant that survives is one that they let pass.
 """
 
-import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +24,8 @@ from robo47_qp.report.terminal import print_files
 
 ROOT = Path(__file__).resolve().parents[1]
 MUTANTS = ROOT / "tests" / "mutants.toml"
-_COLLECTED, _CAUGHT = 0, 1
-"""Exit codes of pytest: all passed, some failed."""
+_PASSED, _CAUGHT, _BROKEN = 0, 1, 2
+"""Exit codes of pytest: all passed, some failed, a file could not be read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +76,9 @@ def run(options: MutantOptions, console: Console) -> int:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         copy = _copied(Path(folder) / "copy")
+        broken = _failing(copy, sorted({name for mutant in chosen for name in mutant.tests}))
+        if broken is not None:
+            raise InvalidValueError("tests without a mistake", f"{broken} fails", "all to pass")
         for mutant in chosen:
             caught = _tried(copy, mutant)
             told = f"caught by {caught}" if caught else "SURVIVED"
@@ -107,24 +110,29 @@ def _tried(copy: Path, mutant: Mutant) -> str | None:
     original = file.read_text("utf-8")
     file.write_text(mutant.mutated(original), encoding="utf-8")
     try:
-        ended = subprocess.run(
-            [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header"]
-            + [f"tests/{name}" for name in mutant.tests],
-            cwd=copy,
-            env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        return _failing(copy, mutant.tests)
     finally:
         file.write_text(original, encoding="utf-8")
-    if ended.returncode == _COLLECTED:
+
+
+def _failing(copy: Path, tests: Sequence[str]) -> str | None:
+    """Return the first test that fails; None if none does."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header"]
+        + [f"tests/{name}" for name in tests],
+        cwd=copy,
+        env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if ended.returncode == _PASSED:
         return None
-    failed = [line.split()[1] for line in ended.stdout.splitlines() if line.startswith("FAILED")]
-    errors = [line.split()[1] for line in ended.stdout.splitlines() if line.startswith("ERROR")]
-    if ended.returncode != _CAUGHT or not failed + errors:
-        raise RuntimeError(f"pytest ended with {ended.returncode}: {json.dumps(ended.stdout)}")
-    return (failed + errors)[0]
+    lines = ended.stdout.splitlines()
+    failed = [line.split()[1] for line in lines if line.startswith(("FAILED", "ERROR"))]
+    if ended.returncode not in (_CAUGHT, _BROKEN) or not failed:
+        raise RuntimeError(f"pytest ended with {ended.returncode}: {ended.stdout}")
+    return failed[0]
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import pytest
 
 from robo47_qp.arrays import Vector
 from robo47_qp.control.joint_impedance import JointImpedance
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.pressing import Presser
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
@@ -55,6 +56,24 @@ def test_the_weight_of_a_known_payload_presses_on_nothing() -> None:
     presser = loop.control.controller
     assert isinstance(presser, Presser)
     assert presser.pressed == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("share", "follows"), [(0.45, True), (0.55, False)])
+def test_in_contact_is_what_feels_more_than_half_its_payload_and_four_newtons(
+    share: float, follows: bool
+) -> None:
+    class Pulled(Simulation):
+        def felt_force(self, tool: int = 0) -> Vector:
+            weight = np.array(LOAD.mass * self.model.opt.gravity)
+            return (1.0 + share) * weight + 4.0 * weight / np.linalg.norm(weight)
+
+    observer = DisturbanceObserver()
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), Pulled(PANDA, no_objects), observer=observer)
+    loop.set_payload(LOAD)
+    loop.begin("hold")
+    loop.hold(0.05)
+    assert loop.control.observed is not None
+    assert loop.control.observed.compensating is follows
 
 
 def test_what_one_hand_lets_go_the_other_keeps() -> None:

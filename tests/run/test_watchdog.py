@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
@@ -52,6 +53,19 @@ def test_an_arm_that_gives_way_need_not_follow() -> None:
     failure = check(stiff=True)
     assert failure is not None
     assert failure.cause is Cause.TRACK
+
+
+@pytest.mark.parametrize(("force", "told"), [(59.9, False), (60.1, True)])
+def test_the_tool_may_be_pushed_up_to_its_limit(force: float, told: bool) -> None:
+    class Pushed(Simulation):
+        def last_tool_force(self, tool: int = 0) -> Vector:
+            return np.array([0.0, 0.6, 0.8]) * force
+
+    simulation, arm = Pushed(PANDA, no_objects), Arm(PANDA)
+    there = JointReference(PANDA.home, ZEROS, ZEROS)
+    failure = Watchdog().check(simulation, arm, there, stiff=True, force_max=60.0)
+    assert (failure is not None) is told
+    assert failure is None or failure.cause is Cause.COLLISION
 
 
 def test_a_joint_outside_its_limits_ends_the_run() -> None:
