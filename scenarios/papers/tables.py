@@ -10,6 +10,7 @@ from robo47_qp.run.registry import task_names
 from scenarios.papers.blocks import markdown_table
 from scenarios.papers.judges import franka, robosuite
 from scenarios.papers.kept import is_kept, kept, origin_line
+from scenarios.papers.mutants import mutants
 
 Result = Mapping[str, Any]
 Cell = Callable[[Result], str]
@@ -382,5 +383,6 @@ TABLES: dict[str, Callable[..., str]] = {
     "controllers": controllers,
     "judge_franka": franka,
     "judge_robosuite": robosuite,
+    "mutants": mutants,
 }
 """What writes a table, by the name that a page gives."""
