@@ -24,6 +24,8 @@ _AROUND, _GENTLY = 8e-3, 0.02
 _STILL, _READINGS, _BETWEEN = 0.3, 20, 0.02
 """Time to come to rest [s], how many readings of a sensor are averaged, and the time between
 two of the joints [s]."""
+_PACE = 0.5
+"""Pace on lines: on the first of a run, dry friction is not known yet [-]."""
 _GRAVITY = 9.81
 
 
@@ -49,7 +51,8 @@ class Hand:
 
     def line(self, name: str, T_world_tcp: SE3) -> Waypoint:
         """Return a waypoint that this hand alone reaches on a straight line."""
-        return Waypoint(name=name, target=self.target(T_world_tcp), motion=Motion.LIN)
+        target = self.target(T_world_tcp)
+        return Waypoint(name=name, target=target, motion=Motion.LIN, pace=_PACE)
 
     def against(self, width: float, force: float) -> str | None:
         """Return the evidence that something of a width [m] is not held; None if it is."""
