@@ -2,24 +2,25 @@
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from mink import SE3
 from scipy.interpolate import BPoly
 
 from robo47_qp.model.gripper import Grip
-from robo47_qp.motion.waypoint import Waypoint
-from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.follow_step import Follow
 from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import width_around
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
-from robo47_qp.tasks.handling.item_handler import HeldItem
+from robo47_qp.tasks.handling.item_handler import UNPLANNED, HeldItem
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
-from robo47_qp.tasks.heading import raised
-from robo47_qp.tasks.item import Item
+from robo47_qp.tasks.heading import heading, raised
+from robo47_qp.tasks.item import Item, turned_about_vertical
 
 _AHEAD = 1.8
 """Time given to the arm to reach the meeting point [s]."""
@@ -35,8 +36,13 @@ _NEAR, _ALIGNED = 1.5e-3, 0.02
 
 _CLOSING = 1.5
 """Longest time in which fingers close at their full speed [s]."""
+_CLOSED = 0.8
+"""Usual time in which they close [s]."""
 _GENTLY = 0.03
 """Rate of the opening width where one finger touches the item before the other [m/s]."""
+_AROUND = 4.5
+"""Standard deviations of the camera's errors by which fingers come down beside the item: there is
+no second look."""
 _PATIENCE = 2.0
 """Longest time to reach the target after the planned end [s]."""
 
@@ -80,18 +86,27 @@ class BeltPicker:
         y, speed = self.meeting().translation()[1], float(self.tracker.velocity[1])
         late = _AHEAD + max(0.0, (first - y) / speed)
         meet = self.sensed.time + late
-        waits = raised(self._grasp(self.tracker.at(meet)), self.rise)
+        waits = raised(self._kept(self.tracker.at(meet)), self.rise)
         above = Waypoint(name="meet", target=waits)
-        yield Move(waypoints=(above,), during=(self._tracked(),))
+        tracked = (self._tracked(),)
+        try:
+            foreseen = replace(above, onward=self._onward(meet))
+            yield Move(waypoints=(foreseen,), during=tracked)
+        except StepFailed as error:
+            if error.failure.cause not in UNPLANNED:
+                raise
+            # Not every place on that way may be in reach; the item may be held before.
+            yield Move(waypoints=(above,), during=tracked)
         yield Wait(name="wait", seconds=_LONGEST, until=self._comes(meet))
         start = self.sensed.time
         end = start + 2.0 * max(meet - start, _LEAD)
         yield self._follow("follow", self._setting_out(waits, start, meet, end), end)
         end = self.sensed.time + _WAY
-        descend = self._follow("descend", self._eased(end, self.rise, 0.0), end)
+        descend = self._follow("descend", self._with_item(_eased(end, self.rise, 0.0)), end)
         close, seconds = Grip(width=0.0, force=self.force), _CLOSING
         if camera_errs(self.sensed):
-            near = width_around(self.sensed, self.item, self.tracker.at(self.sensed.time))
+            T_world_item = self.tracker.at(self.sensed.time)
+            near = width_around(self.sensed, self.item, T_world_item, _AROUND)
             near = min(near, self.sensed.width())
             descend = replace(descend, grip=replace(close, width=near))
             close = replace(close, speed=_GENTLY)
@@ -109,7 +124,7 @@ class BeltPicker:
         T_world_item = self.tracker.at(self.sensed.time)
         T_tcp_item = tool.inverse() @ T_world_item
         end = self.sensed.time + _WAY
-        lift = self._follow("lift", self._eased(end, 0.0, self.rise), end)
+        lift = self._follow("lift", self._lifting(end), end)
         held = (self._held(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])
@@ -123,12 +138,35 @@ class BeltPicker:
     def _tool(self) -> SE3:
         return self.sensed.tool_pose()
 
+    @cached_property
+    def _first(self) -> SE3:
+        """T_world_item when the grasp was chosen."""
+        return self.tracker.at(self.sensed.time)
+
+    def _kept(self, T_world_item: SE3) -> SE3:
+        """Return T_world_tcp that grasps the item by the sides that were chosen first.
+
+        Of one that is seen a little otherwise, other sides may be as near.
+        """
+        turn = self.item.same_heading(heading(T_world_item) - heading(self._first))
+        where = self._grasp(T_world_item).translation()
+        return turned_about_vertical(self._grasp(self._first), turn, where)
+
     def _grasp(self, T_world_item: SE3) -> SE3:
         return self.item.grasp(T_world_item, self.sensed.gripper.width_max)
 
     def _with_item(self, height: Callable[[float], float]) -> Target:
         """Return T_world_tcp over time, at a height above the grasp of the moving item."""
-        return lambda time: raised(self._grasp(self.tracker.at(time)), height(time))
+        return lambda time: raised(self._kept(self.tracker.at(time)), height(time))
+
+    def _onward(self, meet: float) -> tuple[Waypoint, ...]:
+        """Return the ways along the belt and down that follow the meeting at a time [s]: the joints
+        are to have room for them."""
+        there = self._kept(self.tracker.at(meet + 2.0 * _LEAD + _WAY + _CLOSED))
+        ways = {"along": raised(there, self.rise), "down": there}
+        return tuple(
+            Waypoint(name=name, target=pose, motion=Motion.LIN) for name, pose in ways.items()
+        )
 
     def _setting_out(self, waits: SE3, start: float, meet: float, end: float) -> Target:
         """Return T_world_tcp over time, from rest at the meeting point until it follows the item.
@@ -139,22 +177,32 @@ class BeltPicker:
         """
         clock = BPoly.from_derivatives([start, end], [[meet, 0.0, 0.0], [end, 1.0, 0.0]])
         fade = BPoly.from_derivatives([start, end], [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-        above = raised(self._grasp(self.tracker.at(meet)), self.rise)
+        above = raised(self._kept(self.tracker.at(meet)), self.rise)
         off = (above.inverse() @ waits).log()
 
         def target(time: float) -> SE3:
             if time >= end:
-                return raised(self._grasp(self.tracker.at(time)), self.rise)
+                return raised(self._kept(self.tracker.at(time)), self.rise)
             when, left = float(clock(max(time, start))), float(fade(max(time, start)))
-            there = raised(self._grasp(self.tracker.at(when)), self.rise)
+            there = raised(self._kept(self.tracker.at(when)), self.rise)
             return there @ SE3.exp(left * off)
 
         return target
 
-    def _eased(self, end: float, before: float, after: float) -> Target:
-        """Return a target above the item that changes its height smoothly within `_WAY`."""
-        course = BPoly.from_derivatives([end - _WAY, end], [[before, 0.0, 0.0], [after, 0.0, 0.0]])
-        return self._with_item(lambda time: float(course(np.clip(time, end - _WAY, end))))
+    def _lifting(self, end: float) -> Target:
+        """Return a target that rises with the item within `_WAY`, and comes to rest meanwhile.
+
+        The time at which the item's pose is taken runs from real time to standstill, half as far.
+        """
+        start, height = end - _WAY, _eased(end, 0.0, self.rise)
+        stands = start + 0.5 * _WAY
+        clock = BPoly.from_derivatives([start, end], [[start, 1.0, 0.0], [stands, 0.0, 0.0]])
+
+        def target(time: float) -> SE3:
+            when = float(clock(np.clip(time, start, end)))
+            return raised(self._kept(self.tracker.at(when)), height(time))
+
+        return target
 
     def _tracked(self) -> Condition:
         """Return a condition that always holds, and improves the prediction meanwhile."""
@@ -196,3 +244,9 @@ class BeltPicker:
             settled=True,
         )
         return hold.condition(cause)
+
+
+def _eased(end: float, before: float, after: float) -> Callable[[float], float]:
+    """Return a height over time that changes smoothly within `_WAY`."""
+    course = BPoly.from_derivatives([end - _WAY, end], [[before, 0.0, 0.0], [after, 0.0, 0.0]])
+    return lambda time: float(course(np.clip(time, end - _WAY, end)))

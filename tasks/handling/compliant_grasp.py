@@ -50,9 +50,18 @@ def compliant_grasp(
     yield grasp
 
 
-def width_around(sensed: Sensed, item: Item, T_world_item: SE3) -> float:
-    """Return the opening width up to which fingers may close fast around a seen item [m]."""
-    return item.width(sensed.tool_pose(), T_world_item) + 2.0 * _DEVIATIONS * _off(sensed)
+def width_around(
+    sensed: Sensed, item: Item, T_world_item: SE3, deviations: float = _DEVIATIONS
+) -> float:
+    """Return the opening width up to which fingers may close fast around a seen item [m].
+
+    Args:
+        sensed: What is sensed.
+        item: The item.
+        T_world_item: Where it is seen.
+        deviations: Standard deviations of what the camera errs that are left on both sides.
+    """
+    return item.width(sensed.tool_pose(), T_world_item) + 2.0 * deviations * _off(sensed)
 
 
 def _off(sensed: Sensed) -> float:

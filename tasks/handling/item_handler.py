@@ -102,20 +102,20 @@ class ItemHandler:
         T_world_item = yield from self.look_held(held, _ROUGH if errs else GOOD_ENOUGH)
         T_world_tcp = self.sensed.tool_pose()
         near = raised(T_world_goal, NEAR) if errs else T_world_goal
-        lower = hand.lower(T_world_tcp, T_world_item, near)
+        lower = hand.lower(T_world_tcp, T_world_item, near, turned=True)
         try:
             yield lower
         except StepFailed as error:
             if error.failure.cause not in UNPLANNED:
                 raise
             # As it has turned, the line would leave a joint's limits: come down in another branch.
-            yield hand.carry(T_world_tcp, T_world_item, near)
+            yield hand.carry(T_world_tcp, T_world_item, near, turned=True)
             yield lower
         if errs:
             # Beside its goal, both are seen with the same error of the camera's calibration.
             T_world_item = yield from self.look_held(held)
             above = raised(T_world_goal, LET_GO)
-            yield hand.lower(self.sensed.tool_pose(), T_world_item, above)
+            yield hand.lower(self.sensed.tool_pose(), T_world_item, above, turned=True)
         yield self.release()
 
     def look_held(
@@ -204,30 +204,43 @@ class ItemHandler:
             )
         )
 
-    def carry(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
+    def carry(
+        self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3, *, turned: bool = False
+    ) -> Move:
         """Return the move above the pose from which the item is lowered to its goal."""
-        lower = self.lower(T_world_tcp, T_world_item, T_world_goal).waypoints[0]
-        target = self._up(self.release_pose(T_world_tcp, T_world_item, T_world_goal))
+        poses = (T_world_tcp, T_world_item, T_world_goal)
+        lower = self.lower(*poses, turned=turned).waypoints[0]
+        target = self._up(self.release_pose(*poses, turned=turned))
         onward = (lower, self._line("retreat", target))
         return self._carrying(
             Waypoint(name="carry", target=target, carried=lower.carried, onward=onward)
         )
 
-    def lower(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> Move:
+    def lower(
+        self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3, *, turned: bool = False
+    ) -> Move:
         """Return the move straight down to the item's goal."""
+        poses = (T_world_tcp, T_world_item, T_world_goal)
         return self._carrying(
             Waypoint(
                 name="lower",
-                target=self.release_pose(T_world_tcp, T_world_item, T_world_goal),
+                target=self.release_pose(*poses, turned=turned),
                 motion=Motion.LIN,
                 carried=self.item.payload(T_world_tcp.inverse() @ T_world_item),
             )
         )
 
-    def release_pose(self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3) -> SE3:
-        """Return T_world_tcp with the held item at its goal, the wrist turned least."""
+    def release_pose(
+        self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3, *, turned: bool = False
+    ) -> SE3:
+        """Return T_world_tcp with the held item at its goal.
+
+        The wrist is as near to its middle as the item's symmetry permits; with `turned` it has
+        been so before, and turns least from there: what the camera errs by turns with the item.
+        """
         tool, item, goal = (heading(T) for T in (T_world_tcp, T_world_item, T_world_goal))
-        turn = self.item.same_heading(tool + goal - item) - tool
+        middle = 0.0 if turned else tool
+        turn = self.item.same_heading(middle + goal - item) - middle
         placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
         return placed @ T_world_item.inverse() @ T_world_tcp
 

@@ -7,7 +7,7 @@ import pytest
 from mink import SE3
 
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.waypoint import Waypoint
+from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Move, StepLike, as_step
 from robo47_qp.sim.simulation import Simulation
@@ -33,6 +33,26 @@ def test_a_line_down_that_has_begun_is_not_tried_again(cause: Cause) -> None:
     next(program)
     with pytest.raises(StepFailed, match="as a test"):
         program.throw(_failed(cause))
+
+
+@pytest.mark.parametrize("noise", [-0.02, 0.02])
+def test_what_was_turned_to_its_goal_is_not_turned_to_another_side_of_it(noise: float) -> None:
+    """The camera's errors turn with what it sees: near a tie it may be off by a little."""
+    world = Simulation(PANDA, PickPlace().build_scene)
+    hand = ItemHandler(sensed=live(world), item=PickPlace().item, above=0.2)
+    tool = tool_down([0.45, 0.1, 0.1], np.pi / 4)
+    goal = upright([0.4, -0.2, 0.02], 0.3)
+    held = upright([0.45, 0.1, 0.1], 0.3 + noise)
+    again = hand.release_pose(tool, held, goal, turned=True)
+    assert (tool.inverse() @ again).rotation().log()[2] == pytest.approx(noise, abs=1e-9)
+    placed = again @ tool.inverse() @ held
+    np.testing.assert_allclose(placed.as_matrix(), goal.as_matrix(), atol=1e-9)
+    first = [
+        hand.release_pose(tool, upright([0.45, 0.1, 0.1], 0.3 + off), goal)
+        for off in (-0.02, 0.02)
+    ]
+    apart = np.abs((first[0].inverse() @ first[1]).rotation().log()[2])
+    assert apart > 1.5
 
 
 def _failed(cause: Cause) -> StepFailed:
