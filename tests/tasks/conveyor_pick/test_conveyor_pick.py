@@ -21,7 +21,7 @@ from robo47_qp.tasks.conveyor_pick import belt_picker
 from robo47_qp.tasks.conveyor_pick.belt_picker import BeltPicker
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
-from robo47_qp.tasks.heading import raised
+from robo47_qp.tasks.heading import raised, upright
 from tests.runs import Holder, Meddler, at_rest, carry_out, live, make_runner
 
 
@@ -92,6 +92,21 @@ def test_setting_out_leaves_the_joints_room_below_their_accelerations() -> None:
     times = np.arange(0.0, 2.0 * lead, 2e-3)
     places = np.array([target(time).translation() for time in times])
     assert np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() / 2e-3**2 < 0.9
+
+
+def test_fingers_keep_to_the_sides_of_a_cube_that_is_seen_a_little_otherwise() -> None:
+    class Turning(ObjectTracker):
+        """Seen at nearly an eighth of a turn, then a little beyond."""
+
+        def at(self, time: float) -> SE3:
+            return upright([0.5, 0.1, 0.05], np.pi / 4 + (0.02 if time > 0.0 else -0.02))
+
+    belt = picker()
+    belt = replace(belt, tracker=Turning(belt.sensed, "cube", 0.05))
+    now, later = (belt._kept(belt.tracker.at(time)) for time in (0.0, 1.0))
+    np.testing.assert_allclose((now.inverse() @ later).log(), [0, 0, 0, 0, 0, -0.04], atol=1e-9)
+    other = belt._grasp(belt.tracker.at(1.0))
+    assert np.linalg.norm((now.inverse() @ other).rotation().log()) > 1.5
 
 
 @pytest.mark.parametrize("errs", [False, True])
