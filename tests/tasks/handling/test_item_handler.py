@@ -48,8 +48,7 @@ def test_what_was_turned_to_its_goal_is_not_turned_to_another_side_of_it(noise: 
     placed = again @ tool.inverse() @ held
     np.testing.assert_allclose(placed.as_matrix(), goal.as_matrix(), atol=1e-9)
     first = [
-        hand.release_pose(tool, upright([0.45, 0.1, 0.1], 0.3 + off), goal)
-        for off in (-0.02, 0.02)
+        hand.release_pose(tool, upright([0.45, 0.1, 0.1], 0.3 + off), goal) for off in (-0.02, 0.02)
     ]
     apart = np.abs((first[0].inverse() @ first[1]).rotation().log()[2])
     assert apart > 1.5
