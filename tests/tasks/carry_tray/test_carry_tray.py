@@ -70,9 +70,15 @@ def test_no_limit_is_violated_and_the_hands_keep_their_relative_pose(run: Run) -
 
 def test_in_a_wrong_world_the_hands_neither_drift_nor_fight() -> None:
     """Heavier links, joints that rub, noise, delays: up to where the tray is lifted."""
-    camera = ("pose_bias", "rotation_bias", "pose_noise", "heading_noise", "outliers")
     # With a camera that sees all at once and as it is, there is less to wait for.
-    erring = replace(PRESETS["moderate"], **dict.fromkeys(camera, 0.0))
+    erring = replace(
+        PRESETS["moderate"],
+        pose_bias=0.0,
+        rotation_bias=0.0,
+        pose_noise=0.0,
+        heading_noise=0.0,
+        outliers=0.0,
+    )
     episode = TaskEpisode(robot=PAIR, task=TASK, perturbation=erring)
     scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=21.0))
     run = Runner(scenario, episode.simulation(scenario, 80001)).run()
