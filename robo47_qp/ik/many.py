@@ -21,7 +21,9 @@ from robo47_qp.model.chain import Chain
 _T = TypeVar("_T")
 _PART = 64
 """Poses that a thread takes at a time."""
-_NO_POSE = [np.nan] * 7
+_NO_POSE = np.full(7, np.nan)
+_UNIT, _NEAR = 1e-6, 1e8
+"""What `is_pose` grants beyond doubt: error of the squared length of quaternions, distance [m]."""
 
 
 class IkResults(Sequence[IkResult]):
@@ -97,7 +99,7 @@ def solve_many(
     """
     workers = _workers(threads)
     seeds = _seeds(arm, q_seeds, len(targets))
-    poses = np.array([t.wxyz_xyz if is_pose(t) else _NO_POSE for t in targets]).reshape(-1, 7)
+    poses = _poses(targets)
     batches = [Batch(poses[part], seeds[part]) for part in _parts(len(targets), _PART)]
     # Answers of joints with a turn or more are wound to their seeds, one by one.
     whole = None
@@ -153,12 +155,18 @@ def fk_many(
 
 def _each(work: Callable[[_T], None], parts: Sequence[_T], workers: int) -> None:
     """Work on every part, on as many threads; functions of the core release Python's lock."""
-    if workers == 1 or len(parts) < 2:
-        for part in parts:
+    rest = iter(parts)
+
+    def take() -> None:
+        for part in rest:
             work(part)
+
+    if workers == 1 or len(parts) < 2:
+        take()
         return
     with ThreadPoolExecutor(min(workers, len(parts))) as pool:
-        list(pool.map(work, parts))
+        for taken in [pool.submit(take) for _ in range(workers)]:
+            taken.result()
 
 
 def _parts(count: int, size: int) -> list[slice]:
@@ -171,6 +179,18 @@ def _workers(threads: int | None) -> int:
         return len(affinity(0)) if affinity else os.cpu_count() or 1
     Range(at_least=1, whole=True).check("threads", threads)
     return threads
+
+
+def _poses(targets: Sequence[SE3]) -> Matrix:
+    """Return quaternions and positions (count, 7), of NaN where `is_pose` says no."""
+    given = [t.wxyz_xyz if isinstance(t, SE3) else _NO_POSE for t in targets]
+    poses = np.array([p if len(p) == 7 else _NO_POSE for p in given]).reshape(-1, 7)
+    sizes = np.einsum("ij,ij->i", poses[:, :4], poses[:, :4])
+    fine = (np.abs(sizes - 1.0) < _UNIT) & (np.abs(poses[:, 4:]) < _NEAR).all(axis=1)
+    for place in np.flatnonzero(~fine).tolist():
+        if not is_pose(targets[place]):
+            poses[place] = np.nan
+    return poses
 
 
 def _seeds(arm: Arm, q_seeds: ArrayLike | None, count: int) -> Matrix:
