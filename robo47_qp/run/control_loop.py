@@ -258,6 +258,13 @@ class ControlLoop:
             arm = self.arm.with_payload(told) if told else self.arm
             self.control.set_arm(arm, seconds=PAYLOAD_RAMP)
 
+    def carried_weight(self, tool: int) -> float:
+        """Return the weight of what the controller assumes a tool to hold [N]."""
+        held = self._load.get(self.arm.robot.tools[tool].name)
+        return (
+            0.0 if held is None else held.mass * float(np.linalg.norm(self.arm.model.opt.gravity))
+        )
+
     def let_go(self, tool: int) -> None:
         """Set that a tool holds nothing; what others hold stays."""
         name = self.arm.robot.tools[tool].name

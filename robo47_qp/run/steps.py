@@ -28,9 +28,10 @@ from robo47_qp.run.failure import Condition, StepFailed, StepMonitor, refusal, r
 _GAIN = 15.0
 """Rate at which a stream removes the remaining error [1/s]; the velocity of the target is fed
 forward. A higher rate would exceed the limits of the motors."""
-_TICK = TICK_ROWS * TIMESTEP
-_GRIP_STILL = 0.05
-"""How long the fingers must stand still for a grip to count as done [s]."""
+_LETTING_GO_ROWS = 2
+"""Control periods between two looks at the force of fingers that let an item go."""
+_GRIP_STILL, _OPEN_STILL = 0.05, 0.02
+"""How long the fingers must stand still for closing and opening to count as done [s]."""
 _GRIP_TIMEOUT = 3.0
 """When a grip is over whether or not the fingers stand still, beside the time that its speed takes
 [s]."""
@@ -313,20 +314,27 @@ def _grip(
     if place and compliance is not None:
         raise InvalidValueError(f"compliance of tool {tool!r}", "one", "None: the main tool's only")
     loop, sim = executor.loop, executor.loop.sim
-    if grip.width > sim.width(place):
-        loop.let_go(place)
-        if loop.yielding and not executor.compliance.active:
-            loop.compensate(on=True)
+    opening = grip.width > sim.width(place)
+    if opening and loop.yielding and not executor.compliance.active:
+        loop.compensate(on=True)
     sim.command_grip(grip, place)
     if compliance is not None:
         executor.compliance.soften(compliance)
     loop.begin(name, compliant=compliance is not None, afresh=False)
     longest = _GRIP_TIMEOUT + abs(grip.width - sim.width(place)) / grip.speed
-    still, waited = 0.0, 0.0
-    while still < _GRIP_STILL and waited < longest:
-        loop.hold(_TICK)
-        waited += _TICK
-        still = still + _TICK if sim.grip_settled(place) else 0.0
+    enough = _OPEN_STILL if opening else _GRIP_STILL
+    still, waited = 0, 0
+    while still * TIMESTEP < enough and waited * TIMESTEP < longest:
+        carried = loop.carried_weight(place) if opening else 0.0
+        rows = _LETTING_GO_ROWS if carried else TICK_ROWS - waited % TICK_ROWS
+        loop.hold(rows * TIMESTEP)
+        waited += rows
+        still = still + rows if sim.grip_settled(place) else 0
+        # With a friction of 0.5, fingers that press with less than its weight lose an item.
+        if carried and loop.senses.sensed.finger_forces(place).min() < carried:
+            loop.let_go(place)
+    if opening:
+        loop.let_go(place)
     executor.compliance.stiffen()
     width, force = 1e3 * sim.width(place), sim.last_finger_forces(place)
     loop.note(f"{name}: {width:.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")

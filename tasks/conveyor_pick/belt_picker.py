@@ -107,7 +107,6 @@ class BeltPicker:
         if camera_errs(self.sensed):
             T_world_item = self.tracker.at(self.sensed.time)
             near = width_around(self.sensed, self.item, T_world_item, _AROUND)
-            near = min(near, self.sensed.width())
             descend = replace(descend, grip=replace(close, width=near))
             close = replace(close, speed=_GENTLY)
             seconds += (near - min(self.item.size[:2])) / _GENTLY

@@ -55,13 +55,16 @@ def width_around(
 ) -> float:
     """Return the opening width up to which fingers may close fast around a seen item [m].
 
+    No more than they are open, and than they may open: a soft end stop gives way a little.
+
     Args:
         sensed: What is sensed.
         item: The item.
         T_world_item: Where it is seen.
         deviations: Standard deviations of what the camera errs that are left on both sides.
     """
-    return item.width(sensed.tool_pose(), T_world_item) + 2.0 * deviations * _off(sensed)
+    wanted = item.width(sensed.tool_pose(), T_world_item) + 2.0 * deviations * _off(sensed)
+    return min(wanted, sensed.width(), sensed.gripper.width_max)
 
 
 def _off(sensed: Sensed) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.run.failure import Cause, Condition, Failure
+from robo47_qp.run.steps import Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.task_state import add_task_state, hide_marker, is_visible, task_state
@@ -19,6 +20,9 @@ _HOME = 0.01
 """Largest distance of a joint from home at the end [rad]."""
 HOME_WORDS = f"every joint within {_HOME:g} rad of home (slides: m)"
 """What the end of the motion must be, in words."""
+_PATIENCE = 4.0
+"""Longest time to wait until a pose counts as held, beside the time that is asked for [s]: the arm
+comes to rest, or comes back from where it was pushed."""
 _ROUNDING = 1e-6
 """Tolerance for sums of control periods [s]."""
 
@@ -65,28 +69,25 @@ class HoldCriterion:
             hide_marker(simulation, marker)
             note[0] = 0.0
 
-    def condition(self, sensed: Sensed, marker: str) -> Condition:
-        """Return the condition that the tool is at the pose of a marker, as far as is measured.
+    def hold(self, sensed: Sensed, marker: str) -> Wait:
+        """Return a step that stays until the pose of a marker was held, also if the tool is pushed
+        off it meanwhile."""
+        seconds = self.seconds + _PATIENCE
+        return Wait(name=f"hold {marker}", seconds=seconds, until=self.held(sensed, marker))
 
-        Speeds do not count: those that are measured are noisy. Once the marker is hidden, the
-        pose was held.
+    def held(self, sensed: Sensed, marker: str) -> Condition:
+        """Return the condition that the pose of a marker was held: then the marker is hidden.
+
+        What is against it is where the tool is, as far as is measured. Speeds are not told: those
+        that are measured are noisy.
         """
         still, unit = replace(self, speed=inf), sensed.robot.unit("mrad/s", "mm/s")
 
         def against() -> str | None:
             if sensed.is_hidden(marker):
                 return None
-            goal = sensed.seen_pose(marker)
-            return still._off(goal, sensed.tool_pose(), 0.0, marker, unit)
-
-        return Condition(name=f"the tool is at {marker}", cause=Cause.TRACK, against=against)
-
-    @staticmethod
-    def done(sensed: Sensed, marker: str) -> Condition:
-        """Return the condition that the pose of a marker was held: then the marker is hidden."""
-
-        def against() -> str | None:
-            return None if sensed.is_hidden(marker) else f"{marker} does not count as held yet"
+            off = still._off(sensed.seen_pose(marker), sensed.tool_pose(), 0.0, marker, unit)
+            return off or f"{marker} does not count as held yet"
 
         return Condition(name=f"{marker} was held", cause=Cause.TRACK, against=against)
 
@@ -140,10 +141,11 @@ class HoldCriterion:
         turn = float(np.linalg.norm(T_goal_tcp.rotation().log()))
         if off <= self.position_tolerance and turn <= self.turn_tolerance and speed <= self.speed:
             return None
-        return (
-            f"the tool is {1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {marker}, the "
-            f"fastest joint moves at {1e3 * speed:.1f} {unit}; allowed are {self._allowed}"
+        moves = (
+            "" if self.speed == inf else f", the fastest joint moves at {1e3 * speed:.1f} {unit}"
         )
+        where = f"{1e3 * off:.2f} mm and {np.rad2deg(turn):.2f}° from {marker}{moves}"
+        return f"the tool is {where}; allowed are {self._allowed}"
 
     @property
     def _allowed(self) -> str:

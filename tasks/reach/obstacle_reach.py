@@ -13,7 +13,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Failure
-from robo47_qp.run.steps import StepLike, Wait
+from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
@@ -24,13 +24,6 @@ from robo47_qp.tasks.table import TABLE, TABLE_TOP, add_table, check_place
 
 _BOARD = (0.12, 0.18, 0.01)
 """Half lengths of the shelf's board: outwards, across and up [m]."""
-_LOOK, _LOOKS = 0.05, 10
-"""Period [s] and number of the checks of a held tool."""
-_PATIENCE = 2.0
-"""Longest time to wait until a pose counts as held, which it does at once if the arm is still [s].
-"""
-_SETTLE = 0.2
-"""Time between a motion and the first check [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,12 +177,8 @@ class ObstacleReach(Task):
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         for name in self._targets:
-            there = self._held.condition(sensed, name)  # while the marker is there
             yield self._reach(sensed, name)
-            yield Wait(name=f"hold {name}", seconds=_SETTLE)
-            for _ in range(_LOOKS):
-                yield Wait(name=f"hold {name}", seconds=_LOOK, after=(there,))
-            yield Wait(name=f"await {name}", seconds=_PATIENCE, until=self._held.done(sensed, name))
+            yield self._held.hold(sensed, name)
         yield HOME
         return None
 

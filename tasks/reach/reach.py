@@ -36,13 +36,6 @@ _SPARE = 0.02
 """Room that random poses leave to joint limits, of which a controller keeps some [rad or m]."""
 _DRAWS = 100_000
 """Largest number of configurations drawn per pose; about one in a hundred is in the workspace."""
-_PATIENCE = 2.0
-"""Longest time to wait until a pose counts as held, which it does at once if the arm is still [s].
-"""
-_LOOKS = 10
-"""How often a held tool is checked."""
-_SETTLE = 0.2
-"""Time between a motion and the hold [s]."""
 _DEFAULT = (
     ((0.50, 0.25, 0.30), 0.4, 0.5),
     ((0.55, 0.00, 0.25), -0.3, -0.4),
@@ -159,12 +152,9 @@ class Reach(Task):
         steps: list[Move | Wait] = []
         for name in self._poses:
             target = sensed.seen_pose(name)
-            there = (self._held.condition(sensed, name),)
             steps += [
                 Move(waypoints=(Waypoint(name=name, target=target),)),
-                Wait(name=f"settle at {name}", seconds=_SETTLE, after=there),
-                *[Wait(name=f"hold {name}", seconds=self.seconds / _LOOKS, after=there)] * _LOOKS,
-                Wait(name=f"await {name}", seconds=_PATIENCE, until=self._held.done(sensed, name)),
+                self._held.hold(sensed, name),
                 Move(waypoints=(Waypoint(name="home", target=Place.HOME),)),
             ]
         return steps

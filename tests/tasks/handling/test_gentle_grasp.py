@@ -23,9 +23,10 @@ from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.compliant_grasp import width_around
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.examples import shifted
-from tests.runs import Reach, carry_out
+from tests.runs import Reach, carry_out, live
 
 POST, ASIDE = 0.03, 4e-3
 """Width of the post between the fingers, and how far it is from their middle [m]."""
@@ -134,3 +135,18 @@ def test_in_a_cell_that_errs_an_item_is_grasped_and_carried_within_all_limits() 
     a, force = run.rows["joints/a"][start:end], run.rows["contact/tool"][start:end]
     assert (np.abs(a) / PANDA.rated.a_max).max() < 0.3
     assert np.linalg.norm(force, axis=1).max() < 6.0
+
+
+def test_fingers_that_lean_on_their_end_stop_are_told_a_width_that_they_can_open_to() -> None:
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    assert PANDA.gripper is not None
+    widest = PANDA.gripper.width_max
+    for name in PANDA.gripper.joints:
+        simulation.data.joint(name).qpos[0] = 0.5 * widest + 1e-7
+    mujoco.mj_forward(simulation.model, simulation.data)
+    sensed = live(simulation)
+    assert sensed.width() > widest
+    # Where a camera errs that much, fingers are to close from as wide as they are.
+    width = width_around(sensed, task.item, sensed.tool_pose(), 40.0)
+    assert width == widest
