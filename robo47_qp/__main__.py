@@ -1,17 +1,14 @@
 """The command `robo47` and `python -m robo47_qp`: run, evaluate, serve, compare, view, recover."""
 
-import gc
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from signal import SIGINT, signal
-from threading import current_thread, main_thread
 from typing import TypeAlias
 
 from robo47_qp.errors import RecordingError, RenderingError
+from robo47_qp.report.importing import importing
 from robo47_qp.report.output import forgiving_output
 
 Command: TypeAlias = Callable[[Sequence[str]], int]
@@ -43,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> int:
         what = f"no command is called {given[0]!r}" if given else "a command is missing"
         return _told(f"error: {what}; known: {', '.join(_COMMANDS)}.\n", 2)
     try:
-        with _interrupted_in_imports(), _uncollected():
+        with importing():
             _check_renderer()
             command = _COMMANDS[given[0]]()
     except RenderingError as error:
@@ -77,37 +74,6 @@ def _check_renderer() -> None:
             f"({error}). On Debian or Ubuntu, egl needs libegl1 and libgl1, and osmesa "
             "libosmesa6; without MUJOCO_GL everything but pictures works."
         ) from error
-
-
-@contextmanager
-def _interrupted_in_imports() -> Iterator[None]:
-    """End the process at once on Ctrl-C: extension modules turn it into errors of their own."""
-    if current_thread() is not main_thread():
-        yield
-        return
-
-    def leave(*_: object) -> None:
-        os.write(2, b"interrupted; nothing has run\n")
-        os._exit(130)
-
-    before = signal(SIGINT, leave)
-    try:
-        yield
-    finally:
-        signal(SIGINT, before)
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Import without garbage collection; what is imported stays, and is not looked at again."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        if enabled:
-            gc.enable()
 
 
 def _run() -> Command:

@@ -25,9 +25,8 @@ from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot, robot_names
+from robo47_qp.report.importing import importing
 from robo47_qp.report.output import forgiving_output
-from robo47_qp.report.recorded import recorded
-from robo47_qp.report.run_plot import plot_run
 from robo47_qp.report.terminal import ProgressBar, print_summary
 from robo47_qp.report.video import Video
 from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
@@ -329,6 +328,10 @@ def run_task(
         Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
             a `RecordingError`, what was recorded before is in the file.
     """
+    # Rerun and Matplotlib take half of the time of a start, and help or bad input needs neither.
+    with importing():
+        from robo47_qp.report.recorded import recorded
+        from robo47_qp.report.run_plot import plot_run
     robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
     looks: BuildScene = task.build_scene

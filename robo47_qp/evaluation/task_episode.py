@@ -15,7 +15,6 @@ from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
-from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.run.failure import Cause, Failure, refusal
 from robo47_qp.run.runner import Driver, ProgramDriver, Runner
@@ -94,6 +93,9 @@ class TaskEpisode:
         runner = Runner(scenario, simulation, self.driver())
         if spec.recording is None:
             return runner.run()
+        # Workers that record nothing start in less time without Rerun.
+        from robo47_qp.report.rerun.log import RerunLog
+
         log = RerunLog(spec.recording, simulation.model, scenario.robot, runner.signals)
         try:
             run = runner.run(sinks=[log], observers=[log])
