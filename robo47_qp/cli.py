@@ -36,7 +36,6 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.task import Task, own_options, task_of_options
 from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
-from robo47_qp.sim.scene import BuildScene
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.sim.visuals import with_menagerie_looks
 from robo47_qp.stack import CONTROLLERS, IK_SOLVERS, PROFILES, QP_SOLVERS, ClassicalStack
@@ -334,35 +333,28 @@ def run_task(
         from robo47_qp.report.run_plot import plot_run
     robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
-    looks: BuildScene = task.build_scene
-    if options.visuals == "menagerie":
-        looks = with_menagerie_looks(robot, looks)
+    dressed = options.visuals == "menagerie"
+    looks = with_menagerie_looks(robot, task.build_scene) if dressed else task.build_scene
     arm = None if options.at is None else DrivenArm(robot, looks, options.at)
-    simulation = Simulation(robot, looks) if arm is None else arm
+    simulation = arm or Simulation(robot, looks)
     runner = Runner(scenario, simulation, driver, extra=() if driver is None else driver.signals)
-    foreseen = sum(leg.trajectory.duration for leg in runner.rehearse())
-    foreseen += 0.0 if driver is None else driver.seconds
+    seconds = [leg.trajectory.duration for leg in runner.rehearse()]
+    foreseen = sum(seconds, start=0.0 if driver is None else driver.seconds)
     if arm is not None:
-        lines = [*arm.report(), f"planned: {foreseen:.1f} s of motion"]
-        console.print("\n".join(lines), highlight=False, soft_wrap=True)
+        planned = f"planned: {foreseen:.1f} s of motion"
+        console.print("\n".join([*arm.report(), planned]), highlight=False, soft_wrap=True)
         if options.dry_run:
             return OK
-    files = {
-        "recording": options.log,
-        "report": options.log.with_suffix(".json"),
-        "plot": options.plot or options.log.with_suffix(".png"),
-    }
-    if options.video is not None:
-        files["video"] = options.video
+    files = _files(options)
     with claimed(options.log):
         for path in files.values():
             check_writable(path)
         with ExitStack() as stack:
             shown: list[Observer] = []
-            chunk_rows = CHUNK_ROWS
             for observer in _observers(options, simulation, driver):
                 stack.callback(observer.close)
                 shown.append(observer)
+            chunk_rows = CHUNK_ROWS
             if arm is not None:
                 # Nothing but control has time while an arm moves.
                 chunk_rows = min(ARM_ROWS, round(scenario.time_limit / TIMESTEP))
@@ -382,6 +374,15 @@ def run_task(
     else:
         print_summary(console, run, figures, findings, files)
     return OK if run.failure is None else FAILED
+
+
+def _files(options: RunOptions) -> dict[str, Path]:
+    files = {
+        "recording": options.log,
+        "report": options.log.with_suffix(".json"),
+        "plot": options.plot or options.log.with_suffix(".png"),
+    }
+    return files if options.video is None else {**files, "video": options.video}
 
 
 def _observers(
