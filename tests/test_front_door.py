@@ -39,6 +39,13 @@ def test_the_import_alone_loads_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("module", ["robo47_qp.cli", "robo47_qp.evaluation.task_episode"])
+def test_what_records_nothing_starts_without_rerun_and_matplotlib(module: str) -> None:
+    code = f"import sys, {module}; print(*{{'rerun', 'matplotlib'}} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
 def test_a_task_option_without_a_name_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--task"])
