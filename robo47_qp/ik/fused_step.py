@@ -4,24 +4,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from mujoco import mju_addToScl
-from scipy.linalg import lapack
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.box_qp import BoxQp
 from robo47_qp.ik.gauss_newton import FLOOR
+from robo47_qp.ik.refinement import ILL_CONDITIONED, refined, within
 from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.ik.tool_error import ToolError, error_to
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
-
-_ILL_CONDITIONED = 1e-7
-"""Damping below which a step can be wrong by more than 4e-10 rad: JᵀJ has lost the digits of what
-hardly moves the tool."""
-_AT_BOUND = 1e-12
-"""A joint closer than this to its bound is on it [rad]."""
-_ROUNDING = 1e-6
-"""A longer change of a step than this is none of rounding [rad]."""
 
 
 class Linearised(NamedTuple):
@@ -99,7 +91,7 @@ class FusedStepper:
         H, f, low, high, solve = self._H, self._f, self._low, self._high, self._qp.solve
         if rows is None or len(rows.upper) == 0:
             dq = solve(H, f, low, high)
-            return dq if dq is None or self._damping > _ILL_CONDITIONED else self._refined(q, dq)
+            return dq if dq is None or self._damping > ILL_CONDITIONED else self._refined(q, dq)
         dq = solve(H, f, low, high, rows.A, rows.upper)
         if dq is None and rows.upper.min() < 0.0:
             dq = solve(H, f, low, high, rows.A, np.maximum(rows.upper, 0.0))
@@ -122,25 +114,11 @@ class FusedStepper:
         np.subtract(self._q_max, q, self._high)
 
     def _refined(self, q: Vector, dq: Vector) -> Vector:
-        """Return a step after one refinement of the joints that no bound holds.
-
-        The residual is taken from J, which has all digits, and not from H = JᵀJ + λ1 (Björck,
-        "Iterative refinement of linear least squares solutions", 1967). H is overwritten.
-        """
-        (e, J, damping, posture), H = self._at, self._H
-        dq = np.minimum(np.maximum(dq, self._low), self._high)
+        """Return a step with the digits that H = JᵀJ + λ1 has lost; H is overwritten."""
+        e, J, damping, posture = self._at
+        dq = within(self._low, self._high, dq)
         fall = (e - J.dot(dq)).dot(J)
         fall -= (damping + FLOOR) * dq
         if posture:
             fall += posture * (self._q_seed - q)
-        held = np.minimum(dq - self._low, self._high - dq) < _AT_BOUND
-        if np.count_nonzero(held):
-            H[held] = 0.0
-            H[:, held] = 0.0
-            self._diagonal[held] = 1.0
-            fall[held] = 0.0
-        _, change, lost = lapack.dposv(H, fall)
-        if lost or change.dot(change) > _ROUNDING**2:
-            return dq
-        refined: Vector = dq + change
-        return refined
+        return refined(self._H, fall, self._low, self._high, dq)

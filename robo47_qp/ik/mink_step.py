@@ -22,6 +22,7 @@ from robo47_qp.ik.mink_tasks import (
     ToolTask,
 )
 from robo47_qp.ik.objectives import HELD, Composed, Composition, Softened, composed
+from robo47_qp.ik.refinement import ILL_CONDITIONED, refined_by_tasks
 from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.ik.tool_error import ToolsError, error_to
 from robo47_qp.model.arm import Arm
@@ -70,7 +71,7 @@ class MinkStepper:
             for tool, way in zip(tools, ways, strict=True)
         ]
         self._posture = FadingPosture(arm, self._tools, settings.posture_cost, dear)
-        self._rows = Rows()
+        self._rows, self._q_min, self._q_max = Rows(), arm.q_min, arm.q_max
         self._limits: list[mink.Limit] = [JointLimits(arm), self._rows]
         self._tasks: list[BaseTask] = [*self._tools, self._posture]
         self._constraints: list[mink.Task] = []
@@ -139,7 +140,8 @@ class MinkStepper:
             self._rows.rows = rows._replace(upper=np.maximum(rows.upper, 0.0))
             dq = self._solved(constraints)
         if self.composed is None:
-            return dq
+            free = rows is None or len(rows.upper) == 0
+            return self._refined(q, dq) if free and dq is not None else dq
         if dq is None:
             dq = self._relaxed(self.composed)
         if dq is None or not np.isfinite(dq).all():
@@ -150,6 +152,13 @@ class MinkStepper:
             # But for rounding it is so already.
             dq[[*self.frozen]] = 0.0
         return dq
+
+    def _refined(self, q: Vector, dq: Vector) -> Vector:
+        """Return mink's step with the digits that its JᵀJ has lost."""
+        if sum(tool.lm_damping * tool.squared_error for tool in self._tools) > ILL_CONDITIONED:
+            return dq
+        bounds = self._q_min - q, self._q_max - q
+        return refined_by_tasks(self._configuration, self._tasks, FLOOR, bounds, dq)
 
     def _relaxed(self, added: Composed) -> Vector | None:
         """Return a step with limits and then constraints relaxed; None where even that is none."""

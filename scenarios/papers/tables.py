@@ -176,6 +176,7 @@ def same_step() -> str:
         "from the exact step": "largest_from_exact_rad",
         "mink from the exact step": "largest_of_mink_from_exact_rad",
         "from mink": "largest_from_mink_rad",
+        "from mink, refined": "largest_from_mink_refined_rad",
     }
     return _table(
         "same_step",

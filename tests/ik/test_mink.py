@@ -78,9 +78,10 @@ def test_its_objects_are_those_of_mink(arm: Arm) -> None:
 def test_steps_are_exact_and_those_of_mink(arm: Arm, name: str) -> None:
     """Beside the minimum in 50 digits, and beside `mink.solve_ik`, which rounds more."""
     found = np.array([differences(name, arm, one) for one in states(arm, STATES // 3)])
-    assert found[:, 0].max() < (SAME if name == "mink" else 0.1 * SAME)
+    assert found[:, 0].max() < (0.3 * SAME if name == "mink" else 0.1 * SAME)
     assert found[:, 2].max() < SAME
-    assert 0.1 < (found[:, 3] > 0).mean() < 0.95
+    assert found[:, 3].max() < (0.3 * SAME if name == "mink" else 0.1 * SAME)
+    assert 0.1 < (found[:, 4] > 0).mean() < 0.95
 
 
 def test_the_pose_error_of_lm_is_that_of_another_arm(arm: Arm, plain: PlainArm) -> None:
@@ -92,21 +93,27 @@ def test_the_pose_error_of_lm_is_that_of_another_arm(arm: Arm, plain: PlainArm) 
         assert (np.linalg.norm(e[:3]), np.linalg.norm(e[3:])) == pytest.approx((position, angle))
 
 
-def test_a_step_where_doubles_lose_digits_is_exact() -> None:
-    """The elbow at its limit, nearly singular, the target 0.1 mm away: the worst of 10,000."""
+# Of 10,000 states those in which mink's JᵀJ loses most: nearly singular, the target near.
+@pytest.mark.parametrize(("name", "worst"), [("lm", 2549), ("mink", 7113), ("qp", 7113)])
+def test_a_step_where_doubles_lose_digits_is_exact(name: str, worst: int) -> None:
     arm = Arm(PANDA)
-    state = next(islice(states(arm, 10_000), 2549, None))
-    found = differences("lm", arm, state)
-    assert found.solver_exact < 0.1 * SAME
-    assert found.mink_exact > 0.1 * SAME  # else the state would show nothing
+    found = differences(name, arm, next(islice(states(arm, 10_000), worst, None)))
+    assert found.mink_exact > SAME  # else the state would show nothing
+    assert max(found.solver_exact, found.solver_refined) < 0.1 * SAME
+
+
+@pytest.mark.xfail(reason="mink 1.3: steps are taken from JᵀJ as they are", strict=True)
+def test_a_step_of_mink_alone_is_exact_there() -> None:
+    arm = Arm(PANDA)
+    assert differences("mink", arm, next(islice(states(arm, 10_000), 7113, None))).mink_exact < SAME
 
 
 def test_bounds_are_kept_closer_than_daqp_keeps_them_by_itself() -> None:
     """States of 10,000 in which its own tolerance of 1e-6 gives a wrong step."""
     arm, chosen = Arm(PANDA), (3315, 3921, 4015, 4605)
     found = [state for i, state in enumerate(states(arm, 4606)) if i in chosen]
-    for name, far in (("qp", SAME), ("lm", SAME), ("mink", 1e-8)):
-        assert max(differences(name, arm, state).solver_exact for state in found) < far
+    for name in ("qp", "lm", "mink"):
+        assert max(differences(name, arm, state).solver_exact for state in found) < SAME
 
 
 def test_whole_searches_end_in_the_same_place(arm: Arm) -> None:

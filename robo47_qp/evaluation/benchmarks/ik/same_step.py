@@ -15,6 +15,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mended import FrameTask
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.refinement import refined_by_tasks
 from robo47_qp.model.arm import Arm
 
 
@@ -92,7 +93,7 @@ OBJECTIVES: Mapping[str, tuple[GaussNewtonIk, Callable[[Arm, State], list[BaseTa
 
 
 class Differences(NamedTuple):
-    """Largest differences of a joint between three steps from one state [rad]."""
+    """Largest differences of a joint between steps from one state [rad]."""
 
     solver_exact: float
     """The solver's from the one without rounding."""
@@ -100,6 +101,8 @@ class Differences(NamedTuple):
     """That of `mink.solve_ik` from the one without rounding."""
     solver_mink: float
     """The solver's from that of `mink.solve_ik`."""
+    solver_refined: float
+    """The solver's from that of `mink.solve_ik` refined, which is what `MinkIk` steps by."""
     held: int
     """Joints that the solver's step leads to a limit."""
 
@@ -110,15 +113,17 @@ def differences(name: str, arm: Arm, state: State) -> Differences:
     configuration, tasks = mink.Configuration(arm.model, q=state.q), make(arm, state)
     limits = [mink.ConfigurationLimit(arm.model, gain=1.0)]
     # mink reads no tolerance of its own; DAQP's default of 1e-6 is not what is compared.
-    own = mink.solve_ik(
+    plain = mink.solve_ik(
         configuration, tasks, 1.0, "daqp", damping=FLOOR, limits=limits, primal_tol=1e-9
     )
     step = step_of(solver, arm, state)
     low, high = arm.q_min - state.q, arm.q_max - state.q
+    own = refined_by_tasks(configuration, tasks, FLOOR, (low, high), plain)
     exact = exact_step(configuration, tasks, FLOOR, low, high, step)
     return Differences(
         float(np.abs(step - exact).max()),
-        float(np.abs(own - exact).max()),
+        float(np.abs(plain - exact).max()),
+        float(np.abs(step - plain).max()),
         float(np.abs(step - own).max()),
         int((np.minimum(step - low, high - step) < 1e-9).sum()),
     )
