@@ -115,6 +115,25 @@ static void expect(r47_control *c, const double *tau) {
   }
 }
 
+/* Changes the disturbance where joints reverse, and learns from it. */
+static void update_friction(r47_control *c, const double *q_ref) {
+  const size_t bytes = (size_t)c->n * sizeof(double);
+  r47_friction *friction = c->friction;
+  friction->model = c->arm->model;
+  friction->data = c->arm->data;
+  r47_factor(c->arm);
+  memcpy(friction->given, q_ref, bytes);
+  c->turning = r47_friction_change(friction);
+  /* All at once, a torque that turns within a few periods would be a step. */
+  if (c->turning)
+    for (int i = 0; i < c->n; i++) c->turned[i] = friction->change[i] / c->periods;
+  c->until = c->periods;
+  if (!c->learns) return;
+  memcpy(friction->given, c->estimate + 2 * c->n, bytes);
+  memcpy(friction->bears, c->arm->qfrc_bias, bytes);
+  r47_friction_learn(friction);
+}
+
 void r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
                      const double *q, const double *v, double *tau) {
   const int n = c->n;
@@ -132,7 +151,9 @@ void r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, c
     if (!c->left) c->fade = 0;
   }
   limit(c, q_ref, q, tau);
-  if (c->observed) expect(c, tau);
+  if (!c->observed) return;
+  expect(c, tau);
+  if (c->until && !--c->until) update_friction(c, q_ref);
 }
 
 void r47_torques(r47_control *c, int periods, const double *q_ref, const double *v_ref,

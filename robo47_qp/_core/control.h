@@ -2,6 +2,7 @@
 #ifndef ROBO47_CONTROL_H
 #define ROBO47_CONTROL_H
 
+#include "friction.h"
 #include "impedance.h"
 
 enum { R47_COMPUTED_TORQUE = 1, R47_JOINT_IMPEDANCE = 2, R47_CARTESIAN_IMPEDANCE = 3 };
@@ -36,7 +37,10 @@ typedef struct {
   const double *offset;
   int observer_fade, observer_left;
   int turning; /* whether d changes by `turned` in every period */
-  const double *turned;
+  double *turned;
+  /* Friction is updated after every `periods`, next in `until` of them; never where that is 0. */
+  r47_friction *friction;
+  int periods, until, learns;
   /* Tools hold one body: of what is beyond `base`, `shares` (n, n) are compensated. */
   int closed;
   double *base;

@@ -32,6 +32,7 @@ int r47_friction_change(r47_friction *c) {
 
 void r47_friction_learn(r47_friction *c) {
   double product[R47_MAX_N];
+  if (++c->count % c->learning) return;
   ((times_mass)c->mass)(c->model, c->data, product, c->given);
   for (int i = 0; i < c->n; i++) {
     const double z = c->z[i];

@@ -11,6 +11,7 @@ typedef struct {
   void *solve, *mass; /* mj_solveM, mj_mulM */
   double per_update, per_displacement, settling;
   int started;
+  int count, learning; /* updates until now, and how many there are to each step of learning */
   double *q;      /* the reference of the last update */
   double *z;      /* direction of motion, -1 to 1 */
   double *since;  /* time since z changed [s] */
@@ -18,8 +19,8 @@ typedef struct {
   double *b, *f;  /* what was learned */
   const double *most;
   double bias;
-  const double *bears; /* gravity and Coriolis torques of this call */
-  double *borne;       /* those of the last one */
+  double *bears; /* gravity and Coriolis torques of this call */
+  double *borne; /* those of the last one */
   double *P_bb, *P_bf, *P_ff;
   const double *Q_bb, *Q_ff, *R;
   double *given;  /* the reference, or the disturbance, of this call */
@@ -29,7 +30,7 @@ typedef struct {
 /* Takes the reference in `given`; returns whether there is a change. */
 int r47_friction_change(r47_friction *friction);
 
-/* Learns from the disturbance in `given`. */
+/* Learns from the disturbance in `given`, to be called after every change. */
 void r47_friction_learn(r47_friction *friction);
 
 #endif

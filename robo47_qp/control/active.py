@@ -9,11 +9,9 @@ from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.compiled import CompiledControl, law_of
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_stops import JointStops
-from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.control.observer import MANY, DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
-
-_MANY = 2**30
 
 
 class ActiveController:
@@ -167,7 +165,7 @@ class ActiveController:
         compiled.last[:] = self._last
         compiled.bump[:] = self._bump
         c.left, c.fade = self._left, self._fade
-        return _MANY if self.observed is None else self.observed.enter(c, q)
+        return MANY if self.observed is None else self.observed.enter(c, q)
 
     def leave(self, compiled: CompiledControl, q_ref: Vector, periods: int) -> None:
         """Take the state back after some periods; the last had the reference q_ref (n,)."""

@@ -75,10 +75,10 @@ class LearnedFriction:
         self._R = (settings.noise * scale) ** 2
         self._rows = np.zeros((2, 1, n))
         self._count = 0
-        self._core: Structure | None = None
-        self._arm = arm
+        self.core: Structure | None = None
+        """The same in the compiled core, on the arrays of this object."""
         if backend() == "compiled" and n <= MAX_JOINTS:
-            self._build_core()
+            self._build_core(n)
 
     @property
     def friction(self) -> Vector:
@@ -92,9 +92,9 @@ class LearnedFriction:
             arm: With the mass matrix of the last inverse dynamics in its scratch.
             q_ref: The reference now (n,) [rad].
         """
-        if self._core is not None:
-            self._give(self._core, arm, q_ref)
-            turns = functions().r47_friction_change(self._core.pointer)
+        if self.core is not None:
+            self._give(self.core, arm, q_ref)
+            turns = functions().r47_friction_change(self.core.pointer)
             return self._change if turns else None
         if self._q is None:
             self._q = q_ref.copy()
@@ -131,13 +131,13 @@ class LearnedFriction:
 
     def learn(self, arm: Arm, disturbance: Vector) -> None:
         """Learn from the disturbance (n,) [rad/s²]; see `change`. Called after every `change`."""
+        self._bears[:] = arm.scratch.qfrc_bias
+        if self.core is not None:
+            self._give(self.core, arm, disturbance)
+            functions().r47_friction_learn(self.core.pointer)
+            return
         self._count += 1
         if self._count % _LEARNING:
-            return
-        self._bears[:] = arm.scratch.qfrc_bias
-        if self._core is not None:
-            self._give(self._core, arm, disturbance)
-            functions().r47_friction_learn(self._core.pointer)
             return
         product, d = self._rows[:, 0]
         d[:] = disturbance
@@ -165,11 +165,10 @@ class LearnedFriction:
         self._P_bf -= k_b * c_f
         self._P_ff -= k_f * c_f
 
-    def _build_core(self) -> None:
+    def _build_core(self, n: int) -> None:
         """Let the compiled core work on the arrays of this object, which keep their place."""
-        n = self._arm.n
         self._given, self._change = np.zeros(n), np.zeros(n)
-        self._core = Structure(
+        self.core = Structure(
             "r47_friction",
             n=n,
             solve=function("mj_solveM"),
@@ -177,6 +176,7 @@ class LearnedFriction:
             per_update=self._per_update,
             per_displacement=self._per_displacement,
             settling=_SETTLING,
+            learning=_LEARNING,
             q=np.zeros(n),
             z=self._z,
             since=self._since,
@@ -196,13 +196,7 @@ class LearnedFriction:
             given=self._given,
             change=self._change,
         )
-        self._take_arm(self._core, self._arm)
 
     def _give(self, core: Structure, arm: Arm, numbers: Vector) -> None:
-        if arm is not self._arm:
-            self._take_arm(core, arm)
-        self._given[:] = numbers
-
-    def _take_arm(self, core: Structure, arm: Arm) -> None:
-        self._arm = arm
         core.pointer.model, core.pointer.data = structure(arm.model), structure(arm.scratch)
+        self._given[:] = numbers

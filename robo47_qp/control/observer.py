@@ -27,6 +27,10 @@ _ROUNDS, _LOUD = 50, 0.1
 """Rounds of lowering the noise, in joints that make this share of a torque's variance."""
 
 
+MANY = 2**30
+"""More control periods than a run has."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceObserver(Checked):
     """Estimates the joints' state and the acceleration that the belief cannot explain.
@@ -255,7 +259,13 @@ class ObservedJoints:
         """The arrays of this observer for the compiled core; None where that lacks something."""
         if self._special or self._jitter is not None:
             return None
+        learned = {}
+        if self._friction is not None:
+            learned = {"friction": self._friction.core, "periods": PERIODS}
+            if self._friction.core is None:
+                return None
         return {
+            **learned,
             "filter": self._filters,
             "estimate": self._kept.estimate,
             "expected": self._kept.expected,
@@ -281,12 +291,20 @@ class ObservedJoints:
         c.turning, c.closed = self._turned is not None, self._chain is not None
         if self._turned is not None:
             self._turning[:] = self._turned
-        return self._count
+        if self._friction is None:
+            return MANY
+        c.learns = self._on and self._learns
+        c.until = self._count if self._chain is None else 0
+        return MANY if c.until else self._count
 
     def leave(self, c: Any, arm: Arm, q_ref: Vector, periods: int) -> None:
         """Take the state back after some periods; the last had the reference q_ref (n,)."""
         self._left = c.observer_left
         self._compensation = self._now.d if self._on and c.follows else self._held
+        if self._friction is not None and self._chain is None:
+            self._count = c.until
+            self._turned = self._turning.copy() if c.turning else None
+            return
         self._count -= periods
         if not self._count:
             self._count = PERIODS

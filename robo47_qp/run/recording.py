@@ -6,6 +6,7 @@ accelerations and contact forces are those of the period from t_k to t_k+1.
 """
 
 from collections.abc import Iterable, Sequence
+from mmap import mmap
 from typing import Protocol
 
 import numpy as np
@@ -181,12 +182,15 @@ class _Memory:
     """
 
     def __init__(self, width: int) -> None:
+        self._width = width
         self._piece = self._left = np.zeros((0, width))
 
     def block(self, rows: int) -> tuple[Matrix, NDArray[np.int64]]:
         """See `Store.block`."""
         if rows > len(self._left):
-            self._piece = self._left = np.zeros((_CHUNKS * rows, self._piece.shape[1]))
+            # Of memory that was freed before, an allocator would write every page.
+            zeros = np.frombuffer(mmap(-1, 8 * _CHUNKS * rows * self._width))
+            self._piece = self._left = zeros.reshape(_CHUNKS * rows, self._width)
         block, self._left = self._left[:rows], self._left[rows:]
         return block, np.zeros(1, np.int64)
 
