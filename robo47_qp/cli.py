@@ -5,7 +5,7 @@ import os
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, make_dataclass
 from inspect import getdoc
 from pathlib import Path
@@ -27,6 +27,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.importing import importing
 from robo47_qp.report.output import forgiving_output
+from robo47_qp.report.run_plot import Plotter
 from robo47_qp.report.terminal import ProgressBar, print_summary
 from robo47_qp.report.video import Video
 from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
@@ -327,10 +328,9 @@ def run_task(
         Robo47Error: Something that was asked for cannot be had; nothing has moved, or, for
             a `RecordingError`, what was recorded before is in the file.
     """
-    # Rerun and Matplotlib take half of the time of a start, and help or bad input needs neither.
+    # Rerun takes a third of the time of a start, and help or bad input does not need it.
     with importing():
         from robo47_qp.report.recorded import recorded
-        from robo47_qp.report.run_plot import plot_run
     robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
     dressed = options.visuals == "menagerie"
@@ -364,10 +364,11 @@ def run_task(
                 bar = ProgressBar(console, foreseen)
                 stack.callback(bar.close)
                 shown.append(bar)
+            plotter = stack.enter_context(closing(Plotter(files["plot"])))
             run, figures, findings, summary = recorded(
-                runner, simulation, shown, files, live=options.live, chunk_rows=chunk_rows
+                runner, simulation, shown, files, plotter, options.live, chunk_rows
             )
-        plot_run(run, files["plot"])
+            plotter.finish()
         write_text(files["report"], json.dumps(summary, indent=2))
     if options.json:
         sys.stdout.write(json.dumps(summary, indent=2) + "\n")

@@ -26,8 +26,8 @@ from robo47_qp.motion.timing.time_law import (
     Trapezoid,
 )
 from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.report.drawing import draw_curves
 from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.run_plot import plot_curves
 from robo47_qp.report.terminal import print_files
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.simulation import Simulation
@@ -144,7 +144,7 @@ def run(options: ProfileOptions, console: Console) -> int:
             ("tool error [mm]", t, 1e3 * one.tool[:, 0]),
         ):
             panels.setdefault(panel, {})[name] = (x, y)
-    plot_curves(panels, plot)
+    draw_curves(panels).savefig(plot)
     print_files(console, {"report": options.report, "plot": plot})
     return 0
 

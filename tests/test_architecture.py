@@ -37,7 +37,7 @@ ONLY_IN = {
     "qpsolvers": {"ik.box_qp"},
     "platformdirs": {"ik.seeds"},
     "rerun": {"report.rerun", "evaluation.benchmarks"},
-    "matplotlib": {"report.run_plot", "evaluation.report.plots", "evaluation.benchmarks"},
+    "matplotlib": {"report.drawing", "evaluation.report.plots", "evaluation.benchmarks"},
     "imageio": {"report.video"},
     "imageio_ffmpeg": {"report.video"},
     "mujoco_menagerie": {"model.menagerie"},

@@ -10,6 +10,7 @@ from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.rerun.viewer import viewer_url
+from robo47_qp.report.run_plot import Plotter
 from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS
@@ -27,7 +28,7 @@ def recorded(
     simulation: Simulation,
     shown: Sequence[Observer],
     files: Mapping[str, Path],
-    *,
+    plotter: Plotter,
     live: bool = False,
     chunk_rows: int = CHUNK_ROWS,
 ) -> tuple[Run, dict[str, float], list[Finding], dict[str, Any]]:
@@ -38,6 +39,7 @@ def recorded(
         simulation: Its world.
         shown: Observers beside the recording.
         files: Where the recording, the report and the plot go, by these names.
+        plotter: Takes the run once it has ended.
         live: Whether a viewer shows the recording while it is made.
         chunk_rows: Rows that go to the Rerun file at once.
 
@@ -60,6 +62,7 @@ def recorded(
             log.break_off()
             rows.remove()
             raise
+        plotter.take(run)
         figures, findings = metrics(run), audit(run)
         summary = report(run, figures, findings)
         for finding in findings:

@@ -1,29 +1,67 @@
-"""Plots of a run: tool path, tracking errors and torques."""
+"""The picture of a run: tool path, tracking errors and torques."""
 
-from collections.abc import Mapping
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from robo47_qp.arrays import Vector
 from robo47_qp.errors import RecordingError
-from robo47_qp.run.recording import Rows
+from robo47_qp.report import drawing
+from robo47_qp.report.drawing import Picture, draw
 from robo47_qp.run.scenario import Run
 
-_MARGINS = {
-    "left": 0.07,
-    "right": 0.99,
-    "bottom": 0.075,
-    "top": 0.945,
-    "wspace": 0.18,
-    "hspace": 0.32,
-}
-"""Edges of the panels and spaces between them, as shares of the figure and of a panel."""
-_BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
+
+class Plotter:
+    """Draws the picture of a run in a process of its own, which gets ready while the run goes on.
+
+    Where Matplotlib is loaded already, this process draws.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Get ready to write to the path (PNG)."""
+        self._path = path
+        self._run: Run | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        if "matplotlib.figure" not in sys.modules:
+            # Ctrl-C is for the run, not for this process, which ends with its input.
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", drawing.__file__, str(path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
+
+    def take(self, run: Run) -> None:
+        """Take the run that is to be drawn; `finish` waits until it is."""
+        self._run = run
+        if self._process is not None and self._process.stdin is not None:
+            # Whatever ended that process, `finish` tells it.
+            with suppress(BrokenPipeError), self._process.stdin as pipe:
+                pipe.write(picture_of(run).packed())
+            self._process.stdin = None
+
+    def finish(self) -> None:
+        """Return when the picture is written.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
+        if self._process is None:
+            if self._run is not None:
+                plot_run(self._run, self._path)
+            return
+        told = self._process.communicate()[1].decode(errors="replace").splitlines()
+        if self._process.returncode:
+            raise _unwritten(self._path, told[-1] if told else "its process was ended")
+
+    def close(self) -> None:
+        """End the process, if it has not ended."""
+        if self._process is not None and self._process.returncode is None:
+            self._process.kill()
+            self._process.communicate()
 
 
 def plot_run(run: Run, path: Path) -> None:
@@ -32,90 +70,36 @@ def plot_run(run: Run, path: Path) -> None:
     Raises:
         RecordingError: The file cannot be written.
     """
-    figure = Figure(figsize=(12.0, 7.2), dpi=110)
-    FigureCanvasAgg(figure)
-    # Fixed margins: a layout by the size of all labels takes half of the time of drawing.
-    axes = figure.subplot_mosaic(
-        [["above", "joint"], ["above", "tool"], ["side", "torque"]],
-        width_ratios=[1.0, 1.6],
-        gridspec_kw=_MARGINS,
-    )
-    robot, rows, t = run.scenario.robot, run.rows, run.rows["time"][:, 0]
-    _tool_path(axes["above"], rows, run, (0, 1))
-    _tool_path(axes["side"], rows, run, (1, 2))
-    axes["above"].legend(loc="upper right", frameon=False)
-    for i, joint in enumerate(robot.joints):
-        axes["joint"].plot(t, 1e3 * rows["errors/q"][:, i], lw=0.8, label=joint)
-        axes["torque"].plot(t, 100 * rows["joints/tau"][:, i] / robot.tau_max[i], lw=0.8)
-    axes["joint"].set_ylabel(f"joint error [{robot.unit('mrad', 'mm')}]")
-    axes["joint"].legend(
-        ncols=len(robot.joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
-    )
-    axes["joint"].margins(y=0.25)
-    axes["tool"].plot(t, 1e3 * rows["errors/tool_position"][:, 0], lw=0.8, color=_BLUE)
-    axes["tool"].set_ylabel("tool error [mm]")
-    axes["torque"].set_ylabel("torque [% of limit]")
-    axes["torque"].set_xlabel("time [s]")
-    _mark_phases(axes["tool"], run)
-    for name in ("joint", "tool", "torque"):
-        axes[name].set_xlim(0.0, float(t[-1]))
-        axes[name].grid(alpha=0.3, lw=0.5)
-        for phase in run.phases[1:]:
-            axes[name].axvline(float(t[phase.start]), color=_GREY, lw=0.5, ls=":")
-    outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
-    figure.suptitle(f"{run.scenario.task.name} on {robot.name}: {outcome}")
-    _save(figure, path)
-
-
-def plot_curves(panels: Mapping[str, Mapping[str, tuple[Vector, Vector]]], path: Path) -> None:
-    """Write a PNG with a panel per label, and in it a curve per name: times [s] and values.
-
-    Raises:
-        RecordingError: The file cannot be written.
-    """
-    figure = Figure(figsize=(10.0, 2.4 * len(panels)), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    for axes, (label, curves) in zip(
-        np.ravel(figure.subplots(len(panels), sharex=True)), panels.items(), strict=True
-    ):
-        for name, (t, values) in curves.items():
-            axes.plot(t, values, lw=1.0, label=name)
-        axes.set_ylabel(label)
-        axes.grid(alpha=0.3, lw=0.5)
-    figure.axes[0].legend(frameon=False, ncols=4)
-    figure.axes[-1].set_xlabel("time [s]")
-    _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
     try:
-        figure.savefig(path)
+        draw(picture_of(run)).savefig(path)
     except (OSError, ValueError) as error:
-        raise RecordingError(f"The plot {path} cannot be written: {error}.") from error
+        raise _unwritten(path, str(error)) from error
 
 
-def _tool_path(axes: Axes, rows: Rows, run: Run, plane: tuple[int, int]) -> None:
-    i, j = plane
-    reference, measured = rows["tool/pose_ref"], rows["tool/pose"]
-    axes.plot(
-        measured[:, i], measured[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured"
-    )
-    axes.plot(reference[:, i], reference[:, j], color=_RED, lw=1.0, label="tool, reference")
-    for name in run.objects:
-        pose = rows[f"objects/{name}"]
-        axes.plot(pose[:, i], pose[:, j], color=_GREY, lw=1.2, label=name, zorder=1)
-        axes.plot(pose[-1, i], pose[-1, j], "s", color=_GREY, ms=7, zorder=1)
-    axes.set_xlabel(f"{'xyz'[i]} [m]")
-    axes.set_ylabel(f"{'xyz'[j]} [m]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.grid(alpha=0.3, lw=0.5)
+def picture_of(run: Run) -> Picture:
+    """Return what is drawn of a run."""
+    robot, rows = run.scenario.robot, run.rows
+    outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
+    words = {
+        "title": f"{run.scenario.task.name} on {robot.name}: {outcome}",
+        "joints": robot.joints,
+        "unit": robot.unit("mrad", "mm"),
+        "objects": [*run.objects],
+        "phases": [phase.name for phase in run.phases],
+    }
+    places = [rows[f"objects/{name}"][:, :3] for name in run.objects]
+    numbers = {
+        "time": rows["time"][:, 0],
+        "q": 1e3 * rows["errors/q"],
+        "tool": 1e3 * rows["errors/tool_position"][:, 0],
+        "tau": 100.0 * rows["joints/tau"] / robot.tau_max,
+        "asked": rows["tool/pose_ref"][:, :3],
+        "at": rows["tool/pose"][:, :3],
+        "objects": np.stack(places, axis=1) if places else np.zeros((len(rows), 0, 3)),
+        "starts": np.array([phase.start for phase in run.phases]),
+    }
+    return Picture(words, numbers)
 
 
-def _mark_phases(axes: Axes, run: Run) -> None:
-    t = run.rows["time"][:, 0]
-    axes.margins(y=0.35)
-    for phase, rows in run.spans():
-        if rows.stop - rows.start > 0.05 * len(t):
-            middle = float(np.mean(t[[rows.start, rows.stop - 1]]))
-            place: Any = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
-            axes.text(middle, 0.96, phase.name, fontsize=8, **place)
+def _unwritten(path: Path, why: str) -> RecordingError:
+    return RecordingError(f"The plot {path} cannot be written: {why}.")

@@ -1,18 +1,19 @@
 """The picture of a run."""
 
 import struct
+import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from robo47_qp.errors import RecordingError
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report import run_plot
-from robo47_qp.report.run_plot import plot_run
+from robo47_qp.report.drawing import Picture, draw
+from robo47_qp.report.run_plot import Plotter, picture_of, plot_run
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.recording import Rows
 from tests.runs import picked_and_placed
@@ -41,12 +42,10 @@ def test_another_run_is_another_picture(tmp_path: Path) -> None:
     assert np.abs(one - two).max() > 0.5
 
 
-def test_curves_have_the_units_of_their_labels(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(run_plot, "_save", lambda figure, _: drawn.append(figure))
+def test_curves_have_the_units_of_their_labels() -> None:
     run = picked_and_placed()
-    plot_run(run, Path("unused.png"))
-    curves = {axes.get_ylabel(): axes.get_lines() for axes in drawn[0].axes}
+    figure = draw(Picture.unpacked(picture_of(run).packed()))
+    curves = {axes.get_ylabel(): axes.get_lines() for axes in figure.axes}
     assert len(run.rows) > 1000
     for label, signal, scale in (
         ("joint error [mrad]", "errors/q", 1e3),
@@ -74,3 +73,36 @@ def test_a_place_that_cannot_be_written_to_is_told(tmp_path: Path) -> None:
 def test_a_kind_of_picture_that_nobody_can_draw_is_told(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"The plot .*run\.foo cannot be written"):
         plot_run(picked_and_placed(), tmp_path / "run.foo")
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib is not loaded, as far as a `Plotter` sees."""
+    monkeypatch.delitem(sys.modules, "matplotlib.figure")
+
+
+@pytest.mark.usefixtures("apart")
+def test_a_process_of_its_own_draws_the_same(tmp_path: Path) -> None:
+    run = picked_and_placed()
+    with closing(Plotter(tmp_path / "one.png")) as plotter:
+        plotter.take(run)
+        plotter.finish()
+    plot_run(run, tmp_path / "two.png")
+    np.testing.assert_array_equal(imread(tmp_path / "one.png"), imread(tmp_path / "two.png"))
+
+
+@pytest.mark.usefixtures("apart")
+def test_a_process_of_its_own_tells_what_it_cannot_write(tmp_path: Path) -> None:
+    with closing(Plotter(tmp_path / "none" / "run.png")) as plotter:
+        plotter.take(picked_and_placed())
+        with pytest.raises(RecordingError, match=r"The plot .*run\.png cannot be written: .*none"):
+            plotter.finish()
+
+
+@pytest.mark.usefixtures("apart")
+def test_a_plotter_without_a_run_writes_nothing_and_ends(tmp_path: Path) -> None:
+    plotter = Plotter(tmp_path / "run.png")
+    plotter.close()
+    assert plotter._process is not None
+    assert plotter._process.returncode is not None
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,161 @@
+"""Draws the picture of a run from plain numbers; also a program, which reads them from its input.
+
+It imports nothing of this package, and Matplotlib where something is drawn: both as a program and
+in a program that has one, it starts quickly.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Numbers: TypeAlias = NDArray[Any]
+_MARGINS = {
+    "left": 0.07,
+    "right": 0.99,
+    "bottom": 0.075,
+    "top": 0.945,
+    "wspace": 0.18,
+    "hspace": 0.32,
+}
+"""Edges of the panels and spaces between them, as shares of the figure and of a panel."""
+_BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
+
+
+class Picture(NamedTuple):
+    """What is drawn of a run."""
+
+    words: Mapping[str, Any]
+    """`title`, names of `joints`, `objects` and `phases`, and the `unit` of joint errors."""
+    numbers: Mapping[str, Numbers]
+    """By row: `time` [s], `q` errors (N, n) in that unit, `tool` error [mm], `tau` (N, n) [%], `at`
+    and `asked`, the tool's positions (N, 3), and objects' (N, k, 3) [m]. `starts`: rows at which
+    phases begin."""
+
+    def packed(self) -> bytes:
+        """Return all of it as bytes."""
+        out = BytesIO()
+        arrays: Any = self.numbers
+        np.savez(out, words=np.array(json.dumps(self.words)), **arrays)
+        return out.getvalue()
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> "Picture":
+        """Return what `packed` made."""
+        with np.load(BytesIO(data), allow_pickle=False) as found:
+            numbers = {name: found[name] for name in found.files}
+        return cls(json.loads(str(numbers.pop("words"))), numbers)
+
+
+def _figure(size: tuple[float, float], **options: Any) -> "Figure":
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=110, **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_curves(panels: Mapping[str, Mapping[str, tuple[Numbers, Numbers]]]) -> "Figure":
+    """Return a figure with a panel per label, and in it a curve per name: times [s] and values."""
+    figure = _figure((10.0, 2.4 * len(panels)), layout="constrained")
+    for axes, (label, curves) in zip(
+        np.ravel(figure.subplots(len(panels), sharex=True)), panels.items(), strict=True
+    ):
+        for name, (t, values) in curves.items():
+            axes.plot(t, values, lw=1.0, label=name)
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3, lw=0.5)
+    figure.axes[0].legend(frameon=False, ncols=4)
+    figure.axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def draw(picture: Picture) -> "Figure":
+    """Return the figure: the tool's path from above and from the side, errors and torques."""
+    figure = _figure((12.0, 7.2))
+    # Fixed margins: a layout by the size of all labels takes half of the time of drawing.
+    axes = figure.subplot_mosaic(
+        [["above", "joint"], ["above", "tool"], ["side", "torque"]],
+        width_ratios=[1.0, 1.6],
+        gridspec_kw=_MARGINS,
+    )
+    words, numbers = picture
+    t, joints = numbers["time"], words["joints"]
+    _tool_path(axes["above"], picture, (0, 1))
+    _tool_path(axes["side"], picture, (1, 2))
+    axes["above"].legend(loc="upper right", frameon=False)
+    for i, joint in enumerate(joints):
+        axes["joint"].plot(t, numbers["q"][:, i], lw=0.8, label=joint)
+        axes["torque"].plot(t, numbers["tau"][:, i], lw=0.8)
+    axes["joint"].set_ylabel(f"joint error [{words['unit']}]")
+    axes["joint"].legend(
+        ncols=len(joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
+    )
+    axes["joint"].margins(y=0.25)
+    axes["tool"].plot(t, numbers["tool"], lw=0.8, color=_BLUE)
+    axes["tool"].set_ylabel("tool error [mm]")
+    axes["torque"].set_ylabel("torque [% of limit]")
+    axes["torque"].set_xlabel("time [s]")
+    _mark_phases(axes["tool"], picture)
+    for name in ("joint", "tool", "torque"):
+        axes[name].set_xlim(0.0, float(t[-1]))
+        axes[name].grid(alpha=0.3, lw=0.5)
+        for start in numbers["starts"][1:]:
+            axes[name].axvline(float(t[start]), color=_GREY, lw=0.5, ls=":")
+    figure.suptitle(words["title"])
+    return figure
+
+
+def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
+    i, j = plane
+    words, numbers = picture
+    look: Any = {"color": _GREY, "zorder": 1}
+    asked, at = numbers["asked"], numbers["at"]
+    axes.plot(at[:, i], at[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured")
+    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="tool, reference")
+    for k, name in enumerate(words["objects"]):
+        place = numbers["objects"][:, k]
+        axes.plot(place[:, i], place[:, j], lw=1.2, label=name, **look)
+        axes.plot(place[-1, i], place[-1, j], "s", ms=7, **look)
+    axes.set_xlabel(f"{'xyz'[i]} [m]")
+    axes.set_ylabel(f"{'xyz'[j]} [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3, lw=0.5)
+
+
+def _mark_phases(axes: "Axes", picture: Picture) -> None:
+    t, starts = picture.numbers["time"], picture.numbers["starts"].tolist()
+    axes.margins(y=0.35)
+    ends = [*starts[1:], len(t)]
+    for phase, start, end in zip(picture.words["phases"], starts, ends, strict=True):
+        if end - start > 0.05 * len(t):
+            middle = float(np.mean(t[[start, end - 1]]))
+            place: Any = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
+            axes.text(middle, 0.96, phase, fontsize=8, **place)
+
+
+def _main(path: str) -> int:
+    import matplotlib.backends.backend_agg  # noqa: F401  # while the input is being made
+
+    data = sys.stdin.buffer.read()
+    if not data:
+        return 0  # There is no run to draw.
+    try:
+        draw(Picture.unpacked(data)).savefig(path)
+    except (OSError, ValueError) as error:
+        sys.stderr.write(str(error))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(sys.argv[1]))
