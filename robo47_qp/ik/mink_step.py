@@ -22,7 +22,7 @@ from robo47_qp.ik.mink_tasks import (
     ToolTask,
 )
 from robo47_qp.ik.objectives import HELD, Composed, Composition, Softened, composed
-from robo47_qp.ik.refinement import ILL_CONDITIONED, refined_by_tasks
+from robo47_qp.ik.refinement import ILL_CONDITIONED, refined_by_residuals
 from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.ik.tool_error import ToolsError, error_to
 from robo47_qp.model.arm import Arm
@@ -158,7 +158,8 @@ class MinkStepper:
         if sum(tool.lm_damping * tool.squared_error for tool in self._tools) > ILL_CONDITIONED:
             return dq
         bounds = self._q_min - q, self._q_max - q
-        return refined_by_tasks(self._configuration, self._tasks, FLOOR, bounds, dq)
+        residuals = [task.residual for task in (*self._tools, self._posture)]
+        return refined_by_residuals(residuals, FLOOR, bounds, dq)
 
     def _relaxed(self, added: Composed) -> Vector | None:
         """Return a step with limits and then constraints relaxed; None where even that is none."""

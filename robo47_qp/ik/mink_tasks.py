@@ -12,6 +12,7 @@ from mink.limits import Constraint
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.ik.avoidance import DistanceRows
 from robo47_qp.ik.mended import FrameTask
+from robo47_qp.ik.refinement import Residual
 from robo47_qp.ik.tool_error import ToolError
 from robo47_qp.model.arm import Arm
 
@@ -27,6 +28,8 @@ class ToolTask(FrameTask):
         """Make the task of a tool of an arm, measured by `way`."""
         super().__init__(arm.robot.tools[tool].tcp, "site", 1.0, 1.0, lm_damping=lm_damping)
         self._measured, self._J = way, np.empty((6, arm.n))
+        self.residual: Residual = (self._J, way.e, 0.0)
+        """The last one."""
         self.squared_error = 0.0
         """That of the last residual."""
 
@@ -38,7 +41,8 @@ class ToolTask(FrameTask):
         way.update_jacobian()
         e, slope = self._log.expand(way.e)
         self.squared_error = float(e.dot(e))
-        return slope.dot(way.J, self._J), e, self.lm_damping * self.squared_error
+        self.residual = slope.dot(way.J, self._J), e, self.lm_damping * self.squared_error
+        return self.residual
 
 
 class DemandTask(mink.Task):
@@ -48,6 +52,8 @@ class DemandTask(mink.Task):
         """Make the task of a tool, measured by `way`."""
         super().__init__(np.ones(6), lm_damping=lm_damping)
         self._measured = way
+        self.residual: Residual = (way.J, way.e, 0.0)
+        """The last one."""
         self.squared_error = 0.0
         """That of the last residual."""
 
@@ -70,7 +76,8 @@ class DemandTask(mink.Task):
         way = self._measured
         way.update_jacobian()
         self.squared_error = float(way.e.dot(way.e))
-        return way.J, way.e, self.lm_damping * self.squared_error
+        self.residual = way.J, way.e, self.lm_damping * self.squared_error
+        return self.residual
 
 
 ToolTasks: TypeAlias = Sequence[ToolTask | DemandTask]
@@ -84,6 +91,8 @@ class FadingPosture(mink.PostureTask):
         super().__init__(arm.model, cost=share)
         self._tools, self._share, self._joint_cost = tools, share, joint_cost
         self._identity, self._J = np.eye(arm.n), np.empty((arm.n, arm.n))
+        self.residual: Residual = (self._J, np.zeros(arm.n), 0.0)
+        """The last one."""
 
     def compute_qp_residual(
         self, configuration: mink.Configuration
@@ -94,7 +103,8 @@ class FadingPosture(mink.PostureTask):
         cost = self._share * sqrt(sum(tool.squared_error for tool in self._tools))
         costs = cost if self._joint_cost is None else cost * self._joint_cost
         J = np.multiply(self._identity, costs, out=self._J)
-        return J, costs * (self.target_q - configuration.data.qpos), 0.0
+        self.residual = J, costs * (self.target_q - configuration.data.qpos), 0.0
+        return self.residual
 
 
 class FadingDamping(mink.DampingTask):

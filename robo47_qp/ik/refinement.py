@@ -1,14 +1,15 @@
 """Digits that a step has lost where the normal matrix JᵀJ + λ1 is nearly singular."""
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
-import mink
 import numpy as np
-from mink.tasks import BaseTask
 from scipy.linalg import lapack
 
 from robo47_qp.arrays import Matrix, Vector
 
+Residual: TypeAlias = tuple[Matrix, Vector, float]
+"""Jacobian times the costs, wanted change of the error times them, damping."""
 ILL_CONDITIONED = 1e-7
 """Damping below which a step can be wrong by more than 4e-10 rad: JᵀJ has lost the digits of what
 hardly moves the tool."""
@@ -50,24 +51,17 @@ def refined(H: Matrix, fall: Vector, low: Vector, high: Vector, dq: Vector) -> V
     return better
 
 
-def refined_by_tasks(
-    configuration: mink.Configuration,
-    tasks: Sequence[BaseTask],
-    damping: float,
-    bounds: tuple[Vector, Vector],
-    dq: Vector,
+def refined_by_residuals(
+    residuals: Sequence[Residual], damping: float, bounds: tuple[Vector, Vector], dq: Vector
 ) -> Vector:
     """Return a step of `mink.solve_ik` after one refinement (n,) [rad]; see `refined`.
 
     Args:
-        configuration: Where the step starts.
-        tasks: Tasks with a residual (`mink.BaseTask.compute_qp_residual`).
+        residuals: Those of the tasks where the step starts (`mink.BaseTask.compute_qp_residual`).
         damping: That of all joints, as `mink.solve_ik` was told.
         bounds: Lower and upper bounds of the step (n,) [rad].
         dq: mink's step (n,) [rad].
     """
-    found = [task.compute_qp_residual(configuration) for task in tasks]
-    residuals = [residual for residual in found if residual is not None]
     J = np.concatenate([J for J, _, _ in residuals])
     e = np.concatenate([e for _, e, _ in residuals])
     damping = damping + sum(mu for _, _, mu in residuals)

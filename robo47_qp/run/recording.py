@@ -5,8 +5,8 @@ and gripper signals are those of t_k; its references are those for t_k; its torq
 accelerations and contact forces are those of the period from t_k to t_k+1.
 """
 
+import mmap
 from collections.abc import Iterable, Sequence
-from mmap import mmap
 from typing import Protocol
 
 import numpy as np
@@ -189,7 +189,10 @@ class _Memory:
         """See `Store.block`."""
         if rows > len(self._left):
             # Of memory that was freed before, an allocator would write every page.
-            zeros = np.frombuffer(mmap(-1, 8 * _CHUNKS * rows * self._width))
+            pages = mmap.mmap(-1, 8 * _CHUNKS * rows * self._width)
+            if hasattr(mmap, "MADV_HUGEPAGE"):
+                pages.madvise(mmap.MADV_HUGEPAGE)
+            zeros = np.frombuffer(pages)
             self._piece = self._left = zeros.reshape(_CHUNKS * rows, self._width)
         block, self._left = self._left[:rows], self._left[rows:]
         return block, np.zeros(1, np.int64)

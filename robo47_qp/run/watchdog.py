@@ -1,7 +1,7 @@
 """Watchdog: bounds that end a run at once."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, sqrt
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -54,16 +54,16 @@ class Watchdog(Checked):
             return Failure(cause=Cause.COLLISION, evidence=touched)
         q, joints = simulation.true_state().q, arm.robot.joints
         room = np.minimum(q - arm.q_min, arm.q_max - q)
-        i = int(np.argmin(room))
-        if room[i] < 0.0:
+        if room.min() < 0.0:
+            i = int(room.argmin())
             unit = arm.robot.units[i]
             return Failure(
                 cause=Cause.LIMIT,
                 evidence=f"{joints[i]} is at {q[i]:.4f} {unit}, {-room[i]:.4f} outside its limits",
             )
         error = np.abs(q - reference.q)
-        i = int(np.argmax(error))
-        if stiff and error[i] > self.joint_error_max:
+        if stiff and error.max() > self.joint_error_max:
+            i = int(error.argmax())
             return Failure(
                 cause=Cause.TRACK,
                 evidence=f"{joints[i]} is {error[i]:.3f} {arm.robot.units[i]} from its reference; "
@@ -88,7 +88,8 @@ class Watchdog(Checked):
             )
         for i, (label, tool) in enumerate(simulation.robot.tool_labels()):
             which = f"{tool.name} tool" if label else "tool"
-            force = float(np.linalg.norm(simulation.last_tool_force(i)))
+            pressing = simulation.last_tool_force(i)
+            force = sqrt(pressing.dot(pressing))
             if force > force_max:
                 return (
                     f"the contact force on the {which} is {force:.1f} N; "

@@ -1,6 +1,6 @@
 """SimulatedGripper: the gripper of a robot in a MuJoCo model."""
 
-from math import inf
+from math import inf, sqrt
 
 import mujoco
 import numpy as np
@@ -124,4 +124,4 @@ class SimulatedGripper:
 
     def forces(self) -> Vector:
         """See `Simulation.last_finger_forces`."""
-        return np.array([np.sqrt(force @ force) for force in self._forces])
+        return np.array([sqrt(force.dot(force)) for force in self._forces])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from mink import SE3
 
@@ -43,8 +43,7 @@ class CellSheet:
     """Acceleration of the tool, at home, with all joints at those of the arm's motions [m/s²]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class HandReading:
+class HandReading(NamedTuple):
     """What the sensors in one gripper measure."""
 
     width: float
@@ -57,8 +56,7 @@ class HandReading:
     """Whether the fingers stand still, at the commanded width or at the full force."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reading:
+class Reading(NamedTuple):
     """What all sensors of a cell measured at one instant."""
 
     time: float

@@ -15,7 +15,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mended import FrameTask
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.refinement import refined_by_tasks
+from robo47_qp.ik.refinement import refined_by_residuals
 from robo47_qp.model.arm import Arm
 
 
@@ -118,7 +118,9 @@ def differences(name: str, arm: Arm, state: State) -> Differences:
     )
     step = step_of(solver, arm, state)
     low, high = arm.q_min - state.q, arm.q_max - state.q
-    own = refined_by_tasks(configuration, tasks, FLOOR, (low, high), plain)
+    found = [task.compute_qp_residual(configuration) for task in tasks]
+    residuals = [residual for residual in found if residual is not None]
+    own = refined_by_residuals(residuals, FLOOR, (low, high), plain)
     exact = exact_step(configuration, tasks, FLOOR, low, high, step)
     return Differences(
         float(np.abs(step - exact).max()),
