@@ -12,11 +12,11 @@ typedef struct {
   double per_update, per_displacement, settling;
   int started;
   int count, learning; /* updates until now, and how many there are to each step of learning */
-  double *q;      /* the reference of the last update */
-  double *z;      /* direction of motion, -1 to 1 */
-  double *since;  /* time since z changed [s] */
-  double *rested; /* (1,) time since the reference moved [s] */
-  double *b, *f;  /* what was learned */
+  double *q;           /* the reference of the last update */
+  double *z;           /* direction of motion, -1 to 1 */
+  double *since;       /* time since z changed [s] */
+  double *rested;      /* (1,) time since the reference moved [s] */
+  double *b, *f;       /* what was learned */
   const double *most;
   double bias;
   double *bears; /* gravity and Coriolis torques of this call */
