@@ -37,7 +37,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.figures_table import FiguresTable
 from robo47_qp.report.provenance import provenance
 from robo47_qp.report.terminal import print_files
-from robo47_qp.sim.disturbance import Disturbance, Push
+from robo47_qp.sim.disturbance import Disturbance
+from robo47_qp.sim.push import Push
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
 """From home to the goal [rad]."""

@@ -171,7 +171,7 @@ def _control(
         part = slice(min(active.enter(compiled, q[0]), len(q)))
         references = active.sampled(JointReference(q_ref[part], v_ref[part], a_ref[part]))
         compiled.torques(references, JointState(q[part], v[part]))
-        active.leave(compiled, references.q[-1], len(references.q))
+        active.leave(compiled, len(references.q))
         done_rows += len(references.q)
     return perf_counter() - started
 

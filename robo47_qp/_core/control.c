@@ -20,10 +20,48 @@ static void keep_together(r47_control *c) {
   }
 }
 
-static void estimate(r47_control *c, const double *measured, double *a) {
+/* Takes what changes of the delay out of the measured positions. */
+static void remove_jitter(r47_control *c, double *measured) {
+  const int n = c->n;
+  const double *q = c->estimate, *v = q + n, *d = v + n, *a = c->expected;
+  const double *to_q = c->next, *to_v = c->next + 4;
+  double speed[R47_MAX_N], along = 0.0, square = 0.0;
+  for (int i = 0; i < n; i++) {
+    const double expected = to_q[0] * q[i] + to_q[1] * v[i] + to_q[2] * d[i] + to_q[3] * a[i];
+    speed[i] = to_v[0] * q[i] + to_v[1] * v[i] + to_v[2] * d[i] + to_v[3] * a[i];
+    along += speed[i] * (measured[i] - expected);
+    square += speed[i] * speed[i];
+  }
+  const double shift = along / (square + c->jitter_floor);
+  *c->jitter += c->jitter_share * (shift - *c->jitter);
+  for (int i = 0; i < n; i++) measured[i] -= (shift - *c->jitter) * speed[i];
+}
+
+/* State and reference of the instant at which the next command is felt. */
+static void look_ahead(const r47_control *c, double *q_ref, double *v_ref, const double *a_ref,
+                       double *q, double *v) {
+  const int n = c->n, k = c->delay;
+  const double t = c->ahead;
+  for (int i = 0; i < n; i++) {
+    double to[2] = {0.0, 0.0};
+    for (int r = 0; r < 2; r++) {
+      const double *by = c->predict + r * (3 + k);
+      for (int j = 0; j < 3; j++) to[r] += by[j] * c->estimate[j * n + i];
+      for (int j = 0; j < k; j++) to[r] += by[3 + j] * c->pending[j * n + i];
+    }
+    q[i] = to[0], v[i] = to[1];
+    /* The velocity is the mean of the period that has ended; see ActiveController.sampled. */
+    q_ref[i] += t * (v_ref[i] + 0.5 * (t + c->period) * a_ref[i]);
+    v_ref[i] += t * a_ref[i];
+  }
+}
+
+static void estimate(r47_control *c, const double *q_measured, double *a) {
   const int n = c->n;
   double *q = c->estimate, *v = q + n, *d = v + n;
-  double square = 0.0;
+  double square = 0.0, measured[R47_MAX_N];
+  memcpy(measured, q_measured, (size_t)n * sizeof(double));
+  if (c->jitter_floor > 0.0) remove_jitter(c, measured);
   for (int i = 0; i < n; i++) {
     const double known[5] = {q[i], v[i], d[i], c->expected[i], measured[i]};
     double next[3] = {0.0, 0.0, 0.0};
@@ -101,11 +139,19 @@ static void expect(r47_control *c, const double *tau) {
     excess[i] = tau[i] - c->arm->qfrc_inverse[i];
     same = same && tau[i] == c->arm->qfrc_inverse[i];
   }
+  const size_t row = (size_t)n * sizeof(double);
+  double *a = c->expected;
+  if (c->delay) {
+    /* What the next measurement shows was commanded a while ago. */
+    memcpy(c->expected, c->pending, row);
+    for (int k = 1; k < c->delay; k++) memcpy(c->pending + (k - 1) * n, c->pending + k * n, row);
+    a = c->pending + (c->delay - 1) * n;
+  }
   if (same) {
-    memcpy(c->expected, c->arm->qacc, (size_t)n * sizeof(double));
+    memcpy(a, c->arm->qacc, row);
   } else {
-    r47_solve(c->arm, c->expected, excess, 1);
-    for (int i = 0; i < n; i++) c->expected[i] += c->arm->qacc[i];
+    r47_solve(c->arm, a, excess, 1);
+    for (int i = 0; i < n; i++) a[i] += c->arm->qacc[i];
   }
   if (!c->turning) return;
   for (int i = 0; i < n; i++) {
@@ -137,12 +183,20 @@ static void update_friction(r47_control *c, const double *q_ref) {
 void r47_next_torque(r47_control *c, const double *q_ref, const double *v_ref, const double *a_ref,
                      const double *q, const double *v, double *tau) {
   const int n = c->n;
-  double a[R47_MAX_N];
-  memcpy(a, a_ref, (size_t)n * sizeof(double));
+  const size_t row = (size_t)n * sizeof(double);
+  double a[R47_MAX_N], v_at[R47_MAX_N], q_there[R47_MAX_N], v_there[R47_MAX_N];
+  memcpy(a, a_ref, row);
   if (c->observed) {
     estimate(c, q, a);
     q = c->estimate;
     v = q + n;
+    memcpy(c->tracked, q_ref, row);
+    q_ref = c->tracked;
+    if (c->delay) {
+      memcpy(v_at, v_ref, row);
+      look_ahead(c, c->tracked, v_at, a_ref, q_there, v_there);
+      v_ref = v_at, q = q_there, v = v_there;
+    }
   }
   law(c, q_ref, v_ref, a, q, v, tau);
   if (c->left) {

@@ -36,7 +36,19 @@ typedef struct {
   double *compensation;
   const double *offset;
   int observer_fade, observer_left;
-  int turning; /* whether d changes by `turned` in every period */
+  /* Measured positions that are late by a time that changes; floor is 0 without. See Jitter. */
+  double jitter_floor, jitter_share;
+  double *jitter;     /* (1,) what is kept of it [s] */
+  const double *next; /* (2, 4) from q, v, d, a to q and v a period later */
+  /* Known delays: `delay` periods in all, of which the command is `ahead` [s]; the accelerations
+     (delay, n) that are still to be seen, and from q, v, d and them to the q and v at which the
+     next command is felt. */
+  int delay;
+  double ahead, period;
+  double *pending;
+  const double *predict; /* (2, 3 + delay) */
+  double *tracked;       /* positions of the reference as the law had them last */
+  int turning;           /* whether d changes by `turned` in every period */
   double *turned;
   /* Friction is updated after every `periods`, next in `until` of them; never where that is 0. */
   r47_friction *friction;

@@ -3,6 +3,7 @@
 #define ROBO47_LOOP_H
 
 #include "control.h"
+#include "sensing.h"
 
 /* The world: MuJoCo's model and data, motors, grippers, and what is recorded of it. */
 typedef struct {
@@ -10,8 +11,12 @@ typedef struct {
   void *model, *data;
   void *step1, *step2; /* mj_step1, mj_step2 */
   void **clock;        /* mjcb_time, which MuJoCo reads many times in a step */
-  const double *q, *v; /* (n,) of the data */
-  double *ctrl;        /* (n,) torques of the motors, of the data */
+  double *q, *v;       /* (n,) of the data; where that has them in pieces, copies of it */
+  r47_senses *senses;  /* errors of sensors and lines; NULL without */
+  double *ctrl;        /* (n,) torques of the motors, likewise */
+  int pieces;          /* of the joints in the data; 0 where they are one */
+  const long long *q_at, *v_at, *ctrl_at; /* (pieces,) address of each */
+  const int *length;                      /* (pieces,) joints of each */
   const double *most, *rate;
   int grippers;
   double *all_ctrl;

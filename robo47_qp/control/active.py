@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from robo47_qp.arrays import Vector
+from robo47_qp.constants import MANY
 from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.compiled import CompiledControl, law_of
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.joint_stops import JointStops
-from robo47_qp.control.observer import MANY, DisturbanceObserver
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
@@ -125,7 +126,7 @@ class ActiveController:
         if compiled is not None:
             self.enter(compiled, state.q)
             tau = compiled.torque(reference, state)
-            self.leave(compiled, reference.q, 1)
+            self.leave(compiled, 1)
             return tau
         if observed is None:
             return self._torque(reference, state)
@@ -167,13 +168,13 @@ class ActiveController:
         c.left, c.fade = self._left, self._fade
         return MANY if self.observed is None else self.observed.enter(c, q)
 
-    def leave(self, compiled: CompiledControl, q_ref: Vector, periods: int) -> None:
-        """Take the state back after some periods; the last had the reference q_ref (n,)."""
+    def leave(self, compiled: CompiledControl, periods: int) -> None:
+        """Take the state back after some periods."""
         c = compiled.c
         self._last, self.commanded = compiled.last.tolist(), compiled.commanded.copy()
         self._left, self._fade = c.left, c.fade
         if self.observed is not None:
-            self.observed.leave(c, self.arm, q_ref, periods)
+            self.observed.leave(c, self.arm, periods)
 
     def _build_compiled(self) -> None:
         self._compiled: CompiledControl | None = None

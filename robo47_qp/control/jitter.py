@@ -1,5 +1,7 @@
 """Jitter: measured positions that are late by a time that changes from period to period."""
 
+from typing import Any
+
 import numpy as np
 
 from robo47_qp.arrays import Vector
@@ -33,7 +35,16 @@ class Jitter:
         """
         self._floor = (max(noise_q, _LEAST_NOISE) / jitter) ** 2
         self._share = 1.0 - float(np.exp(-_BANDWIDTH * dt))
-        self._kept = 0.0
+        self._kept = np.zeros(1)
+
+    @property
+    def compiled(self) -> dict[str, Any]:
+        """The same for the compiled core, on the arrays of this object."""
+        return {
+            "jitter_floor": self._floor,
+            "jitter_share": self._share,
+            "jitter": self._kept,
+        }
 
     def removed(self, q: Vector, expected: Vector, v: Vector) -> Vector:
         """Return the measured positions without what changed in their delay (n,) [rad].
@@ -44,6 +55,6 @@ class Jitter:
             v: The velocities then (n,) [rad/s].
         """
         s = float(v.dot(q - expected)) / (float(v.dot(v)) + self._floor)
-        self._kept += self._share * (s - self._kept)
-        found: Vector = q - (s - self._kept) * v
+        self._kept[0] += self._share * (s - self._kept[0])
+        found: Vector = q - (s - self._kept[0]) * v
         return found

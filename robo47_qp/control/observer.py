@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Range, Vector
+from robo47_qp.constants import MANY
 from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.controller import dry_friction_torque
 from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
@@ -25,10 +26,6 @@ _SAMPLES, _HEAVY = 32, 80.0
 for which the torque rate is kept."""
 _ROUNDS, _LOUD = 50, 0.1
 """Rounds of lowering the noise, in joints that make this share of a torque's variance."""
-
-
-MANY = 2**30
-"""More control periods than a run has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +119,8 @@ class ObservedJoints:
         self._last, self._now = _Known(n), _Known(n)
         self._pending = np.zeros((delay, n))
         self._delayed, self._late = bool(delay), command_delay * dt
-        self._predict = per_joint([prediction(delay, dt)] * n)
-        self._next = per_joint([prediction(1, dt)] * n)
+        to_next, to_command = prediction(1, dt), prediction(delay, dt)
+        self._predict, self._next = per_joint([to_command] * n), per_joint([to_next] * n)
         lightest = 1.0 / np.diag(np.linalg.inv(arm.mass_matrix(arm.home)))
         self._high = settings.torque_share * arm.robot.tau_max / lightest
         self._least = float(self._high.min()) ** 2
@@ -134,6 +131,8 @@ class ObservedJoints:
         self._chain: ClosedChain | None = None
         # For the compiled core, whose arrays keep their place.
         self._filters = np.ascontiguousarray(np.moveaxis(np.array(filters), 0, 2))
+        self._matrices = {"next": to_next.copy(), "predict": to_command.copy()}
+        self._tracked = np.zeros(n)
         self._kept, self._held, self._turning = self._now, np.zeros(n), np.zeros(n)
         self._base, self._shares = np.zeros(n), np.zeros((n, n))
         self._jitter: Jitter | None = None
@@ -251,21 +250,26 @@ class ObservedJoints:
         a = arm.acceleration(tau)
         if self._delayed:
             waiting = np.vstack([self._pending, a])
-            a, self._pending = waiting[0], waiting[1:]
+            a, self._pending[:] = waiting[0], waiting[1:]
         return a
 
     @property
     def compiled(self) -> dict[str, Any] | None:
         """The arrays of this observer for the compiled core; None where that lacks something."""
-        if self._special or self._jitter is not None:
-            return None
-        learned = {}
+        special: dict[str, Any] = {}
         if self._friction is not None:
-            learned = {"friction": self._friction.core, "periods": PERIODS}
+            special = {"friction": self._friction.core, "periods": PERIODS}
             if self._friction.core is None:
                 return None
+        if self._jitter is not None:
+            special |= self._jitter.compiled
+        if self._delayed:
+            special |= {"delay": len(self._pending), "pending": self._pending}
+            special |= {"ahead": self._late, "period": self._dt}
         return {
-            **learned,
+            **special,
+            **self._matrices,
+            "tracked": self._tracked,
             "filter": self._filters,
             "estimate": self._kept.estimate,
             "expected": self._kept.expected,
@@ -297,8 +301,8 @@ class ObservedJoints:
         c.until = self._count if self._chain is None else 0
         return MANY if c.until else self._count
 
-    def leave(self, c: Any, arm: Arm, q_ref: Vector, periods: int) -> None:
-        """Take the state back after some periods; the last had the reference q_ref (n,)."""
+    def leave(self, c: Any, arm: Arm, periods: int) -> None:
+        """Take the state back after some periods."""
         self._left = c.observer_left
         self._compensation = self._now.d if self._on and c.follows else self._held
         if self._friction is not None and self._chain is None:
@@ -309,7 +313,7 @@ class ObservedJoints:
         if not self._count:
             self._count = PERIODS
             if self._friction is not None:
-                self._turn(self._friction, arm, q_ref)
+                self._turn(self._friction, arm, self._tracked)
 
     def ahead(self, measured: JointState) -> JointState:
         """Return the state expected one period after the last estimate; before it, `measured`."""

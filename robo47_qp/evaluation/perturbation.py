@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from robo47_qp.arrays import Ends, Matrix, NotNegative, Range, Span, Vector, ends
 from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.sim.disturbance import Disturbance, Push
+from robo47_qp.sim.disturbance import Disturbance
+from robo47_qp.sim.push import Push
 from robo47_qp.sim.sensing import About, Growth, SensorErrors
 
 PUSHES = 3

@@ -294,11 +294,12 @@ class ControlLoop:
             while done < count:
                 compiled = control.compiled
                 left = JointReference(*(values[done:] for values in samples))
-                if world is None or compiled is None:
+                ahead = 0 if world is None or compiled is None else sim.ahead()
+                if world is None or compiled is None or not ahead:
                     self._period(left, rows[done])
                     done += 1
                 else:
-                    done += self._run(compiled, world, left, rows[done:])
+                    done += self._run(compiled, world, left, rows[done : done + ahead])
         finally:
             self.recording.close_rows()
         self.seconds += perf_counter() - started
@@ -338,7 +339,8 @@ class ControlLoop:
             columns.command.start,
             count,
         )
-        self.control.leave(compiled, references.q[done - 1], done)
+        self.control.leave(compiled, done)
+        self.sim.look()
         if not complete:
             # Either the torque is refused, or something touches what the core does not sum up.
             if not np.isfinite(compiled.last).all():

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +77,13 @@ class ObjectCamera:
         """Return the number of the last frame at a time [s]."""
         # Slack for the rounding of times that are sums of periods.
         return int(time * self._errors.camera_rate + 1e-6)
+
+    def ahead(self, time: float, period: float) -> int:
+        """Return after how many periods [s] from a time [s] the next frame is due; at least 1."""
+        periods = max(1, ceil(((self._frame + 1) / self._errors.camera_rate - time) / period))
+        while periods > 1 and self.frame(time + (periods - 1) * period) != self._frame:
+            periods -= 1
+        return periods
 
     def start(self, time: float, pose: Callable[[str], SE3]) -> None:
         """Begin in front of things that have been at rest and in view for some time."""

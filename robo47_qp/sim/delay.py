@@ -1,11 +1,47 @@
-"""Delay: a signal as it arrives some time later."""
+"""Delay: a signal as it arrives some time later; and random numbers that are drawn ahead."""
 
-from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
-from robo47_qp.arrays import Span, Vector, ends
+from robo47_qp._core.library import Structure
+from robo47_qp.arrays import Matrix, Span, Vector, ends
 from robo47_qp.constants import TIMESTEP
+
+AHEAD = 512
+"""Periods for which random numbers are there, once they are prepared."""
+
+
+class Draws:
+    """Random numbers, one row a period, drawn ahead so that the compiled core can take them, too.
+
+    The numbers of a generator do not depend on how many are drawn at once.
+    """
+
+    def __init__(self, width: int, draw: Callable[[tuple[int, int]], Matrix]) -> None:
+        """Draw rows of `width` numbers with `draw`, which is given a shape."""
+        self._draw, self._rows = draw, draw((2 * AHEAD, width))
+        self._at = np.zeros(1, np.int64)
+
+    def next(self) -> Vector:
+        """Return the numbers of the next period (width,)."""
+        if self._at[0] == len(self._rows):
+            self.prepare()
+        row: Vector = self._rows[self._at[0]]
+        self._at += 1
+        return row
+
+    def prepare(self) -> None:
+        """Have numbers for the next `AHEAD` periods."""
+        left = len(self._rows) - int(self._at[0])
+        if left < AHEAD:
+            self._rows[:left] = self._rows[self._at[0] :].copy()
+            self._rows[left:] = self._draw((len(self._rows) - left, self._rows.shape[1]))
+            self._at[0] = 0
+
+    def compiled(self) -> Structure:
+        """Return the same for the compiled core, on the arrays of this object."""
+        return Structure("r47_draws", width=self._rows.shape[1], rows=self._rows, at=self._at)
 
 
 class Delay:
@@ -25,31 +61,59 @@ class Delay:
         """
         # Rounded, so that whole periods stay whole.
         self._low, self._high = (round(end / TIMESTEP, 6) for end in ends(span))
-        self._late = self._low
-        self._past: deque[Vector] = deque(maxlen=int(self._high) + 2)
+        self._late, self._newest = np.zeros(1), np.zeros(1, np.int64)
+        self._past: Matrix = np.zeros((int(self._high) + 2, 0))
+        self._drawn: Draws | None = None
 
     @property
     def varies(self) -> bool:
         """True where the delay is drawn anew in every period."""
         return self._low < self._high
 
-    def start(self, value: Vector) -> Vector:
-        """Begin with a signal that has had this value (k,) for ever, and return it."""
-        self._past.extend(value.copy() for _ in range(int(self._high) + 2))
-        self._late = self._low
-        return value.copy()
-
-    def sample(self, value: Vector, rng: np.random.Generator | None) -> Vector:
-        """Add the value (k,) of this period, and return the one that arrives in it.
+    def start(self, value: Vector, rng: np.random.Generator | None) -> Vector:
+        """Begin with a signal that has had this value (k,) for ever, and return it.
 
         Args:
             value: The signal now.
             rng: Source of the delays, where they vary.
         """
-        self._past.appendleft(value.copy())
+        self._past = np.tile(value, (len(self._past), 1))
+        self._late[0], self._newest[0] = self._low, 0
+        self._drawn = None
         if self.varies and rng is not None:
-            self._late = min(float(rng.uniform(self._low, self._high)), self._late + 1.0)
-        periods = int(self._late)
-        part = self._late - periods
-        newer = self._past[periods]
-        return newer if not part else (1.0 - part) * newer + part * self._past[periods + 1]
+            low, high = self._low, self._high
+            self._drawn = Draws(1, lambda shape: rng.uniform(low, high, shape))
+        return value.copy()
+
+    def sample(self, value: Vector) -> Vector:
+        """Add the value (k,) of this period, and return the one that arrives in it."""
+        past, newest = self._past, int(self._newest[0] - 1) % len(self._past)
+        past[newest], self._newest[0] = value, newest
+        if self._drawn is not None:
+            self._late[0] = min(float(self._drawn.next()[0]), self._late[0] + 1.0)
+        periods = int(self._late[0])
+        part = self._late[0] - periods
+        newer: Vector = past[(newest + periods) % len(past)]
+        if not part:
+            return newer.copy()
+        older = past[(newest + periods + 1) % len(past)]
+        arrived: Vector = (1.0 - part) * newer + part * older
+        return arrived
+
+    def prepare(self) -> None:
+        """Have delays for the next periods; see `Draws`."""
+        if self._drawn is not None:
+            self._drawn.prepare()
+
+    def compiled(self) -> Structure:
+        """Return the same for the compiled core, on the arrays of this object since `start`."""
+        drawn = {} if self._drawn is None else {"drawn": self._drawn.compiled()}
+        return Structure(
+            "r47_delay",
+            k=self._past.shape[1],
+            length=len(self._past),
+            past=self._past,
+            newest=self._newest,
+            late=self._late,
+            **drawn,
+        )

@@ -10,7 +10,8 @@ import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector, ends
+from robo47_qp._core.library import Structure
+from robo47_qp.arrays import Matrix, NotNegative, Positive, Range, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JointState
@@ -19,7 +20,8 @@ from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import ObjectCamera
 from robo47_qp.sim.compiled import CompiledWorld
-from robo47_qp.sim.delay import Delay
+from robo47_qp.sim.delay import AHEAD, Delay
+from robo47_qp.sim.push import Push, Pushes
 from robo47_qp.sim.scene import BuildScene, free_bodies
 from robo47_qp.sim.sensing import (
     MASS_TOLERANCE,
@@ -36,18 +38,6 @@ from robo47_qp.sim.wrong_model import (
     lowest,
     numbers,
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Push(Checked):
-    """A constant force on the tool point for a limited time."""
-
-    force: Annotated[Vector, Size(3)]
-    """The force (3,), in the world [N]."""
-    start: NotNegative
-    """Time at which it begins [s]."""
-    duration: NotNegative = 0.2
-    """Time for which it lasts [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,6 +131,7 @@ class DisturbedSimulation(Simulation):
         self._torque_delay = Delay(disturbance.torque_delay)
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _changed(robot, build_scene, disturbance), drawn=drawn)
+        self._pushes = Pushes(disturbance.pushes, self.model, self.data, robot.tcp)
         self._seen_markers = () if goals_asked_for else self.markers
         self.disturbance = self._of_this_world(disturbance)
         if disturbance.friction is not None:
@@ -164,36 +155,60 @@ class DisturbedSimulation(Simulation):
         streams: list[np.random.Generator | None] = [None] * 4
         if self._seeds is not None:
             streams = [np.random.default_rng([self._seeds[0], i]) for i in range(4)]
-        self._joint_noise, self._state_delays, self._torque_delays, self._force_noise = streams
-        self._joint_sensor.start(super().state(), self._joint_noise)
-        self._torque_delay.start(self.motor_torque())
-        if self._force_noise is not None:
-            self._force_sensor.start(self._force_noise)
+        joint_noise, state_delays, torque_delays, force_noise = streams
+        self._joint_sensor.start(super().state(), joint_noise, state_delays)
+        self._torque_delay.start(self.motor_torque(), torque_delays)
+        self._feels = force_noise is not None and not self._force_sensor.ideal
+        if force_noise is not None:
+            self._force_sensor.start(force_noise)
         if self._camera is not None:
             self._camera.start(self.time, self._thing_pose)
+        if self._compiled is not None:
+            self._compiled.sense(self._senses())
+
+    def _senses(self) -> Structure:
+        """Return what the compiled core has to know of the errors of sensors and lines."""
+        late = {"torque": self._torque_delay.compiled()} if self._late else {}
+        noisy = {} if self._joint_sensor.ideal else {"joints": self._joint_sensor.compiled()}
+        felt = {"force": self._force_sensor.compiled()} if self._feels else {}
+        return Structure("r47_senses", **late, **noisy, **felt)
+
+    @property
+    def _late(self) -> bool:
+        return ends(self.disturbance.torque_delay) != (0.0, 0.0)
 
     @property
     def compiled(self) -> CompiledWorld | None:
-        """See `Simulation.compiled`; only models may differ in it, and no sensor."""
-        ideal = self._joint_sensor.ideal and self._force_sensor.ideal and self._camera is None
-        late = ends(self.disturbance.torque_delay) != (0.0, 0.0)
-        return self._compiled if ideal and not (late or self.disturbance.pushes) else None
+        """See `Simulation.compiled`."""
+        return self._compiled
+
+    def ahead(self) -> int:
+        """See `Simulation.ahead`: up to the next frame of the camera, and without pushes."""
+        periods = min(AHEAD, self._pushes.ahead(self.time))
+        if periods and self._camera is not None:
+            periods = min(periods, self._camera.ahead(self.time, TIMESTEP))
+        if self._late:
+            self._torque_delay.prepare()
+        if not self._joint_sensor.ideal:
+            self._joint_sensor.prepare()
+        if self._feels:
+            self._force_sensor.prepare()
+        return periods
+
+    def look(self) -> None:
+        """See `Simulation.look`."""
+        if self._camera is not None:
+            self._camera.watch(self.time, self._thing_pose)
 
     def step(self, tau: Vector) -> None:
         """See `Simulation.step`; with the command that has arrived, and the pushes."""
-        if self.disturbance.pushes:
-            self._push()
-        super().step(self._torque_delay.sample(tau, self._torque_delays))
-        self._measure()
-
-    def _measure(self) -> None:
-        """Measure what is measured once in every period."""
+        self._pushes.act(self.time)
+        super().step(self._torque_delay.sample(tau))
         if not self._joint_sensor.ideal:
-            self._joint_sensor.sample(super().state(), self._joint_noise, self._state_delays)
-        if self._force_noise is not None and not self._force_sensor.ideal:
-            self._force_sensor.sample(self._force_noise)
-        if self._camera is not None:
-            self._camera.watch(self.time, self._thing_pose)
+            self._joint_sensor.sample(super().state())
+        if self._feels:
+            self._force_sensor.sample()
+        self.look()
 
     def state(self) -> JointState:
         """See `Simulation.state`; the same however often it is asked for in a period."""
@@ -298,16 +313,6 @@ class DisturbedSimulation(Simulation):
             k: row[: counts[k]] for k, row in rows.items() if row.ndim == dims[k]
         }
         return replace(wrong, **given)
-
-    def _push(self) -> None:
-        m, d, zero = self.model, self.data, np.zeros(3)
-        d.qfrc_applied[:] = 0.0
-        for push in self.disturbance.pushes:
-            # Half a period of slack: sums of the timestep are not exact.
-            if -0.5 * TIMESTEP <= self.time - push.start < push.duration - 0.5 * TIMESTEP:
-                tcp = m.site(self.robot.tcp).id
-                point, body = d.site_xpos[tcp], int(m.site_bodyid[tcp])
-                mujoco.mj_applyFT(m, d, push.force, zero, point, body, d.qfrc_applied)
 
 
 _PAYLOAD = "unknown_payload"

@@ -6,10 +6,11 @@ from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
+from robo47_qp._core.library import Structure
 from robo47_qp.arrays import Checked, Ends, NotNegative, Positive, Range, Span, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import JointState
-from robo47_qp.sim.delay import Delay
+from robo47_qp.sim.delay import Delay, Draws
 
 VELOCITY_CUTOFF = 50.0
 """Cut-off of the velocities that are estimated from noisy positions, if none is chosen [1/s]."""
@@ -212,8 +213,8 @@ class GaussMarkov:
             time_constant: τ [s].
         """
         self._sigma = sigma
-        self._keep = exp(-period / time_constant) if time_constant else 0.0
-        self._new = sigma * sqrt(1.0 - self._keep**2)
+        self.keep = exp(-period / time_constant) if time_constant else 0.0
+        self.new = sigma * sqrt(1.0 - self.keep**2)
 
     def start(self, drawn: Vector) -> Vector:
         """Return a first value (k,), made of normal numbers (k,)."""
@@ -221,7 +222,7 @@ class GaussMarkov:
 
     def advance(self, value: Vector, drawn: Vector) -> Vector:
         """Return the value (k,) that follows one."""
-        return self._keep * value + self._new * drawn
+        return self.keep * value + self.new * drawn
 
 
 class JointSensor:
@@ -237,44 +238,70 @@ class JointSensor:
         self._positions_only = not cutoff
         self.ideal = self._exact and ends(errors.state_delay) == (0.0, 0.0)
         """True where it measures the true state."""
-        self._state = JointState(np.zeros(0), np.zeros(0))
+        self._q, self._v = np.zeros(0), np.zeros(0)
+        self._drawn: Draws | None = None
 
-    def start(self, state: JointState, rng: np.random.Generator | None) -> None:
-        """Begin at a state, at rest so far."""
-        self._delay.start(np.concatenate(state))
-        self._state = JointState(self._noisy(state.q, rng), self._known(state.v.copy()))
-
-    def sample(
+    def start(
         self,
         state: JointState,
         rng: np.random.Generator | None,
         delays: np.random.Generator | None,
     ) -> None:
-        """Measure the state of a period.
+        """Begin at a state, at rest so far.
 
         Args:
             state: The true one.
             rng: Source of the noise, where there is noise.
             delays: Source of the delays, where they vary.
         """
-        q, v = np.split(self._delay.sample(np.concatenate(state), delays), 2)
-        q, last = self._noisy(q, rng), self._state
-        if not self._exact:
-            v = last.v + self._share * ((q - last.q) / TIMESTEP - last.v)
-        self._state = JointState(q, self._known(v))
+        self._delay.start(np.concatenate(state), delays)
+        self._drawn = None
+        if rng is not None and self._noise:
+            self._drawn = Draws(len(state.q), rng.standard_normal)
+        self._q = self._noisy(state.q)
+        self._v = np.full_like(state.v, np.nan) if self._positions_only else state.v.copy()
+
+    def sample(self, state: JointState) -> None:
+        """Measure the state of a period, of which the true one is given."""
+        q, v = np.split(self._delay.sample(np.concatenate(state)), 2)
+        q = self._noisy(q)
+        # What is no number stays so.
+        self._v[:] = (
+            v if self._exact else self._v + self._share * ((q - self._q) / TIMESTEP - self._v)
+        )
+        self._q[:] = q
 
     def state(self) -> JointState:
         """Return the last measurement."""
-        return JointState(self._state.q.copy(), self._state.v.copy())
+        return JointState(self._q.copy(), self._v.copy())
 
-    def _noisy(self, q: Vector, rng: np.random.Generator | None) -> Vector:
-        if rng is None or not self._noise:
+    def prepare(self) -> None:
+        """Have random numbers for the next periods; see `Draws`."""
+        self._delay.prepare()
+        if self._drawn is not None:
+            self._drawn.prepare()
+
+    def compiled(self) -> Structure:
+        """Return the same for the compiled core, on the arrays of this object since `start`."""
+        drawn = {} if self._drawn is None else {"drawn": self._drawn.compiled()}
+        return Structure(
+            "r47_joint_sensor",
+            n=len(self._q),
+            delay=self._delay.compiled(),
+            noise=self._noise,
+            exact=int(self._exact),
+            share=self._share,
+            period=TIMESTEP,
+            q=self._q,
+            v=self._v,
+            **drawn,
+        )
+
+    def _noisy(self, q: Vector) -> Vector:
+        if self._drawn is None:
             return q.copy()
-        noisy: Vector = q + self._noise * rng.standard_normal(len(q))
+        noisy: Vector = q + self._noise * self._drawn.next()
         return noisy
-
-    def _known(self, v: Vector) -> Vector:
-        return np.full_like(v, np.nan) if self._positions_only else v
 
 
 class ForceSensor:
@@ -291,17 +318,34 @@ class ForceSensor:
         self._drift = GaussMarkov(errors.force_drift, TIMESTEP, drift_time)
         self.ideal = not (errors.noise_force or errors.force_drift)
         """True where it measures the true force."""
-        self._offset = self.error = np.zeros(3)
+        self._offset, self.error = np.zeros(3), np.zeros(3)
         """Error of this period (3,) [N]."""
 
     def start(self, rng: np.random.Generator) -> None:
         """Begin with a drift as at any time."""
-        drawn = rng.standard_normal(6)
-        self._offset = self._drift.start(drawn[:3])
-        self.error = self._offset + self._noise * drawn[3:]
+        self._drawn = Draws(6, rng.standard_normal)
+        drawn = self._drawn.next()
+        self._offset[:] = self._drift.start(drawn[:3])
+        self.error[:] = self._offset + self._noise * drawn[3:]
 
-    def sample(self, rng: np.random.Generator) -> None:
+    def sample(self) -> None:
         """Draw the error of the next period."""
-        drawn = rng.standard_normal(6)
-        self._offset = self._drift.advance(self._offset, drawn[:3])
-        self.error = self._offset + self._noise * drawn[3:]
+        drawn = self._drawn.next()
+        self._offset[:] = self._drift.advance(self._offset, drawn[:3])
+        self.error[:] = self._offset + self._noise * drawn[3:]
+
+    def prepare(self) -> None:
+        """Have random numbers for the next periods; see `Draws`."""
+        self._drawn.prepare()
+
+    def compiled(self) -> Structure:
+        """Return the same for the compiled core, on the arrays of this object since `start`."""
+        return Structure(
+            "r47_force_sensor",
+            drawn=self._drawn.compiled(),
+            keep=self._drift.keep,
+            fresh=self._drift.new,
+            noise=self._noise,
+            offset=self._offset,
+            error=self.error,
+        )

@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp._core.library import backend
 from robo47_qp.arrays import Vector
+from robo47_qp.constants import MANY
 from robo47_qp.errors import NoGripperError
 from robo47_qp.model.arm import JointState
 from robo47_qp.model.gripper import Grip, Gripper
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.columns import Columns, spans
-from robo47_qp.sim.compiled import CompiledWorld
+from robo47_qp.sim.compiled import CompiledWorld, compiled_world
 from robo47_qp.sim.contact import ContactSensing
 from robo47_qp.sim.friction_use import FrictionUse
 from robo47_qp.sim.gripper import SimulatedGripper
@@ -51,8 +51,7 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self._bodies = SimulatedObjects(self.model, self.data)
         self.objects, self.markers = self._bodies.objects, self._bodies.markers
-        m, d = self.model, self.data
-        # The arrays of MjData keep their place: each view is taken once.
+        m, d = self.model, self.data  # whose arrays keep their place: each view is taken once
         joint_ids = [m.joint(name) for name in robot.joints]
         self._free = ~m.jnt_limited[[joint.id for joint in joint_ids]].astype(bool)
         at_q = spans([int(joint.qposadr[0]) for joint in joint_ids])
@@ -69,7 +68,7 @@ class Simulation:
             None if tool.gripper is None else SimulatedGripper(tool.gripper, m, d, label)
             for label, tool in robot.tool_labels()
         ]
-        hands = [hand for hand in self._hands if hand is not None]
+        self._grippers = hands = [hand for hand in self._hands if hand is not None]
         self._beside = mujoco.MjData(m)
         self._frictions = [
             FrictionUse(tool.gripper, m, d, label)
@@ -101,12 +100,8 @@ class Simulation:
         self._views_now = [view for views in self.signals_now.values() for view in views]
         self._views_last = [view for views in self.signals_last.values() for view in views]
         self._motors = SimulatedMotors(robot, self._ctrl.whole)
-        self._compiled: CompiledWorld | None = None
-        joints_in_one = [c.views[0] for c in (self._q, self._v, self._ctrl) if len(c.views) == 1]
-        if backend() == "compiled" and len(joints_in_one) == 3:
-            views = self._views_now, self._views_last
-            q_v_ctrl = joints_in_one[0], joints_in_one[1], joints_in_one[2]
-            self._compiled = CompiledWorld(robot, m, d, q_v_ctrl, hands, self._contact, views)
+        columns, views = (self._q, self._v, self._ctrl), (self._views_now, self._views_last)
+        self._compiled = compiled_world(robot, m, d, columns, hands, self._contact, views)
         self.reset()
 
     def reset(self) -> None:
@@ -114,9 +109,8 @@ class Simulation:
         mujoco.mj_resetData(self.model, self.data)
         self._contact.reset()
         self._q.write(self.robot.home)
-        for hand in self._hands:
-            if hand is not None:
-                hand.reset()
+        for hand in self._grippers:
+            hand.reset()
         mujoco.mj_forward(self.model, self.data)
         self._motors.start(self._bias.read() - self._passive.read())
         self._ctrl.flush()
@@ -133,9 +127,8 @@ class Simulation:
         """
         self._motors.deliver(tau)
         self._ctrl.flush()
-        for hand in self._hands:
-            if hand is not None:
-                hand.move()
+        for hand in self._grippers:
+            hand.move()
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
 
@@ -162,6 +155,13 @@ class Simulation:
     def compiled(self) -> CompiledWorld | None:
         """The same world in the compiled core; None where only Python can go on with it."""
         return self._compiled if type(self) is Simulation else None
+
+    def ahead(self) -> int:
+        """Return how many periods the core may go on from now, all ready; 0 where Python has to."""
+        return MANY
+
+    def look(self) -> None:
+        """Let a camera take and show what is due after periods in the core: here, there is none."""
 
     @property
     def gripper(self) -> Gripper:

@@ -16,7 +16,8 @@ from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.push import Push
 from robo47_qp.sim.simulation import Simulation
 from tests.controlled import DT, LOAD, at_rest
 from tests.runs import no_objects

@@ -28,7 +28,6 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.scenario import Run
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from tests.controlled import DT, LOAD, at_rest
@@ -137,12 +136,23 @@ def test_torques_at_the_tool_are_those_of_numpy(controller: CartesianImpedance) 
 
 
 @law
-@pytest.mark.parametrize("noise", [0.0, 1e-5])
-def test_with_an_observer_they_are_those_of_numpy(controller: Controller, noise: float) -> None:
+@pytest.mark.parametrize(
+    "observer",
+    [
+        DisturbanceObserver(),
+        DisturbanceObserver(noise_q=1e-5, state_delay=1),
+        DisturbanceObserver(noise_q=1e-5, command_delay=3),
+        DisturbanceObserver(noise_q=5e-5, state_delay=1, command_delay=1, jitter=1e-4),
+    ],
+    ids=["exact", "state late", "command late", "all"],
+)
+def test_with_an_observer_they_are_those_of_numpy(
+    controller: Controller, observer: DisturbanceObserver
+) -> None:
     """Estimates are sums of five numbers in another order, which the observer's gains amplify."""
-    given = inputs(1300, seed=2, noise=noise)
-    expected = asked(controller, DisturbanceObserver(), given, "numpy")
-    got = asked(controller, DisturbanceObserver(), given, "compiled")
+    given = inputs(1300, seed=2, noise=observer.noise_q or 0.0)
+    expected = asked(controller, observer, given, "numpy")
+    got = asked(controller, observer, given, "compiled")
     np.testing.assert_allclose(got[:1], expected[:1], rtol=0.0, atol=1e-12)
     size = np.abs(expected).max(axis=0) + 1.0
     np.testing.assert_array_less(np.abs(got - expected).max(axis=0) / size, 2e-11)
@@ -215,31 +225,13 @@ def test_friction_is_learned_as_by_numpy_to_the_bit() -> None:
 
 def test_what_the_core_does_not_know_stays_in_python() -> None:
     arm = Arm(PANDA)
-    delayed = DisturbanceObserver(state_delay=2)
     with using("compiled"):
         for controller in (OperationalSpace(), JointImpedance(feed_forward=FeedForward.GRAVITY)):
             assert law_of(controller, arm) is None
             assert ActiveController(controller, arm, dt=DT).compiled is None
         assert law_of(JointImpedance(), arm) is not None
-        assert ActiveController(JointImpedance(), arm, dt=DT, observer=delayed).compiled is None
     with using("numpy"):
         assert law_of(JointImpedance(), arm) is None
-        assert Simulation(PANDA, no_objects).compiled is None
-
-
-def test_only_worlds_without_errors_of_sensors_and_lines_are_run_by_the_core() -> None:
-    def core(wrong: Disturbance) -> bool:
-        rng = np.random.default_rng(0)
-        return DisturbedSimulation(PANDA, no_objects, wrong, rng).compiled is not None
-
-    with using("compiled"):
-        assert Simulation(PANDA, no_objects).compiled is not None
-        assert core(Disturbance(link_mass_factor=1.05, dry_friction=0.5))
-        assert not core(Disturbance(noise_q=1e-5))
-        assert not core(Disturbance(state_delay=1e-3))
-        assert not core(Disturbance(torque_delay=1e-3))
-        assert not core(Disturbance(noise_force=0.1))
-        assert not core(Disturbance(pose_bias=1e-3))
 
 
 def ran(task: Reach, backend: str, observer: DisturbanceObserver | None) -> Run:

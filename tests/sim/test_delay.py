@@ -5,15 +5,15 @@ import pytest
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Span
-from robo47_qp.sim.delay import Delay
+from robo47_qp.sim.delay import Delay, Draws
 
 MS = 1e-3
 
 
 def delayed(span: Span, signal: NDArray[np.float64], seed: int = 1) -> NDArray[np.float64]:
-    delay, rng = Delay(span), np.random.default_rng(seed)
-    delay.start(signal[:1])
-    return np.array([delay.sample(signal[k : k + 1], rng) for k in range(len(signal))])[:, 0]
+    delay = Delay(span)
+    delay.start(signal[:1], np.random.default_rng(seed))
+    return np.array([delay.sample(signal[k : k + 1]) for k in range(len(signal))])[:, 0]
 
 
 def lag(sent: NDArray[np.float64], came: NDArray[np.float64]) -> float:
@@ -61,3 +61,11 @@ def test_a_delay_that_varies_fills_its_range_and_never_goes_back() -> None:
     short = ramp - delayed((0.5 * MS, 1.0 * MS), ramp)
     assert short[10:].mean() == pytest.approx(0.75, abs=0.01)
     assert short[10:].std() == pytest.approx(0.5 / np.sqrt(12), rel=0.05)
+
+
+def test_numbers_that_are_drawn_ahead_are_those_of_the_generator() -> None:
+    drawn, rng = Draws(3, np.random.default_rng(1).standard_normal), np.random.default_rng(1)
+    for k in range(2000):
+        if k % 7 == 0:
+            drawn.prepare()
+        assert drawn.next().tolist() == rng.standard_normal(3).tolist()

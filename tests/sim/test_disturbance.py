@@ -8,7 +8,8 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation, Push
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.push import Push
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import add_table

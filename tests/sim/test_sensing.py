@@ -132,7 +132,7 @@ def test_the_force_drifts_slowly_from_a_start_that_differs() -> None:
         sensor.start(rng)
         starts.append(sensor.error.copy())
         for _ in range(300):
-            sensor.sample(rng)
+            sensor.sample()
         changes.append(sensor.error - starts[-1])
     assert np.std(starts) == pytest.approx(1.0, rel=0.06)
     # Of an exponential correlation over 30 s, 0.3 s later.
