@@ -110,6 +110,16 @@ class ActiveController:
         if self.observed is not None:
             self.observed.close(ClosedChain.of(self.arm, tools, q))
 
+    def tune(self, reference: JointReference, periods: int) -> None:
+        """Let the observer follow noisy positions as fast as is quiet at a reference.
+
+        Args:
+            reference: The one that is reached.
+            periods: Control periods since the last call.
+        """
+        if self.observed is not None:
+            self.observed.tune(self.arm, reference, periods)
+
     def state(self, measured: JointState) -> JointState:
         """Return the state at the start of the next period: as the observer expects it."""
         return measured if self.observed is None else self.observed.ahead(measured)

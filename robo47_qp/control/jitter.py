@@ -1,5 +1,6 @@
 """Jitter: measured positions that are late by a time that changes from period to period."""
 
+from math import exp, sqrt
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ class Jitter:
             dt: Control period [s].
         """
         self._floor = (max(noise_q, _LEAST_NOISE) / jitter) ** 2
-        self._share = 1.0 - float(np.exp(-_BANDWIDTH * dt))
+        self._share = _share(dt)
         self._kept = np.zeros(1)
 
     @property
@@ -58,3 +59,14 @@ class Jitter:
         self._kept[0] += self._share * (s - self._kept[0])
         found: Vector = q - (s - self._kept[0]) * v
         return found
+
+
+def left(dt: float) -> float:
+    """Return the part of the jitter's standard deviation that is not removed [-]."""
+    share = _share(dt)
+    return sqrt(share / (2.0 - share))
+
+
+def _share(dt: float) -> float:
+    """Return what is kept of a change in a period [-]."""
+    return 1.0 - exp(-_BANDWIDTH * dt)

@@ -1,6 +1,7 @@
 """Filter of one joint: position, velocity and disturbance from sampled positions."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +12,7 @@ _POLES = np.array([-1.0, -0.7 + 0.714j, -0.7 - 0.714j])
 """Poles of the observer, relative to its bandwidth."""
 
 
+@lru_cache(maxsize=256)
 def gains(omega: float, dt: float) -> Vector:
     """Return the gains (3,) that correct q, v, d by the error of q, with poles at ω [rad/s]."""
     F, H = _transition(dt), np.array([[1.0, 0.0, 0.0]])

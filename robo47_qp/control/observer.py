@@ -1,31 +1,22 @@
 """DisturbanceObserver: the joints' state from noisy positions, and what the model does not know."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated, Any, Self
 
 import numpy as np
-from scipy.optimize import brentq
 
 from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Range, Vector
 from robo47_qp.constants import MANY
+from robo47_qp.control.bandwidth import Bandwidths
 from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.controller import dry_friction_torque
 from robo47_qp.control.friction import PERIODS, FrictionLearning, LearnedFriction
-from robo47_qp.control.jitter import Jitter
+from robo47_qp.control.jitter import Jitter, left
 from robo47_qp.control.joint_filter import gains, per_joint, prediction, update
 from robo47_qp.model.arm import Arm, JointReference, JointState
-from robo47_qp.model.sampling import spread
 
-_FEEDBACK = 30.0
-"""Natural frequency of the feedback through which the noise comes to the motors [rad/s]."""
-_DEVIATIONS = 7.0
-"""Standard deviations of the change of a torque in a period that make its rate limit."""
-_SAMPLES, _HEAVY = 32, 80.0
-"""Configurations in which the noise is looked at; and the percentile of inertias
-for which the torque rate is kept."""
-_ROUNDS, _LOUD = 50, 0.1
-"""Rounds of lowering the noise, in joints that make this share of a torque's variance."""
+_SETTLING = 0.1
+"""Time at rest until the observer follows as slowly as is good there [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +38,7 @@ class DisturbanceObserver(Checked):
     contact, it would otherwise press ever harder towards a reference that it cannot reach.
 
     ω is `bandwidth`, or less in joints where noise of `noise_q` would take the torque past a
-    rate limit: at seven standard deviations, in four of five configurations.
+    rate limit: at seven standard deviations, with the inertias of the present configuration.
     """
 
     bandwidth: Positive = 140.0
@@ -99,10 +90,10 @@ class DisturbanceObserver(Checked):
         """Return an observer of one run, for control periods dt [s]."""
         return ObservedJoints(self, arm, dt)
 
-    def bandwidths(self, arm: Arm, dt: float) -> Vector:
-        """Return ω of every joint (n,) [rad/s]."""
-        omegas: Vector = arm.derived(_bandwidths, self.bandwidth, self.noise_q or 0.0, dt)
-        return omegas
+    def bandwidths(self, arm: Arm, dt: float) -> Bandwidths:
+        """Return ω of every joint."""
+        jitter = left(dt) * (self.jitter or 0.0)
+        return Bandwidths(arm, self.bandwidth, self.noise_q or 0.0, dt, jitter=jitter)
 
 
 class ObservedJoints:
@@ -113,8 +104,9 @@ class ObservedJoints:
         self.settings, self._n, self._dt = settings, arm.n, dt
         n, command_delay = arm.n, settings.command_delay or 0
         delay = (settings.state_delay or 0) + command_delay
-        corrections = np.array([gains(omega, dt) for omega in settings.bandwidths(arm, dt)])
-        filters = [update(G, dt) for G in corrections]
+        self._bandwidths = settings.bandwidths(arm, dt)
+        self._omegas, self._rested = self._bandwidths.usual.copy(), 0
+        filters = [update(gains(omega, dt), dt) for omega in self._omegas]
         self._update = per_joint(filters)
         self._last, self._now = _Known(n), _Known(n)
         self._pending = np.zeros((delay, n))
@@ -142,6 +134,20 @@ class ObservedJoints:
         self._turned: Vector | None = None
         if settings.friction is not None:
             self._friction = LearnedFriction(settings.friction, arm, dt)
+
+    def tune(self, arm: Arm, reference: JointReference, periods: int) -> None:
+        """Let bandwidths be those of the reference's state after some periods; see `Bandwidths`."""
+        q, v, a = reference
+        self._rested = 0 if v.any() or a.any() else self._rested + periods
+        rests = self._rested * self._dt >= _SETTLING
+        omegas = self._bandwidths.at(arm, q, v, rests=rests)
+        if (omegas == self._omegas).all():
+            return
+        for j in np.flatnonzero(omegas != self._omegas):
+            changed = update(gains(float(omegas[j]), self._dt), self._dt)
+            self._filters[:, :, j] = changed
+            self._update.reshape(3, self._n, 5, self._n)[:, j, :, j] = changed
+        self._omegas = omegas
 
     @property
     def disturbance(self) -> Vector:
@@ -361,34 +367,3 @@ class _Known:
         self.estimate = self.whole[: 3 * n]
         q, v, self.d, self.expected, self.measured = self.whole.reshape(5, n)
         self.state = JointState(q, v)
-
-
-def _noise(omega: float, dt: float) -> float:
-    """Return the acceleration that feedback and compensation make of an error of q, per rad."""
-    q, v, d = gains(omega, dt).tolist()
-    return float(_FEEDBACK**2 * q + 2.0 * _FEEDBACK * v + d)
-
-
-def _bandwidths(arm: Arm, bandwidth: float, noise_q: float, dt: float) -> Vector:
-    """Return the largest ω at which noise leaves the torque rates be, by lowering what is loud."""
-    omegas = np.full(arm.n, bandwidth)
-    if not noise_q:
-        return omegas
-    allowed = arm.robot.tau_rate_max * dt / _DEVIATIONS
-    qs = [arm.home, *spread(arm.q_low, arm.q_high, _SAMPLES)]
-    M = np.percentile(np.abs([arm.mass_matrix(q) for q in qs]), _HEAVY, axis=0)
-    a = np.full(arm.n, noise_q * _noise(bandwidth, dt))
-    for _ in range(_ROUNDS):
-        parts = (M * a) ** 2
-        total = parts.sum(axis=1)
-        over = np.maximum(1.0, np.sqrt(total) / allowed)[:, None]
-        a /= np.where(parts > _LOUD * total[:, None], over, 1.0).max(axis=0)
-    for i, most in enumerate(a / noise_q):
-        if most < _noise(bandwidth, dt):
-            excess = partial(_excess, most=most, dt=dt)
-            omegas[i] = brentq(excess, 1e-3 * bandwidth, bandwidth)
-    return omegas
-
-
-def _excess(omega: float, most: float, dt: float) -> float:
-    return _noise(omega, dt) - most

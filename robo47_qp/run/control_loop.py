@@ -219,6 +219,7 @@ class ControlLoop:
             if not self._yielding and self.control.observed is not None:
                 on, learn = self._insisting or not self._touching(), not self._insisting
                 self.control.compensate(on, learn=learn)
+            self.control.tune(self._reference, count)
             if self._together:
                 self.control.close(self._together, self._reference.q)
             for observer in self.observers:
