@@ -154,6 +154,10 @@ class Item:
         y = (T_world_item.inverse() @ T_world_tcp).rotation().as_matrix()[:, 1]
         return self.size[0] if abs(y[0]) > abs(y[1]) else self.size[1]
 
+    def fits(self, T_world_tcp: SE3, T_world_item: SE3, width_max: float) -> bool:
+        """Return whether open fingers have room at both sides of the item."""
+        return self.width(T_world_tcp, T_world_item) + _ROOM < width_max
+
     def same_heading(self, turn: float) -> float:
         """Return the smallest rotation about the vertical that looks the same [rad]."""
         if self.round:

@@ -61,11 +61,27 @@ class ItemHandler:
     resting: float | None = None
     """Known height of the item's centre in the world before it is picked [m]; None takes the
     camera's, which may be noisy."""
+    across: bool = False
+    """Whether fingers close along the other sides of the item than those that suit the wrist."""
     T_item_standing: SE3 | None = None
     """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
 
     def pick(self) -> Generator[StepLike, None, HeldItem]:
-        """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift."""
+        """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift.
+
+        An item that the fingers miss is grasped along its other sides, if it is slender enough: the
+        camera errs by the same again, but fingers that close along that error centre the item.
+        """
+        try:
+            return (yield from self._pick())
+        except StepFailed as error:
+            missed = error.failure.cause is Cause.GRASP and camera_errs(self.sensed)
+            if not missed or self.across or not self._fits_across():
+                raise
+        yield from self.back_off()
+        return (yield from replace(self, across=True)._pick())
+
+    def _pick(self) -> Generator[StepLike, None, HeldItem]:
         T_world_item = yield from self._look(self.resting, _TO_GRASP)
         approach, descend = self.approach(T_world_item)
         yield self._closing(approach, descend, T_world_item)
@@ -178,7 +194,7 @@ class ItemHandler:
 
     def approach(self, T_world_item: SE3) -> list[Waypoint]:
         """Return the waypoints above the item and down to it."""
-        grasp = self.item.grasp(T_world_item, self.sensed.gripper.width_max)
+        grasp = self._grasp(T_world_item)
         descend, up = self._line("descend", grasp), self._up(grasp)
         # What leads down does not always lead up again: near a fold the way back may differ.
         onward = (descend, self._line("lift", up))
@@ -243,6 +259,19 @@ class ItemHandler:
         turn = self.item.same_heading(middle + goal - item) - middle
         placed = turned_about_vertical(T_world_item, turn, T_world_goal.translation())
         return placed @ T_world_item.inverse() @ T_world_tcp
+
+    def _grasp(self, T_world_item: SE3) -> SE3:
+        """Return T_world_tcp that grasps the item."""
+        grasp = self.item.grasp(T_world_item, self.sensed.gripper.width_max)
+        if not self.across:
+            return grasp
+        quarter = -np.copysign(0.5 * np.pi, heading(grasp))
+        return turned_about_vertical(grasp, quarter, grasp.translation())
+
+    def _fits_across(self) -> bool:
+        T_world_item = self._seen()
+        grasp = replace(self, across=True)._grasp(T_world_item)
+        return self.item.fits(grasp, T_world_item, self.sensed.gripper.width_max)
 
     def stood(self, T_world_item: SE3) -> SE3:
         """Return the pose of the item with z up, from the pose of its body."""

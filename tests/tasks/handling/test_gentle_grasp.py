@@ -7,6 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from mink import SE3, SO3
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
@@ -21,9 +22,12 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Grasp, Release
 from robo47_qp.run.task import Program
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.handling.compliant_grasp import width_around
+from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.examples import shifted
 from tests.runs import Reach, carry_out, live
@@ -152,3 +156,22 @@ def test_fingers_close_around_an_item_from_no_wider_than_they_are_and_open(lean:
     width = width_around(sensed, task.item, sensed.tool_pose(), 40.0)
     assert width == pytest.approx(min(widest, widest + 2.0 * lean), rel=0.0, abs=1e-12)
     assert width <= widest
+
+
+def test_an_item_that_slips_out_of_the_pads_is_grasped_along_its_other_sides() -> None:
+    """It is seen 10 mm off along the pads, and fingers that close across them centre it."""
+    item = Item(name="drum", size=(0.055, 0.055, 0.04), round=True, mass=0.3)
+    task = PickPlace(item=item, retries=0)
+    wrong = Disturbance(pose_bias=1e-9)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, wrong, np.random.default_rng(1))
+    assert simulation._camera is not None
+    simulation._camera._T_bias = SE3.from_translation(np.array([-0.0097, 0.0, 0.0]))
+    simulation.reset()
+    run = Runner(ClassicalStack().scenario(PANDA, task), simulation).run()
+    assert run.failure is None
+    assert run.failed_steps == 1
+    grasps = [rows for phase, rows in run.spans() if phase.name == "close gripper"]
+    turns = [run.rows["tool/pose"][rows.stop - 1, 3:7] for rows in grasps]
+    assert len(grasps) == 2
+    between = (SO3(turns[0]).inverse() @ SO3(turns[1])).log()
+    assert np.abs(between[2]) == pytest.approx(np.pi / 2, abs=0.02)
