@@ -1,6 +1,6 @@
 """The step that follows a moving pose."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,7 +14,7 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
-from robo47_qp.run.failure import Condition, StepFailed, violation
+from robo47_qp.run.failure import Condition, StepFailed, require, violation
 from robo47_qp.run.steps import Step, StepExecutor
 
 
@@ -28,6 +28,8 @@ class Follow(Step):
     """Ends the step once it holds; the step fails with its cause if it does not hold in time."""
     seconds: float
     """Time limit [s]."""
+    during: Sequence[Condition] = ()
+    """Checked meanwhile: the step fails at once where one does not hold."""
     grip: Grip | None = None
     """Command to the gripper at the start of the step."""
     carried: Payload | None = None
@@ -49,6 +51,7 @@ class Follow(Step):
         while (evidence := self.until.against()) is not None:
             if loop.sim.time > end:
                 raise StepFailed(violation(self.name, self.until, evidence))
+            require(self.name, self.during)
             loop.track(self._block(loop, stream))
 
     def _block(self, loop: ControlLoop, stream: StreamSolver) -> Trajectory:

@@ -156,8 +156,14 @@ class StepExecutor:
 
     @cached_property
     def stream(self) -> StreamSolver:
-        """Differential inverse kinematics within the loop's motion limits."""
-        settings = StreamIk(dt=TIMESTEP, profile=self.loop.profile, home_gain=0.0, gain=_GAIN)
+        """Differential inverse kinematics within the loop's motion limits, as plans leave them."""
+        settings = StreamIk(
+            dt=TIMESTEP,
+            profile=self.loop.profile,
+            home_gain=0.0,
+            gain=_GAIN,
+            margin=JOINT_MARGIN,
+        )
         return settings.build(self.loop.arm)
 
     def planning_arm(self, q: Vector) -> Arm:

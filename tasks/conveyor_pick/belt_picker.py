@@ -31,6 +31,8 @@ _LONGEST = 30.0
 """Longest time to wait for an item [s]."""
 _WAY = 0.8
 """Duration of the descent to the item, and of the lift [s]."""
+_STOPS = 0.4
+"""Time in which a tool that lifts the item comes to rest along the belt [s]."""
 _NEAR, _ALIGNED = 1.5e-3, 0.02
 """Errors of position [m] and orientation [rad] below which the tool is on its target."""
 
@@ -116,7 +118,8 @@ class BeltPicker:
             name="close gripper",
             target=still,
             grip=close,
-            until=self._held(Cause.GRASP),
+            until=self._check.condition(Cause.GRASP),
+            during=(self._check.around(Cause.GRASP),),
             seconds=seconds,
         )
         tool = self._tool()
@@ -124,7 +127,7 @@ class BeltPicker:
         T_tcp_item = tool.inverse() @ T_world_item
         end = self.sensed.time + _WAY
         lift = self._follow("lift", self._lifting(end), end)
-        held = (self._held(Cause.DROP),)
+        held = (self._check.condition(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])
         return HeldItem(above=height, mass=self.item.mass)
@@ -191,14 +194,15 @@ class BeltPicker:
     def _lifting(self, end: float) -> Target:
         """Return a target that rises with the item within `_WAY`, and comes to rest meanwhile.
 
-        The time at which the item's pose is taken runs from real time to standstill, half as far.
+        The time at which the item's pose is taken runs from real time to standstill, half as far as
+        it would have gone within `_STOPS`.
         """
         start, height = end - _WAY, _eased(end, 0.0, self.rise)
-        stands = start + 0.5 * _WAY
-        clock = BPoly.from_derivatives([start, end], [[start, 1.0, 0.0], [stands, 0.0, 0.0]])
+        rest, stands = start + _STOPS, start + 0.5 * _STOPS
+        clock = BPoly.from_derivatives([start, rest], [[start, 1.0, 0.0], [stands, 0.0, 0.0]])
 
         def target(time: float) -> SE3:
-            when = float(clock(np.clip(time, start, end)))
+            when = float(clock(np.clip(time, start, rest)))
             return raised(self._kept(self.tracker.at(when)), height(time))
 
         return target
@@ -233,16 +237,16 @@ class BeltPicker:
 
         return Condition(name="the tool keeps up", cause=Cause.TIMEOUT, against=against)
 
-    def _held(self, cause: Cause) -> Condition:
+    @property
+    def _check(self) -> GraspCheck:
         sensed, item = self.sensed, self.item
-        hold = GraspCheck(
+        return GraspCheck(
             sensed=sensed,
             item=item,
             force=self.force,
             standing=lambda: sensed.seen_pose(item.name),
             settled=True,
         )
-        return hold.condition(cause)
 
 
 def _eased(end: float, before: float, after: float) -> Callable[[float], float]:

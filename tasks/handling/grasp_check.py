@@ -33,16 +33,31 @@ class GraspCheck:
         name = f"the fingers hold the {self.item.name}"
         return Condition(name=name, cause=cause, against=self._against)
 
+    def around(self, cause: Cause) -> Condition:
+        """Return the condition that the fingers are not closer than the item is wide."""
+        name = f"the fingers are around the {self.item.name}"
+        return Condition(name=name, cause=cause, against=self._past)
+
+    def _past(self) -> str | None:
+        width, expected = self._widths()
+        return self._apart(width, expected) if width < expected - _WIDTH_TOLERANCE else None
+
+    def _widths(self) -> tuple[float, float]:
+        """Return the opening width and that of the item [m]."""
+        expected = self.item.width(self.sensed.tool_pose(), self.standing())
+        return self.sensed.width(), expected
+
+    def _apart(self, width: float, expected: float) -> str:
+        return (
+            f"the fingers are {1e3 * width:.1f} mm apart, "
+            f"the {self.item.name} measures {1e3 * expected:.1f} mm"
+        )
+
     def _against(self) -> str | None:
-        sensed, name = self.sensed, self.item.name
-        width, forces = sensed.width(), sensed.finger_forces()
-        expected = self.item.width(sensed.tool_pose(), self.standing())
-        closing = self.settled and not sensed.grip_settled()
+        forces, (width, expected) = self.sensed.finger_forces(), self._widths()
+        closing = self.settled and not self.sensed.grip_settled()
         if abs(width - expected) > _WIDTH_TOLERANCE or closing:
-            return (
-                f"the fingers are {1e3 * width:.1f} mm apart, "
-                f"the {name} measures {1e3 * expected:.1f} mm"
-            )
+            return self._apart(width, expected)
         if forces.min() < _LEAST_SHARE * self.force:
             return (
                 f"the fingers press with {forces[0]:.1f} N and {forces[1]:.1f} N, "

@@ -280,6 +280,24 @@ def test_following_in_vain_fails_in_time() -> None:
     assert names(run) == ["chase", "stop", "end"]
 
 
+def test_following_ends_at_once_where_something_does_not_hold_meanwhile() -> None:
+    def program(sensed: Sensed) -> Program:
+        lost = Condition(
+            name="nothing is lost",
+            cause=Cause.DROP,
+            against=lambda: "it is" if sensed.time >= 0.3 else None,
+        )
+        done = at_time(sensed, 1.0)
+        yield Follow(target=circling(sensed), until=done, seconds=2.0, during=(lost,))
+        return None
+
+    run = run_program(program)
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.condition) == (Cause.DROP, "nothing is lost")
+    assert run.failure.time == pytest.approx(0.3, abs=0.021)
+    assert names(run) == ["follow", "stop", "end"]
+
+
 def test_no_target_brakes_the_arm() -> None:
     def program(sensed: Sensed) -> Program:
         target = circling(sensed)

@@ -175,6 +175,9 @@ def test_a_cube_that_is_never_held_is_a_failed_grasp() -> None:
     assert run.failure is not None
     assert run.failure.cause is Cause.GRASP
     assert "mm apart, the cube measures 40.0 mm" in run.failure.evidence
+    # It is given up as soon as the fingers have passed it.
+    closed = rows_of(run, "close gripper").stop - 1
+    assert run.rows["gripper/width"][closed, 0] > 0.03
 
 
 def test_only_streamed_rows_may_jump_in_acceleration() -> None:
