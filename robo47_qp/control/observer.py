@@ -17,6 +17,11 @@ from robo47_qp.model.arm import Arm, JointReference, JointState
 
 _SETTLING = 0.1
 """Time at rest until the observer follows as slowly as is good there [s]."""
+_WITHIN, _BEYOND = 4.0, 10.0
+"""Standard deviations of the noise within which joints are where they are to rest, and beyond
+which they are not any more [-]."""
+_SLOWER = 0.85
+"""Least part of a bandwidth that is left at once when joints come to rest [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,10 +107,13 @@ class ObservedJoints:
     def __init__(self, settings: DisturbanceObserver, arm: Arm, dt: float) -> None:
         """Start anew; the first measured positions are taken as those of joints at rest."""
         self.settings, self._n, self._dt = settings, arm.n, dt
+        self.noise_q = settings.noise_q or 0.0
+        """Standard deviation of measured positions [rad]."""
         n, command_delay = arm.n, settings.command_delay or 0
         delay = (settings.state_delay or 0) + command_delay
         self._bandwidths = settings.bandwidths(arm, dt)
         self._omegas, self._rested = self._bandwidths.usual.copy(), 0
+        self._quiet = False
         filters = [update(gains(omega, dt), dt) for omega in self._omegas]
         self._update = per_joint(filters)
         self._last, self._now = _Known(n), _Known(n)
@@ -129,7 +137,7 @@ class ObservedJoints:
         self._base, self._shares = np.zeros(n), np.zeros((n, n))
         self._jitter: Jitter | None = None
         if settings.jitter:
-            self._jitter = Jitter(settings.noise_q or 0.0, settings.jitter, dt)
+            self._jitter = Jitter(self.noise_q, settings.jitter, dt)
         self._friction, self._count = None, PERIODS
         self._turned: Vector | None = None
         if settings.friction is not None:
@@ -139,8 +147,12 @@ class ObservedJoints:
         """Let bandwidths be those of the reference's state after some periods; see `Bandwidths`."""
         q, v, a = reference
         self._rested = 0 if v.any() or a.any() else self._rested + periods
-        rests = self._rested * self._dt >= _SETTLING
-        omegas = self._bandwidths.at(arm, q, v, rests=rests)
+        off, near = np.abs(self._now.state.q - q).max(), _BEYOND if self._quiet else _WITHIN
+        self._quiet = self._rested * self._dt >= _SETTLING and bool(off <= near * self.noise_q)
+        omegas = self._bandwidths.at(arm, q, v, rests=self._quiet)
+        if self._quiet:
+            # At once, the noise that is in d would stay in it for long.
+            omegas = np.maximum(omegas, _SLOWER * self._omegas)
         if (omegas == self._omegas).all():
             return
         for j in np.flatnonzero(omegas != self._omegas):

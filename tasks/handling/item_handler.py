@@ -10,7 +10,7 @@ from mink import SE3
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.run.failure import Cause, Condition, StepFailed
-from robo47_qp.run.steps import Grasp, Move, Release, StepLike
+from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
@@ -31,6 +31,8 @@ NEAR = 0.012
 LET_GO = 0.5e-3
 """Height above its goal at which an item is released where it is seen with errors [m]: an arm that
 presses it down is pushed aside by more than it errs while it is free."""
+_SETTLE = 0.25
+"""Time in which an arm comes back from where it was pushed [s]."""
 _AROUND = 0.001
 """Distance of each finger from an item whose pose is known, on the way down to it [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
@@ -133,6 +135,9 @@ class ItemHandler:
             above = raised(T_world_goal, LET_GO)
             yield hand.lower(self.sensed.tool_pose(), T_world_item, above, turned=True)
         yield self.release()
+        if errs:
+            # What pressed on the goal until it was let go had pushed the arm aside.
+            yield Wait(name="settle", seconds=_SETTLE)
 
     def look_held(
         self, held: HeldItem | None, good_enough: float = GOOD_ENOUGH
