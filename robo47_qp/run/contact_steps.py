@@ -41,6 +41,8 @@ class Guarded(Checked, Step):
     """Largest speed of the tool [m/s]."""
     missing: Cause | None = Cause.TIMEOUT
     """Cause of the failure without contact up to the end; None if that is allowed."""
+    after: tuple[Condition, ...] = ()
+    """Conditions that must hold where it has stopped."""
     tool: str | None = None
     """Name of the tool that is to touch something; None is the main one."""
 

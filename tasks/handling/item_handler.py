@@ -9,6 +9,7 @@ from mink import SE3
 
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
@@ -31,6 +32,9 @@ NEAR = 0.012
 LET_GO = 0.5e-3
 """Height above its goal at which an item is released where it is seen with errors [m]: an arm that
 presses it down is pushed aside by more than it errs while it is free."""
+_TIPS, _SLOWLY, _LANDED, _SHORT = 0.02, 0.05, 5.0, 3e-3
+"""Height of the tool above an item below which fingers come slowly around it [m], how fast [m/s],
+the force that stops them [N], and how far from the grasp that is too early [m]."""
 _SETTLE = 0.25
 """Time in which an arm comes back from where it was pushed [s]."""
 _AROUND = 0.001
@@ -63,8 +67,8 @@ class ItemHandler:
     resting: float | None = None
     """Known height of the item's centre in the world before it is picked [m]; None takes the
     camera's, which may be noisy."""
-    across: bool = False
-    """Whether fingers close along the other sides of the item than those that suit the wrist."""
+    across: float = 0.0
+    """Turn from the sides of the item that suit the wrist to those that are grasped [rad]."""
     T_item_standing: SE3 | None = None
     """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
 
@@ -78,16 +82,24 @@ class ItemHandler:
             return (yield from self._pick())
         except StepFailed as error:
             missed = error.failure.cause is Cause.GRASP and camera_errs(self.sensed)
-            if not missed or self.across or not self._fits_across():
+            other = replace(self, across=0.5 * np.pi)
+            if not missed or self.across or not other._fits():
                 raise
         yield from self.back_off()
-        return (yield from replace(self, across=True)._pick())
+        try:
+            return (yield from other._pick())
+        except StepFailed as error:
+            if error.failure.cause not in UNPLANNED:
+                raise
+        # The wrist does not turn so far that way.
+        yield from self.back_off()
+        return (yield from replace(self, across=-other.across)._pick())
 
     def _pick(self) -> Generator[StepLike, None, HeldItem]:
         T_world_item = yield from self._look(self.resting, _TO_GRASP)
         approach, descend = self.approach(T_world_item)
         yield self._closing(approach, descend, T_world_item)
-        yield descend
+        yield from self._descend(descend, T_world_item)
         known = self.sensed.weights_known
         free = None if known else (yield from read_free_wrist(self.sensed))
         held = (self._held(Cause.GRASP),)
@@ -98,6 +110,31 @@ class ItemHandler:
         yield hand.lift(self.sensed.tool_pose(), self._seen())
         above = None if self.resting is None else self.resting - height
         return HeldItem(above=above, mass=hand.item.mass)
+
+    def _descend(self, descend: Waypoint, T_world_item: SE3) -> Generator[StepLike, None, None]:
+        """Go down around the item; fails with GRASP where the fingers land on it.
+
+        They may, where the camera errs: from a little above the item on, they come slowly and stop
+        where something is touched.
+        """
+        grasp = descend.target
+        if not camera_errs(self.sensed) or not isinstance(grasp, SE3):
+            yield descend
+            return
+        bottom = float(grasp.translation()[2])
+        top = float(T_world_item.translation()[2]) + 0.5 * self.item.height
+        over = top - bottom + _TIPS
+        if bottom + over < self.above:
+            yield self._line("descend", raised(grasp, over))
+
+        def short() -> str | None:
+            left = float(self.sensed.tool_pose().translation()[2]) - bottom
+            stopped = f"something stops them {1e3 * left:.1f} mm above the grasp"
+            return stopped if left > _SHORT else None
+
+        around = f"the fingers are beside the {self.item.name}"
+        down = Condition(name=around, cause=Cause.GRASP, against=short)
+        yield Guarded(waypoint=descend, force=_LANDED, speed=_SLOWLY, missing=None, after=(down,))
 
     def holding(self, held: HeldItem | None) -> Self:
         """Return the handler with the measured mass of the item."""
@@ -268,14 +305,11 @@ class ItemHandler:
     def _grasp(self, T_world_item: SE3) -> SE3:
         """Return T_world_tcp that grasps the item."""
         grasp = self.item.grasp(T_world_item, self.sensed.gripper.width_max)
-        if not self.across:
-            return grasp
-        quarter = -np.copysign(0.5 * np.pi, heading(grasp))
-        return turned_about_vertical(grasp, quarter, grasp.translation())
+        return turned_about_vertical(grasp, self.across, grasp.translation())
 
-    def _fits_across(self) -> bool:
+    def _fits(self) -> bool:
         T_world_item = self._seen()
-        grasp = replace(self, across=True)._grasp(T_world_item)
+        grasp = self._grasp(T_world_item)
         return self.item.fits(grasp, T_world_item, self.sensed.gripper.width_max)
 
     def stood(self, T_world_item: SE3) -> SE3:
