@@ -6,13 +6,25 @@ from math import inf, isfinite
 from operator import index
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
-from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.errors import InvalidValueError
+
+if TYPE_CHECKING:  # the process of a policy starts without mink, which takes longest
+    from mink import SE3
 
 Vector: TypeAlias = NDArray[np.float64]
 Matrix: TypeAlias = NDArray[np.float64]
@@ -211,7 +223,7 @@ def frozen_vector(name: str, value: ArrayLike, size: int) -> Vector:
     return vector
 
 
-def check_pose(name: str, pose: SE3) -> None:
+def check_pose(name: str, pose: "SE3") -> None:
     """Check that a pose is finite and has a unit quaternion.
 
     Raises:

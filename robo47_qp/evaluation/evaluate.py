@@ -16,7 +16,6 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.replay import picked, record_failures, replay
-from robo47_qp.evaluation.report.plots import plot_evaluation
 from robo47_qp.evaluation.report.progress import EvaluationBar
 from robo47_qp.evaluation.report.report import (
     EvaluationReport,
@@ -89,8 +88,15 @@ class Job:
         report = replace(report, replayed=replayed)
         write_json(files["report"], self.told(report))
         write_text(files["text"], markdown(report, [files["plot"].name]))
-        plot_evaluation(report, files["plot"])
+        _draw(report, files["plot"])
         return report
+
+
+def _draw(report: EvaluationReport, path: Path) -> None:
+    # Imported where it is drawn: an evaluation starts without Matplotlib.
+    from robo47_qp.evaluation.report.plots import plot_evaluation
+
+    plot_evaluation(report, path)
 
 
 def evaluate(task: Task, robot: Robot, options: EvaluateOptions, console: Console) -> int:

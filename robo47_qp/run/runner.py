@@ -19,7 +19,8 @@ from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS, Rows, Sink, Store
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.steps import StepExecutor, as_step
-from robo47_qp.sim.sensed import CellSheet, Senses
+from robo47_qp.sim.cell_sheet import CellSheet
+from robo47_qp.sim.sensed import Senses
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 

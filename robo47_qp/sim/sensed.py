@@ -1,8 +1,7 @@
 """Sensed: all that a program or a policy may know of a cell."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mink import SE3
 
@@ -12,6 +11,7 @@ from robo47_qp.model.arm import JointState, bare_arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import Sight
+from robo47_qp.sim.cell_sheet import CellSheet
 from robo47_qp.sim.simulation import Simulation
 
 HIDDEN_BELOW = -0.5
@@ -19,28 +19,6 @@ HIDDEN_BELOW = -0.5
 AsSeen = Callable[[str, SE3], SE3 | None]
 """Returns what the cell's camera tells of an object or a marker whose pose it measures; None for
 what it does not tell at all."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellSheet:
-    """What the data sheets of a cell say, the same to programs and policies, as JSON types.
-
-    All of it is nominal: how this world differs from it is nowhere in it.
-    """
-
-    task: Mapping[str, Any] = field(default_factory=dict)
-    """The task's fields by name: nominal sizes [m] and masses [kg] of its items, forces [N],
-    tolerances and so on."""
-    obstacles: Sequence[Mapping[str, Any]] = ()
-    """Static obstacles: name, shape, size and pose."""
-    noise: Mapping[str, Any] = field(default_factory=dict)
-    """Figures of the sensors and lines by the names of the fields of `SensorErrors`, such as the
-    standard deviation of the camera's noise, `pose_noise` [m], and `mass_tolerance`, by what
-    part of the nominal mass objects may be off [-]."""
-    time_limit: float = 0.0
-    """Longest simulated time of the job [s]."""
-    acceleration: float = 0.0
-    """Acceleration of the tool, at home, with all joints at those of the arm's motions [m/s²]."""
 
 
 class HandReading(NamedTuple):

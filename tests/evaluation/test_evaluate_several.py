@@ -107,7 +107,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Quick episodes in place of the simulation, and no drawing."""
-    monkeypatch.setattr(evaluate_module, "plot_evaluation", lambda _, path: path.write_text(""))
+    monkeypatch.setattr(evaluate_module, "_draw", lambda _, path: path.write_text(""))
     monkeypatch.setattr(PolicyEvaluation, "_episode", lambda self: Skilled(self.policy.ik))
 
 

@@ -17,7 +17,8 @@ from robo47_qp.model.robot import ToolFrame
 from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.run_report import report
-from robo47_qp.run.policy.policy import JointTarget, checked_action
+from robo47_qp.run.policy.action_check import checked_action
+from robo47_qp.run.policy.policy import JointTarget
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import IK_SOLVERS, ClassicalStack

@@ -4,6 +4,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.model.gripper import Grip
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
+from robo47_qp.run.policy.action_check import grip_of
 from robo47_qp.run.policy.motion import JointTargets, OwnTorques, ToolTargets
 from robo47_qp.run.policy.policy import (
     Action,
@@ -11,7 +12,6 @@ from robo47_qp.run.policy.policy import (
     Observation,
     ToolTarget,
     Torques,
-    grip_of,
     vector_of,
 )
 

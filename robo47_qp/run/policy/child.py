@@ -119,7 +119,7 @@ class _Answers:
     """The policy, made at the first question."""
 
     def __init__(self, made: Any) -> None:
-        from robo47_qp.sim.sensed import CellSheet
+        from robo47_qp.sim.cell_sheet import CellSheet
 
         self._made: Any = made
         self._policy: Any = None
@@ -129,7 +129,7 @@ class _Answers:
         """Return the reply to a question."""
         from robo47_qp.run.foreign_code import Guard
         from robo47_qp.run.policy.wire import packed_action, unpacked_observation
-        from robo47_qp.sim.sensed import CellSheet
+        from robo47_qp.sim.cell_sheet import CellSheet
 
         reply: dict[str, Any] = {"number": asked["number"], "action": None}
         method = "its constructor" if self._policy is None else asked["method"]

@@ -9,9 +9,10 @@ from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError, Guard
+from robo47_qp.run.policy.action_check import checked_action
 from robo47_qp.run.policy.cell import PolicyCell
 from robo47_qp.run.policy.child import told
-from robo47_qp.run.policy.policy import Action, Observation, Policy, checked_action
+from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Scenario

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robo47_qp.run.policy.policy import Action, JointTarget, Observation, ToolTarget, Torques
-from robo47_qp.sim.sensed import CellSheet
+from robo47_qp.sim.cell_sheet import CellSheet
 
 LONGEST = 1 << 20
 """Longest message of a policy's process that is read [B]."""

@@ -11,13 +11,12 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
+from robo47_qp.run.policy.action_check import checked_action, grip_of
 from robo47_qp.run.policy.policy import (
     Action,
     JointTarget,
     ToolTarget,
     Torques,
-    checked_action,
-    grip_of,
     pose_of,
     vector_of,
 )

@@ -21,7 +21,7 @@ from robo47_qp.run.policy.wire import (
     unpacked_action,
     unpacked_observation,
 )
-from robo47_qp.sim.sensed import CellSheet
+from robo47_qp.sim.cell_sheet import CellSheet
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.policies import follow
 

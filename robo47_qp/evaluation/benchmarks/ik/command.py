@@ -25,7 +25,6 @@ from robo47_qp.evaluation.benchmarks.ik.catalogue import (
 )
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Start
 from robo47_qp.evaluation.benchmarks.ik.failure_log import FailureLog, figures_markdown
-from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
 from robo47_qp.evaluation.benchmarks.ik.summary import Question, summary
 from robo47_qp.evaluation.benchmarks.ik.terminal import (
     LiveTable,
@@ -175,6 +174,8 @@ def _compared(
     figures = summary(comparison, done, questions, left_out, complete=complete)
     write_text(files["report"], _text(figures))
     if done:
+        from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison
+
         plot_comparison(comparison.arm, done, files["plot"])
         with closing(_log(comparison, files["recording"])) as log:
             log.write(done, figures_markdown(figures))
