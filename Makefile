@@ -53,6 +53,8 @@ fresh-clone: ## Clone, set up, run, compare with the kept figures: RETRO.md (FRE
 	  "$$folder/$(BIN)/python" "$$folder/scenarios/retro.py" --out "$(CURDIR)/RETRO.md" \
 	    --commit "fresh clone of commit $$(git rev-parse --short HEAD)"
 
+# Bytecode is kept, whatever the environment says: each worker would compile all anew.
+test: export PYTHONDONTWRITEBYTECODE =
 test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscope-reorder")
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
 

@@ -141,8 +141,8 @@ class BranchChoice:
         """Yield configurations for a PTP waypoint from which its `onward` paths can be followed.
 
         The solution near home comes first, if it is one of them; then, computed on demand,
-        others with room to the joint limits; then the rest in order of room. Joints that move no
-        tool of the target stay at q_start (n,) [rad].
+        others with room to the joint limits; then the rest in order of room. None is followed
+        twice. Joints that move no tool of the target stay at q_start (n,) [rad].
 
         Raises:
             PlanError: There is none; the furthest waypoint that failed is named.
@@ -151,16 +151,20 @@ class BranchChoice:
         if usual is not None:
             yield usual
         group, cramped = [waypoint, *waypoint.onward], list[Branch]()
-        seen = [] if usual is None else [usual.q]
+        tried = [] if usual is None else [usual.q]
         for more in (1, 2):
             wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
-            for branch in wider._branches(arm, ik, lin, group, q_start):
-                first = branch.results[0]
-                if any(np.abs(first.q - q).max() < _SAME for q in seen):
-                    continue
-                seen.append(first.q)
+            starts = []
+            for start in wider._starts(arm, ik, lin, waypoint, q_start):
+                if all(np.abs(start.q - q).max() >= _SAME for q in tried):
+                    starts.append(start)
+                    tried.append(start.q)
+            branches, failed = self._followable(arm, ik, lin, starts, waypoint.onward)
+            if len(failed) == len(tried):
+                raise furthest_failure(group, failed)
+            for branch in branches:
                 if branch.room >= _ROOM:
-                    yield first
+                    yield branch.results[0]
                 else:
                     cramped.append(branch)
         for branch in sorted(cramped, key=lambda branch: -branch.room):
@@ -186,23 +190,39 @@ class BranchChoice:
     def _branches(
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
     ) -> list[Branch]:
-        first = group[0]
-        if first.prescribes_path:
-            # The sequence begins with a tool path: the branch is that of its start.
-            starts = [self._line(arm, ik, lin, first, q_start)]
-        else:
-            found = self.answers(arm, ik, first, q_start)
-            # Where all collide, the planner refuses the motion there.
-            starts = self._clear(found) or found
-        branches, failed = [], []
-        for start in starts:
-            try:
-                branches.append(self.followed(arm, ik, lin, start, group[1:]))
-            except PlanError as error:
-                failed.append(error)
+        starts = self._starts(arm, ik, lin, group[0], q_start)
+        branches, failed = self._followable(arm, ik, lin, starts, group[1:])
         if not branches:
             raise furthest_failure(group, failed)
         return branches
+
+    def _starts(
+        self, arm: Arm, ik: IkSolver, lin: Lin, first: Waypoint, q_start: Vector
+    ) -> list[IkResult]:
+        """Return the configurations at the first waypoint from which branches may start."""
+        if first.prescribes_path:
+            # The sequence begins with a tool path: the branch is that of its start.
+            return [self._line(arm, ik, lin, first, q_start)]
+        found = self.answers(arm, ik, first, q_start)
+        # Where all collide, the planner refuses the motion there.
+        return self._clear(found) or found
+
+    def _followable(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        lin: Lin,
+        starts: Sequence[IkResult],
+        lines: Sequence[Waypoint],
+    ) -> tuple[list[Branch], list[PlanError]]:
+        """Return the branches from which tool paths can be followed, and why others cannot."""
+        branches, failed = [], []
+        for start in starts:
+            try:
+                branches.append(self.followed(arm, ik, lin, start, lines))
+            except PlanError as error:
+                failed.append(error)
+        return branches, failed
 
     def _clear(self, found: list[IkResult]) -> list[IkResult]:
         """Return the configurations without collision."""
