@@ -39,7 +39,9 @@ class World:
         m, d = self.m, self.d
         d.qfrc_applied[:] = tau
         if force is not None or torque is not None:
-            mujoco.mj_forward(m, d)
+            # All that a force at a point of a body needs: what it does is found by the step.
+            mujoco.mj_kinematics(m, d)
+            mujoco.mj_comPos(m, d)
             zero, body = np.zeros(3), int(m.site_bodyid[self._tcp])
             point = d.site_xpos[self._tcp].copy()
             F, T = (zero if part is None else part for part in (force, torque))

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model import chain as chain_module
 from robo47_qp.model.arm import Arm
@@ -15,6 +16,7 @@ from robo47_qp.model.robots.panda_pair import panda_pair
 from tests.robots import MAKERS, is_at_hand
 
 EXACT = 1e-12
+Pair = tuple[Vector, Vector]
 NAMES = [name for name in sorted(MAKERS) if is_at_hand(name)]
 
 
@@ -25,21 +27,22 @@ def test_frames_and_jacobians_are_those_of_mujoco(name: str) -> None:
     m, chain = arm.model, arm.derived(Chain)
     rng = np.random.default_rng(0)
     jacobian = np.zeros((6, arm.n))
+    frames, jacobians = list[Pair](), list[Pair]()
     for q in rng.uniform(arm.q_min, arm.q_max, (200, arm.n)):
         chain.move(q)
         d = arm.place_only(q)
         mujoco.mj_comPos(m, d)
         for place, site in enumerate(arm.tool_sites):
             T = chain.frame(place)
-            np.testing.assert_allclose(T[:9], d.site_xmat[site], rtol=0.0, atol=EXACT)
-            np.testing.assert_allclose(T[9:], d.site_xpos[site], rtol=0.0, atol=EXACT)
+            frames.append((T, np.concatenate([d.site_xmat[site], d.site_xpos[site]])))
             mujoco.mj_jacSite(m, d, jacobian[:3], jacobian[3:], site)
             J = chain.jacobian(int(chain.joint[place]), T[9:].copy())
-            np.testing.assert_allclose(J, jacobian, rtol=0.0, atol=EXACT)
-        for geom in range(m.ngeom):
-            T = chain.frame(chain.first_geom + geom)
-            np.testing.assert_allclose(T[:9], d.geom_xmat[geom], rtol=0.0, atol=EXACT)
-            np.testing.assert_allclose(T[9:], d.geom_xpos[geom], rtol=0.0, atol=EXACT)
+            jacobians.append((J, jacobian.copy()))
+        geoms = [chain.frame(chain.first_geom + geom) for geom in range(m.ngeom)]
+        frames += zip(geoms, np.hstack([d.geom_xmat, d.geom_xpos]), strict=True)
+    for pairs in (frames, jacobians):
+        found, expected = (np.array(each) for each in zip(*pairs, strict=True))
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=EXACT)
 
 
 ODD = """<mujoco><compiler angle="radian"/><worldbody>

@@ -59,18 +59,16 @@ def off_line(plain: PlainArm, q: Matrix, start: SE3, goal: SE3) -> tuple[float, 
     """How far the tool is from the straight line [m] and from its turn there [rad], at most."""
     ends = Rotation.from_quat([np.roll(pose.wxyz_xyz[:4], -1) for pose in (start, goal)])
     way = goal.translation() - start.translation()
-    away, askew = 0.0, 0.0
-    for row in q:
-        position, R = plain.tool(row)
-        turn = Rotation.from_matrix(R)
-        if np.linalg.norm(way) > 1e-9:
-            s = float((position - start.translation()) @ way / (way @ way))
-        else:
-            s = float((ends[0].inv() * turn).magnitude() / (ends[0].inv() * ends[1]).magnitude())
-        away = max(away, float(np.linalg.norm(position - start.translation() - s * way)))
-        there = Slerp([0.0, 1.0], ends)(min(max(s, 0.0), 1.0))
-        askew = max(askew, float((there.inv() * turn).magnitude()))
-    return away, askew
+    tools = [plain.tool(row) for row in q]
+    from_start = np.array([position for position, _ in tools]) - start.translation()
+    turns = Rotation.from_matrix([R for _, R in tools])
+    if np.linalg.norm(way) > 1e-9:
+        s = from_start @ way / (way @ way)
+    else:
+        s = (ends[0].inv() * turns).magnitude() / (ends[0].inv() * ends[1]).magnitude()
+    away = np.linalg.norm(from_start - np.outer(s, way), axis=1)
+    there = Slerp([0.0, 1.0], ends)(np.clip(s, 0.0, 1.0))
+    return float(away.max()), float((there.inv() * turns).magnitude().max())
 
 
 def check_joints(trajectory: Trajectory, profile: MotionProfile, slack: float = 0.02) -> float:
