@@ -1,19 +1,14 @@
 """Confidence intervals of rates and of their differences, and exact paired tests."""
 
 from collections.abc import Sequence
-from math import sqrt
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtr
 
 from robo47_qp.errors import InvalidValueError
 
 CONFIDENCE = 0.95
 """Level of the intervals."""
-_Z = NormalDist().inv_cdf(0.5 + 0.5 * CONFIDENCE)
-"""Half the width of an interval of this level, in standard deviations."""
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
@@ -24,11 +19,11 @@ def wilson(successes: int, n: int) -> tuple[float, float]:
     """
     if n < 1 or not 0 <= successes <= n:
         raise InvalidValueError("successes of n", f"{successes} of {n}", "0..n of n >= 1")
-    p, share = successes / n, _Z**2 / n
-    centre = (p + 0.5 * share) / (1.0 + share)
-    half = sqrt(share * (p * (1.0 - p) + 0.25 * share)) / (1.0 + share)
-    low = 0.0 if successes == 0 else centre - half
-    return low, 1.0 if successes == n else centre + half
+    # Imported where it is needed: the processes of an evaluation start without it.
+    from scipy.stats import binomtest
+
+    interval = binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def mcnemar(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> tuple[int, int, float]:
@@ -40,7 +35,9 @@ def mcnemar(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> tuple[int, int, float
     """
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     split = only_a + only_b
-    p = min(1.0, 2.0 * float(bdtr(min(only_a, only_b), split, 0.5)))
+    from scipy.stats import binomtest
+
+    p = 1.0 if split == 0 else float(binomtest(only_a, split, 0.5).pvalue)
     return only_a, only_b, p
 
 
@@ -57,7 +54,10 @@ def paired_difference(only_a: int, only_b: int, n: int) -> tuple[float, float]:
         found = f"{only_a} and {only_b} of {n}"
         raise InvalidValueError("trials that differ", found, "0 or more, together at most n")
     a, b = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
-    half = _Z * sqrt((a + b - (a - b) ** 2) / (n + 2))
+    from scipy.stats import norm
+
+    z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
+    half = z * float(np.sqrt((a + b - (a - b) ** 2) / (n + 2)))
     return max(-1.0, a - b - half), min(1.0, a - b + half)
 
 
