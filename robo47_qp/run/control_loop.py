@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 
 import numpy as np
@@ -41,6 +42,10 @@ the torque rate of the motors."""
 CONTACT_FORCE = 4.0
 """Force on the tool above which it counts as in contact, beside half of its payload's weight [N]:
 above the errors of a sensor at the wrist."""
+
+SETTLING = 0.3
+"""Time after contact in which dry friction is not learned: the disturbance is that of the contact
+until the observer has followed [s]."""
 
 
 class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never shown
@@ -110,6 +115,7 @@ class ControlLoop:
         """Wall time spent in the loop [s]."""
         self._check, self._yielding, self._insisting = check, False, False
         self._together: tuple[int, ...] = ()
+        self._touched = -inf
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self.rest(start)
@@ -140,8 +146,10 @@ class ControlLoop:
             in_contact: Whether it does so in contact, too: for what is softer than the arm. Dry
                 friction is then not learned.
         """
+        if self._insisting or self._yielding:
+            self._touched = self.sim.time
         self._yielding, self._insisting, self._together = not on, in_contact, ()
-        self.control.compensate(on, learn=not in_contact)
+        self.control.compensate(on, learn=self._learns)
 
     def hold_together(self, tools: Sequence[str]) -> None:
         """Let tools that hold one body compensate what does not press them at each other.
@@ -217,8 +225,10 @@ class ControlLoop:
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             if not self._yielding and self.control.observed is not None:
-                on, learn = self._insisting or not self._touching(), not self._insisting
-                self.control.compensate(on, learn=learn)
+                touching = self._touching()
+                if touching:
+                    self._touched = self.sim.time
+                self.control.compensate(self._insisting or not touching, learn=self._learns)
             self.control.tune(self._reference, count)
             if self._together:
                 self.control.close(self._together, self._reference.q)
@@ -354,6 +364,11 @@ class ControlLoop:
     def yielding(self) -> bool:
         """True while the compensation of disturbances is held; see `compensate`."""
         return self._yielding
+
+    @property
+    def _learns(self) -> bool:
+        """Whether dry friction may be learned: nothing is touched, and nothing was just before."""
+        return not self._insisting and self.sim.time - self._touched >= SETTLING
 
     def _touching(self) -> bool:
         """Return whether a tool is in contact with more than its payload."""

@@ -25,16 +25,16 @@ speed without contact [m/s]; and how many readings are averaged."""
 _SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
 and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_STOPPED, _STUCK_FOR = 6.0, 10
-"""By how much the force along a lane is above that on the block where a wall, and not friction,
-stops the peg [N], in how many readings."""
-_EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
-"""Force on the peg before it is eased aside or released, force from the side that is let be [N],
-and damping of the arm that gives way to more [N·s/m]."""
+_SEARCH, _BORNE, _GIVING, _STOPPED, _STUCK_FOR = 3.0, 4.0, 400.0, 4.7, 5
+"""Force on the peg during the search; force from the side up to which it is dragged on [N], and
+damping of the arm that gives way to more [N·s/m]; force along a lane at which a wall, and not
+friction, stops it [N], in how many readings."""
+_EASED = 0.5
+"""Force on the peg before it is released, or pressed again [N]."""
 _BEYOND = 1e-4
 """Distance from a tool across lanes from which on a lane is not the one that it is on [m]."""
 _PRESSES = 6
-"""How often a peg that sticks is eased aside and pressed again."""
+"""How often a peg that sticks is eased and pressed again."""
 _STUCK = 8e-3
 """Depth from which on a peg that sticks stands in the hole without fingers [m]."""
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
@@ -104,21 +104,22 @@ class FeelingInserter(PegInserter):
         x, y = self._across(self._tool_on_top(offset))
         corner = SE3.from_translation(-radius * (x + y)) @ self.T_world_hole
         yield from self._lower(replace(self, T_world_hole=corner), offset)
-        stiff, free = yield from self._touch()
+        touch, free = yield from self._touch()
+        stiff = replace(touch, pushed=lambda: self.sensed.felt_force() - free.force)
         touched = self.sensed.tool_pose()
         lanes, deep = self._lanes(touched, radius, pitch), 0.0
         while lanes and deep < _SINKS:
             caught = yield from self._search(stiff, free, lanes)
-            yield from self._press_in(stiff, free)
+            yield from self._press_in(stiff)
             deep, lanes = self._depth(caught), self._lanes_beyond(caught, lanes)
-        for again in range(_PRESSES):
-            if again:
-                yield from self._press_in(stiff, free)
+        for _ in range(_PRESSES):
             if self._depth(touched) >= _DEEP:
-                # Fingers that open under load would let the arm leap.
-                yield from self._ease(stiff, free)
-                return
-        yield from self._push(touched)
+                break
+            yield from self._press_in(stiff)
+        # Fingers that open under load would let the arm leap.
+        yield self._eased(stiff)
+        if self._depth(touched) < _DEEP:
+            yield from self._push(touched)
 
     def _search(
         self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...]
@@ -132,7 +133,10 @@ class FeelingInserter(PegInserter):
             stiff,
             name="search",
             waypoints=lanes,
-            damping=_FIRM_TOUCH / _SINK_SPEED,
+            force=_SEARCH,
+            damping=_SEARCH / _SINK_SPEED,
+            borne=_BORNE,
+            giving=_GIVING,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -143,12 +147,21 @@ class FeelingInserter(PegInserter):
         caught = sinking.caught
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
-        yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
+        yield replace(
+            stiff,
+            name="centre",
+            waypoints=way,
+            force=_SEARCH,
+            damping=_SEARCH / _SINK_SPEED,
+            speed=_SEARCH_SPEED,
+            seconds=0.0,
+            until=None,
+        )
         return caught
 
-    def _press_in(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
-        """Ease the peg, and press it until it sinks no more."""
-        yield from self._ease(stiff, free)
+    def _press_in(self, stiff: Press) -> Generator[StepLike, None, None]:
+        """Ease the peg, and press it until it sinks no more; the hole guides it meanwhile."""
+        yield self._eased(stiff)
         yield replace(
             stiff,
             name="insert",
@@ -158,25 +171,9 @@ class FeelingInserter(PegInserter):
             until=self._rests(),
         )
 
-    def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
-        """Press hardly any more, and give way to what pushes the peg aside."""
-        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
-        felt = yield from read_free_wrist(self.sensed)
-        side = felt.force - free.force
-        side -= side.dot(self._axis) * self._axis
-        size = float(np.linalg.norm(side))
-        if size > _ASIDE:
-            way = side / size
-            yield replace(
-                stiff,
-                name="ease aside",
-                axis=way,
-                force=_EASED,
-                damping=_ASIDE_DAMPING,
-                felt=lambda: float((free.force - self.sensed.felt_force()).dot(way)),
-                seconds=0.5,
-                until=None,
-            )
+    def _eased(self, stiff: Press) -> Press:
+        """Return the step that presses hardly any more, and gives way to what pushes the peg."""
+        return replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
 
     def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
@@ -195,7 +192,7 @@ class FeelingInserter(PegInserter):
         stiff, _ = yield from self._touch(_FIRM_INSERT, _PUSH_SPEED, held=False)
         yield replace(stiff, name="push", seconds=4.0, until=self._rests())
         deep = self._depth(touched) + BELOW_TOP + _TIP
-        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        yield self._eased(stiff)
         if deep < _DEEP:
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep, though it was pushed"
             raise StepFailed(Failure(cause=Cause.DROP, evidence=evidence, step="push"))
@@ -295,12 +292,11 @@ class FeelingInserter(PegInserter):
     def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
         """Return the condition that the peg has sunk, or is stopped along a lane."""
         _, y = self._across(self.sensed.tool_pose())
-        readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
+        readings: deque[float] = deque(maxlen=_STUCK_FOR)
 
         def against() -> str | None:
-            readings.append(self.sensed.felt_force() - free.force)
-            force = np.mean(readings, axis=0)
-            stopped = abs(float(force.dot(y))) >= _STOPPED + max(float(force.dot(self._axis)), 0.0)
+            readings.append(float((self.sensed.felt_force() - free.force).dot(y)))
+            stopped = abs(float(np.mean(readings))) >= _STOPPED
             if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
                 return None
             sunk = 1e3 * sinking.sunk

@@ -127,7 +127,7 @@ def test_a_peg_that_creeps_between_the_fingers_has_not_sunk_into_a_hole() -> Non
 
 
 @pytest.mark.parametrize(
-    ("along", "pressing", "found"), [(5.0, 0.0, False), (9.0, 8.0, False), (13.0, 4.0, True)]
+    ("along", "pressing", "found"), [(4.6, 0.0, False), (3.6, 4.0, False), (4.8, 2.0, True)]
 )
 def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
     along: float, pressing: float, found: bool
@@ -145,7 +145,7 @@ def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
     free = np.array([1.0, 8.0, 2.0])
     condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=free, time=0.0))
     tool.felt = free + np.array([0.0, -along, pressing])
-    said = [condition.against() for _ in range(10)]
+    said = [condition.against() for _ in range(5)]
     assert None not in said[:-1]
     assert (said[-1] is None) == found
 
