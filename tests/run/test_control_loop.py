@@ -11,7 +11,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.compliance import Compliance, CompliantMode
-from robo47_qp.run.control_loop import ControlLoop
+from robo47_qp.run.control_loop import SETTLING, ControlLoop
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from tests.controlled import LOAD
@@ -74,6 +74,35 @@ def test_in_contact_is_what_feels_more_than_half_its_payload_and_four_newtons(
     loop.hold(0.05)
     assert loop.control.observed is not None
     assert loop.control.observed.compensating is follows
+
+
+@pytest.mark.parametrize("way", ["touching", "pressing", "yielding"])
+def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: str) -> None:
+    class Felt(Simulation):
+        force = 0.0
+
+        def felt_force(self, tool: int = 0) -> Vector:
+            return np.array([0.0, 0.0, self.force])
+
+    world = Felt(PANDA, no_objects)
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=DisturbanceObserver())
+    observed = loop.control.observed
+    assert observed is not None
+
+    def learns(seconds: float) -> bool:
+        loop.hold(seconds)
+        return observed.compensating and observed._learns
+
+    loop.begin("free")
+    assert learns(0.02)
+    world.force = 50.0 if way == "touching" else 1.0
+    if way != "touching":
+        loop.compensate(on=way == "pressing", in_contact=way == "pressing")
+    assert not learns(0.1)
+    world.force = 0.0
+    loop.compensate(on=True)
+    assert not learns(SETTLING - 0.05)
+    assert learns(0.1)
 
 
 def test_what_one_hand_lets_go_the_other_keeps() -> None:
