@@ -199,7 +199,7 @@ class Press(ContactMotion):
 
     Such an arm insists on its path whatever pushes it aside. With `pushed`, it leaves the path
     across the axis, too, as far as it is pushed with more than `borne`: by the same law, with
-    the rest of that force in place of F - f, and `giving` in place of d.
+    the rest of that force in place of F - f, `giving` in place of d, and a spring to the path.
     """
 
     axis: Annotated[Vector, Size(3)]
@@ -221,6 +221,8 @@ class Press(ContactMotion):
     """Force across the axis that is borne [N]."""
     giving: Positive = 1000.0
     """Damping of a tool that gives way to more [N·s/m]."""
+    returning: NotNegative = 0.0
+    """Stiffness of the spring that brings it back to the path; 0 leaves it where it is [N/m]."""
     name: str = "press"
 
     def carry_out(self, executor: StepExecutor) -> None:
@@ -273,7 +275,9 @@ class _Depth(_Tracker):
             self._along = np.vstack([step.axis, np.linalg.svd(self._along)[2][1:]])
         self._damping = np.full(len(self._along), step.giving)
         self._damping[0] = step.damping if step.force else 0.0
-        self._speed, self._acceleration = np.zeros((2, len(self._along)))
+        self._stiffness = np.full(len(self._along), step.returning)
+        self._stiffness[0] = 0.0
+        self._off, self._speed, self._acceleration = np.zeros((3, len(self._along)))
 
     def track(self, path: Trajectory) -> bool:
         """See `_Tracker.track`."""
@@ -295,11 +299,12 @@ class _Depth(_Tracker):
         states = [(self.q, ways @ self._speed, ways @ self._acceleration)]
         most = step.jerk * TIMESTEP
         for _ in range(rows.start + 1, rows.stop):
-            wanted = np.clip((asked - self._damping * self._speed) / step.mass, -largest, largest)
-            self._acceleration = self._acceleration + np.clip(
-                wanted - self._acceleration, -most, most
-            )
+            force = asked - self._damping * self._speed - self._stiffness * self._off
+            wanted = np.clip(force / step.mass, -largest, largest)
+            change = np.clip(wanted - self._acceleration, -most, most)
+            self._acceleration = self._acceleration + change
             self._speed = self._speed + TIMESTEP * self._acceleration
+            self._off = self._off + TIMESTEP * self._speed
             self.q = self.q + TIMESTEP * (ways @ self._speed)
             states.append((self.q, ways @ self._speed, ways @ self._acceleration))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))

@@ -25,10 +25,12 @@ speed without contact [m/s]; and how many readings are averaged."""
 _SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
 and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_SEARCH, _BORNE, _GIVING, _STOPPED, _STUCK_FOR = 3.0, 4.0, 400.0, 4.7, 5
-"""Force on the peg during the search; force from the side up to which it is dragged on [N], and
-damping of the arm that gives way to more [N·s/m]; force along a lane at which a wall, and not
-friction, stops it [N], in how many readings."""
+_SEARCH, _STOPPED, _STUCK_FOR = 3.0, 4.7, 5
+"""Force on the peg during the search [N], and that along a lane at which a wall, and not friction,
+stops it [N], in how many readings."""
+_BORNE, _GIVING, _RETURNING = 4.0, 400.0, 1000.0
+"""Force from the side up to which a peg is dragged on [N], and damping and stiffness of the arm
+that gives way to more [N·s/m, N/m]: friction must not lead it off its lanes."""
 _EASED = 0.5
 """Force on the peg before it is released, or pressed again [N]."""
 _BEYOND = 1e-4
@@ -116,8 +118,6 @@ class FeelingInserter(PegInserter):
             if self._depth(touched) >= _DEEP:
                 break
             yield from self._press_in(stiff)
-        # Fingers that open under load would let the arm leap.
-        yield self._eased(stiff)
         if self._depth(touched) < _DEEP:
             yield from self._push(touched)
 
@@ -137,6 +137,7 @@ class FeelingInserter(PegInserter):
             damping=_SEARCH / _SINK_SPEED,
             borne=_BORNE,
             giving=_GIVING,
+            returning=_RETURNING,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -160,7 +161,10 @@ class FeelingInserter(PegInserter):
         return caught
 
     def _press_in(self, stiff: Press) -> Generator[StepLike, None, None]:
-        """Ease the peg, and press it until it sinks no more; the hole guides it meanwhile."""
+        """Ease the peg, press it until it sinks no more, and ease it again; the hole guides it.
+
+        Fingers that open under load, or a peg that slides on, would let the arm leap.
+        """
         yield self._eased(stiff)
         yield replace(
             stiff,
@@ -170,6 +174,7 @@ class FeelingInserter(PegInserter):
             seconds=15.0,
             until=self._rests(),
         )
+        yield self._eased(stiff)
 
     def _eased(self, stiff: Press) -> Press:
         """Return the step that presses hardly any more, and gives way to what pushes the peg."""
@@ -356,6 +361,8 @@ class FeelingInserter(PegInserter):
             force=_PULL,
             damping=_PULL / _PULL_SPEED,
             felt=lambda: -float(self.sensed.felt_force().dot(self._axis)) - weight,
+            pushed=self.sensed.felt_force,
+            borne=_BORNE,
             seconds=6.0,
             until=Condition(name="the peg is out", cause=Cause.TIMEOUT, against=against),
         )
