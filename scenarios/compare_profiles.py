@@ -17,13 +17,13 @@ from robo47_qp.files import check_writable, write_json
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.timing.rest_to_rest import plan_ptp
-from robo47_qp.motion.timing.time_law import (
+from robo47_qp.motion.timing.rest_to_rest import (
     Cubic,
     Quintic,
     SCurve,
     TimeLaw,
     Trapezoid,
+    plan_ptp,
 )
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.report.drawing import draw_curves

@@ -15,9 +15,8 @@ from robo47_qp.motion.paths.curves import BlendError
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.request import STILL, Request
 from robo47_qp.motion.timing.lower_bound import least_time
-from robo47_qp.motion.timing.rest_to_rest import plan_ptp
+from robo47_qp.motion.timing.rest_to_rest import TimeLaw, plan_ptp
 from robo47_qp.motion.timing.state_to_state import to_state
-from robo47_qp.motion.timing.time_law import TimeLaw
 from robo47_qp.motion.tool_motion import tool_places
 from robo47_qp.motion.trajectory import Trajectory, joined
 

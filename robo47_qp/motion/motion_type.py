@@ -20,7 +20,7 @@ from robo47_qp.motion.motor_share import MotorShare
 from robo47_qp.motion.paths.segments import Segment
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.timing.lower_bound import lower_bound
-from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
+from robo47_qp.motion.timing.rest_to_rest import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory
 
 

@@ -9,7 +9,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.timing.time_law import Quintic
+from robo47_qp.motion.timing.rest_to_rest import Quintic
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import shifted
 from tests.motion.test_lin import check_joints, off_line

@@ -14,8 +14,8 @@ from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.following.tracking import Tracking
 from robo47_qp.motion.paths.segments import Line, PathProfile, ToolPath
 from robo47_qp.motion.refusals import PathError, check_limits
+from robo47_qp.motion.timing.rest_to_rest import S_CURVE, TimeLaw
 from robo47_qp.motion.timing.retiming import Timing, limits
-from robo47_qp.motion.timing.time_law import S_CURVE, TimeLaw
 from robo47_qp.motion.trajectory import Trajectory, hold
 
 _MAX_STRETCH = 1000.0

@@ -6,8 +6,14 @@ from hypothesis import strategies as st
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.timing.lower_bound import least_time
-from robo47_qp.motion.timing.rest_to_rest import plan_ptp
-from robo47_qp.motion.timing.time_law import Cubic, Quintic, SCurve, TimeLaw, Trapezoid
+from robo47_qp.motion.timing.rest_to_rest import (
+    Cubic,
+    Quintic,
+    SCurve,
+    TimeLaw,
+    Trapezoid,
+    plan_ptp,
+)
 
 DT = 1e-3
 LAWS: list[TimeLaw] = [SCurve(), Trapezoid(), Cubic(), Quintic()]

@@ -8,7 +8,7 @@ import pytest
 from robo47_qp.motion.continuous import Continuous
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
-from robo47_qp.motion.timing.time_law import Trapezoid
+from robo47_qp.motion.timing.rest_to_rest import Trapezoid
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.scenario import Run
 from tests.report.audit.test_audit import broken

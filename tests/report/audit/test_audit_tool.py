@@ -11,7 +11,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.paths.segments import PathProfile
-from robo47_qp.motion.timing.time_law import Trapezoid
+from robo47_qp.motion.timing.rest_to_rest import Trapezoid
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.audit.tool import COMMANDED_EXCESS, MEASURED_EXCESS
