@@ -1,11 +1,13 @@
 """An arm by MuJoCo and elementary mechanics alone: what `Arm` and the solvers are judged by."""
 
 import xml.etree.ElementTree as ET
+from math import atan2
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from mink import SE3
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
@@ -59,10 +61,12 @@ class PlainArm:
     def errors(self, q: Vector, T_world_target: SE3) -> tuple[float, float]:
         """Distance [m] and angle [rad] of the tool from a target."""
         position, R = self.tool(q)
-        w, x, y, z = T_world_target.wxyz_xyz[:4]
-        turn = Rotation.from_matrix(R).inv() * Rotation.from_quat([x, y, z, w])
+        here, back, turn = np.zeros((3, 4))
+        mujoco.mju_mat2Quat(here, R.ravel())
+        mujoco.mju_negQuat(back, here)
+        mujoco.mju_mulQuat(turn, back, T_world_target.wxyz_xyz[:4])
         away = np.linalg.norm(position - T_world_target.wxyz_xyz[4:])
-        return float(away), float(turn.magnitude())
+        return float(away), 2.0 * atan2(np.linalg.norm(turn[1:]), abs(turn[0]))
 
     def inside(self, q: Vector) -> bool:
         """True where no joint is outside its range."""
@@ -71,27 +75,22 @@ class PlainArm:
     def jacobian(self, q: Vector) -> Matrix:
         """Twist of the tool in the tool frame per joint (6, n), by differences of poses."""
         _, R = self.tool(q)
-        columns = []
-        for e in np.eye(self.n):
-            (p0, R0), (p1, R1) = self.tool(q - _H * e), self.tool(q + _H * e)
-            angular = Rotation.from_matrix(R0.T @ R1).as_rotvec()
-            columns.append(np.concatenate([R.T @ (p1 - p0), angular]) / (2 * _H))
-        return np.array(columns).T
+        before, after = ([self.tool(q + h * e) for e in np.eye(self.n)] for h in (-_H, _H))
+        (p0, R0), (p1, R1) = _stacked(before), _stacked(after)
+        return np.hstack([(p1 - p0) @ R, _turned(R0, R1)]).T / (2 * _H)
 
     def kinetic_energy(self, q: Vector, v: Vector) -> float:
         """Sum over all bodies and rotors, velocities by differences of poses [J]."""
         before, after = self._bodies(q - _H * v), self._bodies(q + _H * v)
-        energy = 0.5 * float(v @ (self.armature * v))
-        for (m, moments, p0, R0), (_, _, p1, R1) in zip(before, after, strict=True):
-            linear = (p1 - p0) / (2 * _H)
-            angular = Rotation.from_matrix(R0.T @ R1).as_rotvec() / (2 * _H)
-            energy += 0.5 * m * float(linear @ linear) + 0.5 * float(angular @ (moments * angular))
-        return energy
+        (m, moments, p0, R0), (_, _, p1, R1) = before, after
+        linear, angular = (p1 - p0) / (2 * _H), _turned(R0, R1) / (2 * _H)
+        energy = m @ (linear**2).sum(axis=1) + (moments * angular**2).sum()
+        return 0.5 * float(v @ (self.armature * v) + energy)
 
     def potential_energy(self, q: Vector) -> float:
         """Of gravity [J]."""
-        g = self.full.opt.gravity
-        return -sum(m * float(g @ p) for m, _, p, _ in self._bodies(q))
+        m, _, p, _ = self._bodies(q)
+        return -float(m @ p @ self.full.opt.gravity)
 
     def mass_matrix(self, q: Vector) -> Matrix:
         """From kinetic energies: T(u + w) - T(u) - T(w) = u'Mw."""
@@ -126,26 +125,34 @@ class PlainArm:
         mujoco.mj_kinematics(self.full, self._full)
         return self._full
 
-    def _bodies(self, q: Vector) -> list[tuple[float, Vector, Vector, Matrix]]:
-        """Mass, principal moments, centre of mass and principal axes of every body."""
+    def _bodies(self, q: Vector) -> tuple[Vector, Matrix, Matrix, NDArray[np.float64]]:
+        """Masses, principal moments, centres of mass and principal axes of all bodies."""
         m, d = self.full, self._at(q)
-        bodies = [
-            (
-                float(m.body_mass[i]),
-                m.body_inertia[i].copy(),
-                d.xipos[i].copy(),
-                d.ximat[i].reshape(3, 3).copy(),
-            )
-            for i in range(1, m.nbody)
-        ]
-        if self.payload is not None:
-            position, R = self.tool(q)
-            moments = np.array(self.payload.inertia)
-            T_tcp_com = self.payload.T_tcp_com
-            p_com = position + R @ T_tcp_com.translation()
-            R_com = R @ T_tcp_com.rotation().as_matrix()
-            bodies.append((self.payload.mass, moments, p_com, R_com))
-        return bodies
+        masses, moments = m.body_mass[1:].copy(), m.body_inertia[1:].copy()
+        p, R = d.xipos[1:].copy(), d.ximat[1:].reshape(-1, 3, 3).copy()
+        if self.payload is None:
+            return masses, moments, p, R
+        position, R_tool = self.tool(q)
+        T_tcp_com = self.payload.T_tcp_com
+        p_com = position + R_tool @ T_tcp_com.translation()
+        R_com = R_tool @ T_tcp_com.rotation().as_matrix()
+        return (
+            np.append(masses, self.payload.mass),
+            np.vstack([moments, self.payload.inertia]),
+            np.vstack([p, p_com]),
+            np.concatenate([R, R_com[None]]),
+        )
+
+
+def _stacked(poses: list[tuple[Vector, Matrix]]) -> tuple[Matrix, NDArray[np.float64]]:
+    """Positions (N, 3) and rotation matrices (N, 3, 3)."""
+    return np.array([p for p, _ in poses]), np.array([R for _, R in poses])
+
+
+def _turned(before: NDArray[np.float64], after: NDArray[np.float64]) -> Matrix:
+    """Rotation vectors (N, 3) from rotation matrices (N, 3, 3) to others, in their own axes."""
+    turned: Matrix = Rotation.from_matrix(before.transpose(0, 2, 1) @ after).as_rotvec()
+    return turned
 
 
 def _joint(model: mujoco.MjModel, name: str) -> mujoco._structs._MjModelJointViews:
