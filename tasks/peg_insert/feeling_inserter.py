@@ -19,20 +19,22 @@ from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
-_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
+_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 5e-3, 30
 """Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
 speed without contact [m/s]; and how many readings are averaged."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
+_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 5e-3, 3e-3
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
-and searches: while it sinks, the search tilts it between the fingers [m/s]."""
+and searches: steel that meets steel at 13 mm/s exceeds the rated acceleration of the joints, and
+while it sinks, the search tilts it between the fingers [m/s]."""
 _SEARCH, _STOPPED, _STUCK_FOR = 3.0, 4.7, 5
 """Force on the peg during the search [N], and that along a lane at which a wall, and not friction,
 stops it [N], in how many readings."""
 _BORNE, _GIVING, _RETURNING = 4.0, 400.0, 1000.0
 """Force from the side up to which a peg is dragged on [N], and damping and stiffness of the arm
 that gives way to more [N·s/m, N/m]: friction must not lead it off its lanes."""
-_EASED = 0.5
-"""Force on the peg before it is released, or pressed again [N]."""
+_EASED, _EASING, _EASES = 0.5, 2000.0, 0.6
+"""Force on the peg before it is released, or pressed again [N], damping with which it falls to
+that, such that the peg is not lifted off [N·s/m], and time that it takes [s]."""
 _BEYOND = 1e-4
 """Distance from a tool across lanes from which on a lane is not the one that it is on [m]."""
 _PRESSES = 6
@@ -178,7 +180,8 @@ class FeelingInserter(PegInserter):
 
     def _eased(self, stiff: Press) -> Press:
         """Return the step that presses hardly any more, and gives way to what pushes the peg."""
-        return replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        ease = {"force": _EASED, "damping": _EASING, "seconds": _EASES}
+        return replace(stiff, name="ease", until=None, **ease)
 
     def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
