@@ -40,7 +40,7 @@ class FrictionLearning(Checked):
 
     displacement: Positive = 1e-4
     """δ [rad]."""
-    most: NotNegative = 0.05
+    most: NotNegative = 0.1
     """Largest f [-]."""
     expected: Positive = 0.01
     """Standard deviation of f before anything is learned [-]."""
@@ -59,13 +59,15 @@ class LearnedFriction:
     """The friction that one run has learned; see `FrictionLearning`."""
 
     def __init__(self, settings: FrictionLearning, arm: Arm, dt: float) -> None:
-        """Start without any."""
+        """Start with what is expected of the robot's joints."""
         n, scale = arm.n, arm.robot.tau_max
         self._settings, self._per_update = settings, PERIODS * dt
         self._per_displacement = 1.0 / settings.displacement
         self._q: Vector | None = None
         self._z, self._since, self._rested = np.zeros(n), np.zeros(n), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
+        if arm.robot.dry_friction is not None:
+            self._f[:] = np.minimum(arm.robot.dry_friction, self._most)
         self._P_bb, self._P_bf = np.zeros(n), np.zeros(n)
         self._borne, self._bears = np.zeros(n), np.zeros(n)
         self._P_ff = (settings.expected * scale) ** 2

@@ -157,6 +157,9 @@ class Robot:
     """Inertia of the rotors as the joints feel it (n,) [kg·m²]; None takes that of the file."""
     damping: Vector | None = None
     """Viscous friction of the joints (n,) [N·m s/rad]; None takes that of the file."""
+    dry_friction: Vector | None = None
+    """Dry friction that observers expect of the joints before they have learned of it (n,) [N·m];
+    None is none."""
     gripper: Gripper | None = None
     """None where it has none or it stays unused: all joints except the arm's are then welded."""
     tool_name: str = "tool"
@@ -176,7 +179,7 @@ class Robot:
         n = len(self.joints)
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
-        for name in ("armature", "damping"):
+        for name in ("armature", "damping", "dry_friction"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
         for name, profile in (("rated", self.rated), ("profile", self.profile)):

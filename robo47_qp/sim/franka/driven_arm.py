@@ -23,8 +23,10 @@ from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
 
 _ROTORS, _DAMPING = np.array([0.195] * 4 + [0.074] * 3), np.full(JOINTS, 0.21)
-"""Inertia of the rotors [kg m²] and viscous friction [N·m s/rad] of an FR3's joints, as identified
-in torque control (https://github.com/google-deepmind/mujoco_menagerie, franka_fr3/CHANGELOG.md)."""
+_FRICTION = np.array([1.137] * 4 + [0.763, 0.44, 0.248])
+"""Inertia of the rotors [kg m²], viscous [N·m s/rad] and dry friction [N·m] of an FR3's joints, as
+identified in torque control (https://github.com/google-deepmind/mujoco_menagerie,
+franka_fr3/CHANGELOG.md)."""
 _RATE = 0.999
 """Share of the largest torque rate that commands without gravity may have [-]."""
 _HELD = 1e-3
@@ -57,13 +59,13 @@ def driven(robot: Robot) -> Robot:
 
     In our simulation its rotors have up to 3.1 times that inertia, as Franka told (see fr3.xml). An
     arm with lighter rotors than are believed swings, as commands take effect late; one with heavier
-    rotors is followed by the observer. Dry friction is left to the observer.
+    rotors is followed by the observer. Dry friction is where the observer begins to learn it.
 
     Raises:
         InvalidValueError: The robot is no FR3.
     """
     _check_name(robot)
-    return replace(robot, armature=_ROTORS, damping=_DAMPING)
+    return replace(robot, armature=_ROTORS, damping=_DAMPING, dry_friction=_FRICTION)
 
 
 class DrivenArm(Simulation):
