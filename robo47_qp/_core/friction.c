@@ -8,7 +8,7 @@ typedef void (*times_mass)(const void *model, const void *data, double *product,
 int r47_friction_change(r47_friction *c) {
   const int n = c->n;
   double torque[R47_MAX_N];
-  int turned = 0, moved = 0;
+  int turned = 0, moved = 0, slow[R47_MAX_N];
   if (!c->started) {
     c->started = 1;
     memcpy(c->q, c->given, (size_t)n * sizeof(double));
@@ -16,15 +16,19 @@ int r47_friction_change(r47_friction *c) {
   }
   for (int i = 0; i < n; i++) {
     c->since[i] += c->per_update;
-    double z = (c->given[i] - c->q[i]) * c->per_displacement + c->z[i];
+    const double step = c->given[i] - c->q[i];
+    double z = step * c->per_displacement + c->z[i];
     z = largest(least(z, 1.0), -1.0);
     const double turn = z - c->z[i];
-    if (c->given[i] != c->q[i]) moved = 1;
+    if (step != 0.0) moved = 1;
+    slow[i] = turn != 0.0 || fabs(step) < c->slow;
     c->q[i] = c->given[i];
     c->z[i] = z;
-    if (turn != 0.0) c->since[i] = 0.0, turned = 1;
+    if (turn != 0.0) turned = 1;
     torque[i] = c->f[i] * -turn;
   }
+  for (int i = 0; i < n && moved; i++)
+    if (slow[i]) c->since[i] = 0.0;
   *c->rested = moved ? 0.0 : *c->rested + c->per_update;
   if (turned) ((solve_mass)c->solve)(c->model, c->data, c->change, torque, 1);
   return turned;

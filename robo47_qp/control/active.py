@@ -110,6 +110,11 @@ class ActiveController:
         if self.observed is not None:
             self.observed.close(ClosedChain.of(self.arm, tools, q))
 
+    def stick(self) -> None:
+        """Continue where something else has held the joints; see `ObservedJoints.stick`."""
+        if self.observed is not None:
+            self.observed.stick(self.arm)
+
     def tune(self, reference: JointReference, periods: int) -> None:
         """Let the observer follow noisy positions as fast as is quiet at a reference.
 

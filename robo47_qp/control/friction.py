@@ -17,6 +17,9 @@ _LEARNING = 5
 """Updates of the friction between two steps of learning."""
 _SETTLING = 0.1
 """Time after a reversal in which nothing is learned: the observer has to follow first [s]."""
+_SLOW = 0.01
+"""Speed of the reference below which a joint may stick, so that nothing is learned of it [rad/s]
+or [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +66,7 @@ class LearnedFriction:
         n, scale = arm.n, arm.robot.tau_max
         self._settings, self._per_update = settings, PERIODS * dt
         self._per_displacement = 1.0 / settings.displacement
+        self._slow = _SLOW * self._per_update
         self._q: Vector | None = None
         self._z, self._since, self._rested = np.zeros(n), np.zeros(n), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
@@ -106,17 +110,17 @@ class LearnedFriction:
         if q_ref.tobytes() == self._q.tobytes():
             return None
         self._rested[0] = 0.0
-        z = q_ref - self._q
-        z *= self._per_displacement
+        step = q_ref - self._q
+        z = step * self._per_displacement
         z += self._z
         np.minimum(z, 1.0, out=z)
         np.maximum(z, -1.0, out=z)
         self._q[:] = q_ref
-        if z.tobytes() == self._z.tobytes():
-            return None
         turned = z - self._z
-        self._z = z
-        self._since[turned != 0.0] = 0.0
+        self._since[(turned != 0.0) | (np.abs(step) < self._slow)] = 0.0
+        if not turned.any():
+            return None
+        self._z[:] = z
         change, torque = self._rows
         np.multiply(self._f, -turned, out=torque[0])
         mujoco.mj_solveM(arm.model, arm.scratch, change, torque)
@@ -151,8 +155,7 @@ class LearnedFriction:
         self._P_ff += self._Q_ff
         if self._rested[0] > 0.0:
             if self._rested[0] >= _SETTLING:
-                z += f / (f * f + self._R) * (-product - self._b - f * z)
-                np.clip(z, -1.0, 1.0, out=z)
+                self._stick(product)
             return
         # What is not to be learned from is infinitely noisy.
         unsettled = (self._since < _SETTLING) | (np.abs(z) < 1.0)
@@ -167,6 +170,21 @@ class LearnedFriction:
         self._P_bf -= k_b * c_f
         self._P_ff -= k_f * c_f
 
+    def stick(self, arm: Arm, disturbance: Vector) -> None:
+        """Take in that something else holds the joints, from the disturbance (n,) [rad/s²].
+
+        What is commanded without moving them tells z, as in `learn` at rest.
+        """
+        product, d = self._rows[:, 0]
+        d[:] = disturbance
+        mujoco.mj_mulM(arm.model, arm.scratch, product, d)
+        self._stick(product)
+
+    def _stick(self, product: Vector) -> None:
+        z, f = self._z, self._f
+        z += f / (f * f + self._R) * (-product - self._b - f * z)
+        np.clip(z, -1.0, 1.0, out=z)
+
     def _build_core(self, n: int) -> None:
         """Let the compiled core work on the arrays of this object, which keep their place."""
         self._given, self._change = np.zeros(n), np.zeros(n)
@@ -177,6 +195,7 @@ class LearnedFriction:
             mass=function("mj_mulM"),
             per_update=self._per_update,
             per_displacement=self._per_displacement,
+            slow=self._slow,
             settling=_SETTLING,
             learning=_LEARNING,
             q=np.zeros(n),

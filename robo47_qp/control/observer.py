@@ -333,6 +333,11 @@ class ObservedJoints:
             if self._friction is not None:
                 self._turn(self._friction, arm, self._tracked)
 
+    def stick(self, arm: Arm) -> None:
+        """Take in that something else has held the joints, and given them back where they stick."""
+        if self._started and self._friction is not None:
+            self._friction.stick(arm, self._now.d)
+
     def ahead(self, measured: JointState) -> JointState:
         """Return the state expected one period after the last estimate; before it, `measured`."""
         if not self._started:

@@ -257,6 +257,7 @@ class ControlLoop:
     def pause(self) -> None:
         """Let a real arm be held by its robot while nothing is to move, and read all anew."""
         if self.resting and self.sim.stand_by():
+            self.control.stick()
             self.senses.read()
 
     def set_payload(self, load: Load) -> None:
