@@ -2,7 +2,8 @@
 
 franka-sim is a libfranka server on MuJoCo, with limits and error names of the robot; it enforces
 those of motions and those of communication. It runs in an environment of its own (`make judges`)
-and keeps to the clock, so that server and client ask for real-time priority, each on a core.
+and keeps to the clock, so that server and client ask for real-time priority, each on a core. On a
+machine that cannot keep to it, its clock can go slower; the client goes by the states alone.
 """
 
 import subprocess
@@ -91,6 +92,9 @@ class JudgeOptions(CheckedOptions):
     """Seed of the first connection's motions."""
     speed: Ratio = 1.0
     """Pace of the motions, in (0, 1]."""
+    clock: Ratio = 1.0
+    """Pace of franka-sim's clock, in (0, 1]. At 0.1, its millisecond takes ten, and its clock stands
+    still while the machine holds it up; at 1, it is that of the machine."""
     observer: bool = True
     """Estimate the joints' state and compensate what disturbs them."""
     host: str = "127.0.0.1"
@@ -113,7 +117,8 @@ def run(options: JudgeOptions, console: Console) -> int:
     """Make all motions, print the table, write figures; return 0 where there was no reflex."""
     check_writable(options.report)
     made, motions, stops = provenance(), list[dict[str, Any]](), list[str]()
-    with served(options.host) as told:
+    others = list[dict[str, Any]]()
+    with served(options.host, options.clock) as told:
         console.print(told)
         permitted = {"server": "real-time" in told, "client": own_core(CORE)}
         seed, last = options.seed, options.seed + 2 * -(-options.motions // options.connection)
@@ -129,6 +134,9 @@ def run(options: JudgeOptions, console: Console) -> int:
                 motions += now
                 largest = _told(summary("", now)["largest"])
                 console.print(f"{seed}: {len(now)} motions, errors up to {largest} mrad")
+                for worse in tracked_worse(seed, now):
+                    console.print(" ".join(f"{k} {v}" for k, v in worse.items()), soft_wrap=True)
+                    others.append(worse)
             if stop:
                 stops.append(f"{seed}: {stop}")
                 console.print(stops[-1], highlight=False)
@@ -139,9 +147,11 @@ def run(options: JudgeOptions, console: Console) -> int:
         "asked": options.motions,
         "seeds": [options.seed, seed - 1],
         "pace": options.speed,
+        "clock": options.clock,
         "observer": options.observer,
         "real_time": permitted,
         "rows": rows,
+        "worse": others,
         "stops": stops,
         "reflexes": sum(named(stop) != "" for stop in stops),
     }
@@ -155,14 +165,14 @@ def run(options: JudgeOptions, console: Console) -> int:
 
 
 @contextmanager
-def served(host: str) -> Iterator[str]:
-    """What franka-sim says when it is ready.
+def served(host: str, clock: float) -> Iterator[str]:
+    """What franka-sim says when it is ready; its clock goes at a part of its pace.
 
     Raises:
         JudgeError: It ended before.
     """
     with subprocess.Popen(
-        [JUDGE, "-m", SERVER, host],
+        [JUDGE, "-m", SERVER, host, str(clock)],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -207,17 +217,32 @@ def measured(run: Run) -> list[dict[str, Any]]:
             continue
         rows = {name: run.rows[name][part] for name in _SIGNALS}
         errors, rates = rows["errors/q"], rows["franka/commands"][:, 0]
+        row, joint = np.unravel_index(np.abs(errors).argmax(), errors.shape)
         found.append(
             {
+                "motion": 1 + len(found),
                 "kind": phase.name,
                 "rates": rates[_WINDOW:],
-                "largest": 1e3 * float(np.abs(errors).max()),
+                "largest": 1e3 * float(np.abs(errors[row, joint])),
+                "joint": 1 + int(joint),
+                "at": 1e-3 * int(row),
+                "seconds": 1e-3 * len(errors),
                 "squares": 1e6 * errors**2,
                 "tool": 1e3 * float(rows["errors/tool_position"].max()),
                 "jump": jump(rows["joints/q"], rows["joints/v"]),
             }
         )
     return found
+
+
+def tracked_worse(seed: int, motions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What is told of each motion of a connection that was tracked worse than is asked for."""
+    keys = ("motion", "kind", "largest", "joint", "at", "seconds", "jump")
+    return [
+        {"seed": seed} | {key: motion[key] for key in keys}
+        for motion in motions
+        if motion["largest"] > TRACKING
+    ]
 
 
 def jump(q: Matrix, v: Matrix) -> float:
