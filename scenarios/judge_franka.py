@@ -93,7 +93,7 @@ class JudgeOptions(CheckedOptions):
     speed: Ratio = 1.0
     """Pace of the motions, in (0, 1]."""
     clock: Ratio = 1.0
-    """Pace of franka-sim's clock, in (0, 1]. At 0.1, its millisecond takes ten, and its clock stands
+    """Pace of franka-sim's clock, in (0, 1]: at 0.1, its millisecond takes ten. Below 1, it stands
     still while the machine holds it up; at 1, it is that of the machine."""
     observer: bool = True
     """Estimate the joints' state and compensate what disturbs them."""

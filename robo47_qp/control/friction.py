@@ -34,8 +34,9 @@ class FrictionLearning(Checked):
     Torques are shares of the motors' torque, those of b of the largest gravity torque.
 
     At rest friction is what holds the joints where they came to rest, of any size up to f and
-    against either direction, whatever they did before. Nothing is learned then; z is estimated
-    from y, with b and f as they are: it is from there that the friction turns at the next start.
+    against either direction, whatever they did before. Nothing is learned then, nor of a joint so
+    slow that it may stick; z is estimated from y at rest, with b and f as they are: it is from
+    there that the friction turns at the next start.
 
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
     have to find out about it.
@@ -148,7 +149,7 @@ class LearnedFriction:
         product, d = self._rows[:, 0]
         d[:] = disturbance
         mujoco.mj_mulM(arm.model, arm.scratch, product, d)
-        z, f = self._z, self._f
+        z = self._z
         change = np.abs(self._bears - self._borne)
         self._borne[:] = self._bears
         self._P_bb[:] = (np.sqrt(self._P_bb) + self._settings.bias * change) ** 2 + self._Q_bb
