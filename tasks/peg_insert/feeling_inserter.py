@@ -86,7 +86,8 @@ class FeelingInserter(PegInserter):
     def _look_again(self, *, levelled: bool) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
         """Return the handler and `offset`, seen from above the hole with the peg beside it.
 
-        There, both are seen with the same error of the camera's calibration.
+        There, both are seen with the same error of the camera's calibration. How the peg is turned
+        is better known than seen: upright on the table when it was grasped.
 
         Args:
             levelled: Whether `_level` has found height and tilt of the block, which are kept.
@@ -94,12 +95,12 @@ class FeelingInserter(PegInserter):
         names = (self.item.name, "hole seen")
         seen = yield from estimate_poses(self.sensed, names, _BESIDE)
         T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
-        hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
+        hole = seen["hole seen"]
         if levelled:
             at = self.T_world_hole.translation()
             at[:2] = hole.translation()[:2]
             hole = SE3.from_rotation_and_translation(self.T_world_hole.rotation(), at)
-        return replace(self, T_world_hole=hole, peg_axis=axis), T_tool_peg.translation()[:2]
+        return replace(self, T_world_hole=hole), T_tool_peg.translation()[:2]
 
     def insert(
         self, offset: np.ndarray, radius: float, pitch: float
