@@ -15,7 +15,7 @@ from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
-from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
+from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, axis_held
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
@@ -24,11 +24,11 @@ _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 5e-3, 30
 speed without contact [m/s]; and how many readings are averaged."""
 _SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 5e-3, 3e-3
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
-and searches: steel that meets steel at 13 mm/s exceeds the rated acceleration of the joints, and
-while it sinks, the search tilts it between the fingers [m/s]."""
-_SEARCH, _STOPPED, _STUCK_FOR = 3.0, 4.7, 5
-"""Force on the peg during the search [N], and that along a lane at which a wall, and not friction,
-stops it [N], in how many readings."""
+and searches: while it sinks, the search tilts it between the fingers [m/s]."""
+_SEARCH, _SEARCH_DAMPING, _STOPPED, _STUCK_FOR = 3.0, 1000.0, 4.7, 5
+"""Force on the peg during the search [N]; damping with which it is pressed, as steel that meets
+steel at 13 mm/s exceeds the rated acceleration of the joints [N·s/m]; and force along a lane at
+which a wall, and not friction, stops it [N], in how many readings."""
 _BORNE, _GIVING, _RETURNING = 4.0, 400.0, 1000.0
 """Force from the side up to which a peg is dragged on [N], and damping and stiffness of the arm
 that gives way to more [N·s/m, N/m]: friction must not lead it off its lanes."""
@@ -86,8 +86,7 @@ class FeelingInserter(PegInserter):
     def _look_again(self, *, levelled: bool) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
         """Return the handler and `offset`, seen from above the hole with the peg beside it.
 
-        There, both are seen with the same error of the camera's calibration. How the peg is turned
-        is better known than seen: upright on the table when it was grasped.
+        There, both are seen with the same error of the camera's calibration.
 
         Args:
             levelled: Whether `_level` has found height and tilt of the block, which are kept.
@@ -95,12 +94,12 @@ class FeelingInserter(PegInserter):
         names = (self.item.name, "hole seen")
         seen = yield from estimate_poses(self.sensed, names, _BESIDE)
         T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
-        hole = seen["hole seen"]
+        hole, axis = seen["hole seen"], axis_held(T_tool_peg)
         if levelled:
             at = self.T_world_hole.translation()
             at[:2] = hole.translation()[:2]
             hole = SE3.from_rotation_and_translation(self.T_world_hole.rotation(), at)
-        return replace(self, T_world_hole=hole), T_tool_peg.translation()[:2]
+        return replace(self, T_world_hole=hole, peg_axis=axis), T_tool_peg.translation()[:2]
 
     def insert(
         self, offset: np.ndarray, radius: float, pitch: float
@@ -137,7 +136,7 @@ class FeelingInserter(PegInserter):
             name="search",
             waypoints=lanes,
             force=_SEARCH,
-            damping=_SEARCH / _SINK_SPEED,
+            damping=_SEARCH_DAMPING,
             borne=_BORNE,
             giving=_GIVING,
             returning=_RETURNING,
@@ -156,7 +155,7 @@ class FeelingInserter(PegInserter):
             name="centre",
             waypoints=way,
             force=_SEARCH,
-            damping=_SEARCH / _SINK_SPEED,
+            damping=_SEARCH_DAMPING,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             until=None,

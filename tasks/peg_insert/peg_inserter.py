@@ -1,7 +1,7 @@
 """PegInserter: the steps that search for a hole and insert a peg."""
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
@@ -43,6 +43,8 @@ class PegInserter(ItemHandler):
     """Force on the peg during insertion [N]."""
     T_world_hole: SE3
     """Estimated pose of the hole."""
+    peg_axis: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    """Direction of the peg in the tool, from its lower end to its upper one (3,) [-]."""
 
     def offset(self) -> Generator[StepLike, None, np.ndarray]:
         """Return the position of the peg's axis in the plane of the tool (2,) [m].
@@ -139,8 +141,11 @@ class PegInserter(ItemHandler):
         """Return the tool pose with the peg's end on the block, over the estimated hole."""
         axis, z = self._axis, np.array([0.0, 0.0, 1.0])
         sine = np.cross(z, axis)
-        rotation = SO3.exp(sine) @ tool_down([0.0, 0.0, 0.0]).rotation()
-        end = np.array([*offset, self.item.height - BELOW_TOP])
+        tilt = SO3.exp(sine)
+        rotation = tilt @ tool_down([0.0, 0.0, 0.0]).rotation()
+        rotation = SO3.exp(np.cross(rotation.apply(self.peg_axis), axis)) @ rotation
+        half = 0.5 * self.item.height
+        end = np.array([*offset, half - BELOW_TOP]) - half * self.peg_axis
         hole = self.T_world_hole.translation()
         return SE3.from_rotation_and_translation(rotation, hole - rotation.as_matrix() @ end)
 

@@ -30,6 +30,7 @@ from robo47_qp.tasks.peg_insert.peg import (
     DIAMETER,
     LENGTH,
     POSITION_ERROR,
+    axis_held,
 )
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.peg_insert.sinking import Sinking
@@ -148,6 +149,14 @@ def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
     said = [condition.against() for _ in range(5)]
     assert None not in said[:-1]
     assert (said[-1] is None) == found
+
+
+def test_pads_hold_the_peg_flat_and_the_camera_is_believed_by_half() -> None:
+    """Seen turned by 0.02 rad about both axes of the tool, end down."""
+    seen = SO3.from_x_radians(np.pi) @ SO3.from_rpy_radians(0.02, -0.02, 0.0)
+    axis = axis_held(SE3.from_rotation(seen))
+    assert axis == pytest.approx([-0.01, 0.0, -1.0], abs=1e-4)
+    assert np.linalg.norm(axis) == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("sinks", [False, True])
