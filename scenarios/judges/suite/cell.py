@@ -15,6 +15,7 @@ from robo47_qp.model.robots import load_robot
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.run.failure import Cause
@@ -31,7 +32,11 @@ PROFILE = MotionProfile(
 )
 """Bounds of the joints [rad/s, rad/s², rad/s³]: robosuite's links have several times the inertia
 of the real ones, and its motors 80 N·m and 12 N·m."""
-TOOL = PathProfile(linear=(0.5, 2.0, 20.0), angular=(1.5, 5.0, 50.0))
+TURN = 1.0
+"""Largest angular speed of the hand [rad/s]. Robosuite's worlds are full of air (1.2 kg/m³), which
+acts on each body as on a box of its mass and inertia, and fingertips of 10 g and 0.01 kg m² are
+cubes of 2.4 m: they take 6.6 N·m at 1 rad/s, and grow with its square to all of the wrist's 12."""
+TOOL = PathProfile(linear=(0.5, 2.0, 20.0), angular=(TURN, 5.0, 50.0))
 """Bounds of the tool on lines."""
 FINGERTIPS, WIPER = 0.097, 0.03
 """From robosuite's hand to the grip site of its gripper, and of its wiper [m] (panda_gripper.xml,
@@ -42,6 +47,10 @@ FINGERS = 0.8
 """Time that the fingers take at most [s]."""
 NOTHING = 0.004
 """Width at which there is nothing between the fingers [m]."""
+LOOKS = 30
+"""Places on a motion in joint space at which is looked how fast the hand turns."""
+ARRIVED, LATE = 0.005, 1.0
+"""How near the joints must come to where they are led [rad], and how much later they may [s]."""
 
 Ticks = Iterator[None]
 """What a program is made of: each step of it is one period of the client."""
@@ -62,6 +71,20 @@ def panda() -> Robot:
 def position(seen: Mapping[str, Any], name: str) -> Vector:
     """A measured position in the world of robosuite (3,) [m]."""
     return np.asarray(seen[f"{name}_pos"], float)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis that something turns about, in the frame of the robot's base."""
+
+    point: Vector
+    direction: Vector
+
+    def turned(self, pose: SE3, angle: float) -> SE3:
+        """A pose after a turn [rad]."""
+        turn = SO3.exp(angle * self.direction)
+        there = SE3.from_rotation_and_translation(turn, self.point - turn.apply(self.point))
+        return there @ pose
 
 
 @dataclass(eq=False)
@@ -89,7 +112,7 @@ class Cell:
         self._quick = ClassicalStack(ik="lm").solver()
         self._stride = round(1.0 / (float(self.seen["rate"]) * DT))
         self._kp = float(self.seen["kp"])
-        self.q = np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
+        self.q = self.measured_q
         self.goal, self.grip = self.q.copy(), OPEN
 
     def pose(self, name: str) -> SE3:
@@ -118,10 +141,14 @@ class Cell:
         return self.arm.pose(self.q) @ self.T_tcp_grip
 
     @property
+    def measured_q(self) -> Vector:
+        """The measured joints (7,) [rad]."""
+        return np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
+
+    @property
     def measured_tool(self) -> SE3:
         """T_base_grip from the measured joints."""
-        q = np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
-        return self.arm.pose(q) @ self.T_tcp_grip
+        return self.arm.pose(self.measured_q) @ self.T_tcp_grip
 
     def to(
         self,
@@ -140,8 +167,24 @@ class Cell:
             then: Poses that lines will lead to from there: the joints are chosen so that they can.
         """
         onward = tuple(self._waypoint(pose, Motion.LIN, 1.0) for pose in then)
-        waypoint = self._waypoint(T_base_grip, Motion.LIN if line else Motion.PTP, pace, onward)
-        yield from self.follow(self.planner.plan(self.arm, waypoint, self.q, DT).trajectory)
+        if line:
+            yield from self.follow(self._waypoint(T_base_grip, Motion.LIN, pace))
+            return
+        yield from self.follow(self._waypoint(T_base_grip, Motion.PTP, pace, onward))
+        yield from self._arrive()
+
+    def _arrive(self) -> Ticks:
+        """Wait until the joints are where they were led.
+
+        Raises:
+            Failed: They do not come there.
+        """
+        for _ in range(self._periods(LATE)):
+            if np.abs(self.measured_q - self.q).max() < ARRIVED:
+                return
+            yield
+        far = 1e3 * np.abs(self.measured_q - self.q).max()
+        raise Failed(Cause.TRACK, f"{far:.0f} mrad from the end of a motion")
 
     def _waypoint(
         self, pose: SE3, motion: Motion, pace: float, onward: tuple[Waypoint, ...] = ()
@@ -154,9 +197,12 @@ class Cell:
         """Move the grip site by (3,) [m] in the frame of the base, on a straight line."""
         yield from self.to(moved(self.tool, shift), line=True, pace=pace)
 
-    def around(self, turned: Callable[[float], SE3], angle: float, *, pace: float = 1.0) -> Ticks:
-        """Move the grip site by a turn about an axis [rad]; `turned` gives its pose on the way."""
-        middle, end = (turned(part * angle) @ self.T_tcp_grip.inverse() for part in (0.5, 1.0))
+    def around(self, axis: Axis, angle: float, *, pace: float = 1.0) -> Ticks:
+        """Turn the grip site about an axis [rad]."""
+        start = self.tool
+        middle, end = (
+            axis.turned(start, part * angle) @ self.T_tcp_grip.inverse() for part in (0.5, 1.0)
+        )
         waypoint = Waypoint(
             name="turn",
             target=end,
@@ -164,10 +210,23 @@ class Cell:
             through=middle.translation(),
             pace=pace,
         )
-        yield from self.follow(self.planner.plan(self.arm, waypoint, self.q, DT).trajectory)
+        yield from self.follow(waypoint)
 
-    def follow(self, trajectory: Trajectory) -> Ticks:
-        """Command a motion; the reference is the middle of each period."""
+    def planned(self, waypoint: Waypoint) -> Trajectory:
+        """The motion to a waypoint; in joint space as slow as the hand must turn."""
+        trajectory = self.planner.plan(self.arm, waypoint, self.q, DT).trajectory
+        if waypoint.motion is not Motion.PTP:
+            return trajectory
+        start, end = trajectory.q[0], trajectory.q[-1]
+        looks = start + np.linspace(0.0, 1.0, LOOKS)[:, None] * (end - start)
+        turns = [np.linalg.norm(self.arm.jacobian(q)[3:] @ (end - start)) for q in looks]
+        slow = np.abs(end - start) * TURN / max(float(max(turns)), 1e-6) + 1e-6
+        profile = PROFILE.slowed(waypoint.pace)
+        return plan_ptp(start, end, replace(profile, v_max=np.minimum(profile.v_max, slow)), DT)
+
+    def follow(self, waypoint: Waypoint) -> Ticks:
+        """Command the motion to a waypoint; the reference is the middle of each period."""
+        trajectory = self.planned(waypoint)
         ratio = 2.0 / np.sqrt(self._kp)
         last = trajectory.steps
         for k in range(self._stride // 2, last + self._stride, self._stride):
@@ -181,8 +240,11 @@ class Cell:
 
     def wait(self, seconds: float) -> Ticks:
         """Stay."""
-        for _ in range(round(seconds / (self._stride * DT))):
+        for _ in range(self._periods(seconds)):
             yield
+
+    def _periods(self, seconds: float) -> int:
+        return round(seconds / (self._stride * DT))
 
     def open(self, seconds: float = 0.4) -> Ticks:
         """Open the fingers."""
@@ -196,7 +258,7 @@ class Cell:
             Failed: There is nothing.
         """
         self.grip, before = CLOSED, np.inf
-        for k in range(round(FINGERS / (self._stride * DT))):
+        for k in range(self._periods(FINGERS)):
             yield
             if k > 10 and abs(before - self.width) < 2e-5:
                 break

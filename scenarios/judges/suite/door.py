@@ -1,12 +1,9 @@
 """Door: a lever is turned down, and the door pulled open by it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Vector
-from scenarios.judges.suite.cell import Cell, Ticks, moved
+from scenarios.judges.suite.cell import Axis, Cell, Ticks, moved
 
 LATCH = np.array([-0.175, 0.0, -0.025])
 """A point on the lever's axis, the door's y, in the door's frame [m] (door_lock.xml)."""
@@ -21,20 +18,6 @@ TURN, SWING = 1.3, 0.36
 AWAY = 0.1
 """Distance from the lever from which it is approached [m]."""
 PACE = 0.5
-
-
-@dataclass(frozen=True)
-class Axis:
-    """An axis that something turns about, in the frame of the robot's base."""
-
-    point: Vector
-    direction: Vector
-
-    def turned(self, pose: SE3, angle: float) -> SE3:
-        """A pose after a turn [rad]."""
-        turn = SO3.exp(angle * self.direction)
-        there = SE3.from_rotation_and_translation(turn, self.point - turn.apply(self.point))
-        return there @ pose
 
 
 def door(cell: Cell) -> Ticks:
@@ -56,7 +39,6 @@ def door(cell: Cell) -> Ticks:
     yield from cell.to(moved(grasp, -AWAY * ahead), then=(grasp,))
     yield from cell.to(grasp, line=True)
     yield from cell.close()
-    yield from cell.around(lambda angle: latch.turned(grasp, angle), TURN, pace=PACE)
-    low = latch.turned(grasp, TURN)
-    yield from cell.around(lambda angle: hinge.turned(low, angle), SWING, pace=PACE)
+    yield from cell.around(latch, TURN, pace=PACE)
+    yield from cell.around(hinge, SWING, pace=PACE)
     yield from cell.wait(0.2)

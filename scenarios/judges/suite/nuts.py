@@ -24,6 +24,8 @@ ROOM = 0.02
 """How much further than it is to go the arm must reach [m]."""
 LIFT = 0.16
 """Height by which a nut is lifted: above the pegs' tops [m]."""
+WRIST = 2.6
+"""How far joint 7 may be turned, of 2.89 [rad]."""
 RAISED = 0.003
 """Height of the grip site above the middle of a handle: fingertips stand below it [m]."""
 
@@ -60,22 +62,30 @@ def held(nut: Nut, pose: SE3, turn: float) -> SE3:
 def choice(cell: Cell, nut: Nut) -> tuple[float, float]:
     """Which half turn of the hand to hold a nut with, and its heading around the peg [rad].
 
-    The hand is to turn as little as it can from where it is at home, at both places.
+    The wrist is to turn as little as it can on the way to the nut and to the peg.
 
     Raises:
         Failed: The arm reaches none.
     """
-    now = cell.pose(nut.name)
+    now, home = cell.pose(nut.name), cell.arm.home[6]
     turns = np.arange(nut.fold) * 2.0 * np.pi / nut.fold
     found = []
     for turn, yaw in product((0.0, np.pi), turns):
         grasp, place = held(nut, now, turn), held(nut, around_peg(cell, nut, LOW, yaw), turn)
-        wound = [abs(heading(pose)) for pose in (grasp, place)]
-        found.append((max(wound) + 0.1 * sum(wound), turn, yaw, grasp, place))
+        first, last = wrist(cell, grasp), wrist(cell, place)
+        if max(abs(first), abs(last)) < WRIST:
+            found.append((abs(first - home) + abs(last - first), turn, yaw, grasp, place))
     for _, turn, yaw, *poses in sorted(found, key=lambda one: one[0]):
         if all(cell.reaches(pose) for pose in spread(poses)):
             return turn, yaw
     raise Failed(Cause.IK, f"no way to hold {nut.name} is reached, here and at its peg")
+
+
+def wrist(cell: Cell, grip: SE3) -> float:
+    """Where joint 7 is for a hand that points down, if the elbow is up [rad]."""
+    x, y, _ = grip.translation()
+    turn = cell.arm.home[6] - (heading(grip) - np.arctan2(y, x))
+    return float((turn + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def spread(poses: Sequence[SE3]) -> Iterator[SE3]:

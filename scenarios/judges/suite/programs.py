@@ -12,6 +12,7 @@ from scenarios.judges.suite.can import can
 from scenarios.judges.suite.cell import FINGERTIPS, WIPER, Cell, Failed, Ticks
 from scenarios.judges.suite.door import door
 from scenarios.judges.suite.nuts import round_nut, square_nut
+from scenarios.judges.suite.tool_hang import tool_hang
 from scenarios.judges.suite.wipe import wipe
 
 PROGRAMS: dict[str, Callable[[Cell], Ticks]] = {
@@ -22,8 +23,17 @@ PROGRAMS: dict[str, Callable[[Cell], Ticks]] = {
     "NutAssemblySquare": square_nut,
     "NutAssemblyRound": round_nut,
     "Wipe": wipe,
+    "ToolHang": tool_hang,
 }
 """Programs by the names of robosuite's tasks."""
+FALL = 0.4
+"""Time in which things that robosuite lets fall at the beginning come to rest [s]."""
+
+
+def begun(task: str, cell: Cell) -> Ticks:
+    """Do a task, once its things are where they will be."""
+    yield from cell.wait(FALL)
+    yield from PROGRAMS[task](cell)
 
 
 class Programs:
@@ -42,7 +52,7 @@ class Programs:
             if task not in PROGRAMS:
                 raise InvalidValueError("task", repr(task), f"one of {', '.join(PROGRAMS)}")
             self._cell = Cell(observation, grip_site=WIPER if task == "Wipe" else FINGERTIPS)
-            self._ticks, self._ended, self._told = PROGRAMS[task](self._cell), False, ""
+            self._ticks, self._ended, self._told = begun(task, self._cell), False, ""
         if self._cell is None:
             raise InvalidValueError("the first observation", "one without reset", "one with it")
         self._cell.seen = observation

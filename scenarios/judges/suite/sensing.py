@@ -6,7 +6,7 @@ import numpy as np
 
 NOISE = (0.002, np.deg2rad(2.0))
 """Standard deviations of the noise of poses: along each axis [m], and about each [rad]."""
-_PRIVATE = ("_to_", "object-state", "proprio", "_cos", "_sin", "hinge_qpos")
+_PRIVATE = ("_to_", "object-state", "proprio", "_cos", "_sin", "hinge_qpos", "_is_", "_on_")
 """Parts of the names of what is not told: derived from robot and things, or seen by no camera."""
 
 
