@@ -35,8 +35,10 @@ T_FRAME_GRIP = SE3.from_rotation_and_translation(
 """How the hand holds the frame: it comes along y, and the fingers close along the hook."""
 T_TOOL_GRIP = SE3.from_rotation(SO3.from_x_radians(np.pi) @ SO3.from_y_radians(LEAN))
 """How it holds the tool."""
-LIFT, OVER = 0.25, 0.05
-"""Heights by which things are lifted, and above a place from which they are led down [m]."""
+LIFT, HIGH = 0.25, 0.33
+"""Heights by which the frame is lifted, and the tool, which goes across the frame [m]."""
+OVER, FAR = 0.03, 0.08
+"""Heights above a place from which the frame and the tool are led down to it [m]."""
 GAP = 0.002
 """Height above where things will rest at which they are let go [m]."""
 PIVOT = np.array([0.0109, 0.0, 0.0024])
@@ -44,10 +46,10 @@ PIVOT = np.array([0.0109, 0.0, 0.0024])
 between prong and bar without touching either [m]."""
 DOWN = np.deg2rad(45.0)
 """How far the tool is turned down before it is let go [rad]."""
-SLOW = 0.3
+SLOW = 0.5
 """Pace of what needs to be exact."""
 AWAY = 0.12
-"""How far the hand goes back [m]."""
+"""How far the hand goes back from what it has let go [m]."""
 SWING = 1.5
 """Time in which the tool comes to rest [s]."""
 
@@ -89,13 +91,19 @@ def back(cell: Cell) -> Ticks:
 
 def hang(cell: Cell) -> Ticks:
     """Put the tool's ring over the prong, turn it down, and let it go."""
-    yield from pick(cell, lambda: cell.pose("tool") @ T_TOOL_GRIP, up=LIFT)
+    above = moved(cell.pose("tool") @ T_TOOL_GRIP, [0.0, 0.0, HIGH])
+    yield from cell.by([0.0, 0.0, AWAY])
+    # The hand turns where it is, beside the frame, and goes across it on a line.
+    x, y, _ = cell.tool.translation() - above.translation()
+    yield from cell.to(moved(above, [x, y, 0.0]), then=(above,))
+    yield from cell.to(above, line=True)
+    yield from pick(cell, lambda: cell.pose("tool") @ T_TOOL_GRIP, up=HIGH)
     T_tool_grip = cell.pose("tool").inverse() @ cell.measured_tool
     frame = cell.pose("frame")
     out = -frame.rotation().as_matrix()[:, 0]
     foot = frame.apply(PRONG)
     low = around(foot, out, 0.5 * THICK + GAP) @ T_tool_grip
-    over = moved(low, [0.0, 0.0, OVER])
+    over = moved(low, [0.0, 0.0, FAR])
     yield from cell.to(over, then=(low,))
     yield from cell.to(low, line=True, pace=SLOW)
     sideways = np.cross([0.0, 0.0, 1.0], out)
