@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 JUDGE = ROOT / ".judges" / "robosuite" / "bin" / "python"
 PROGRAMS_FILE = ROOT / "scenarios" / "judges" / "suite" / "programs.py"
 CLIENT = "scenarios.judges.suite.client"
-NOISY = ("Lift", "Stack", "PickPlaceCan", "NutAssemblySquare", "NutAssemblyRound", "Door")
+NOISY = tuple(task for task in PROGRAMS if task != "Wipe")
 """Tasks that are also done with noise on the poses."""
 _ENDING = 10.0
 """Time that a process has to end [s]."""
@@ -59,7 +59,8 @@ class JudgeOptions(Checked):
     report: Path = LOGS / "judge_robosuite.json"
     """File for the figures (JSON)."""
     resume: bool = False
-    """Keep the rows that the report has, and add those that are missing."""
+    """Keep what the report has of other tasks, and of these what is of the same commit and seeds;
+    every row tells its own."""
 
     def __post_init__(self) -> None:
         """Check every option.
@@ -83,21 +84,24 @@ def run(options: JudgeOptions, console: Console) -> int:
     """Run all episodes, print the table, write figures; return 0 unless an episode broke down."""
     check_writable(options.report)
     made = provenance()
-    rows, failures = finished(options, made)
     asked = [(task, False) for task in options.tasks or PROGRAMS]
     if options.noise:
         asked += [(task, True) for task, _ in asked if task in NOISY]
+    mine = {"commit": made["commit"], "seeds": seeds(options)}
+    rows, failures = finished(options, made, asked)
     done = {(row["task"], row["noise"]) for row in rows}
-    asked = [one for one in asked if one not in done]
-    told = {"episodes": options.episodes, "seeds": [options.seed, _last(options)]}
     with served() as address:
         for task, noisy in asked:
+            if (task, noisy) in done:
+                continue
             lines = list(episodes(address, task, options, noisy=noisy))
-            rows.append(summary(task, lines, noisy=noisy))
+            row = {**summary(task, lines, noisy=noisy), **mine}
+            rows.append(row)
+            rows.sort(key=lambda row: (row["noise"], list(PROGRAMS).index(row["task"])))
             failures += [line for line in lines if not line["success"]]
-            console.print(f"{task}{' with noise' if noisy else ''}: {_words(rows[-1])}")
+            console.print(f"{task}{' with noise' if noisy else ''}: {_words(row)}")
             # After each task: a long judgement that is stopped leaves what it has.
-            write_json(options.report, {**made, **told, "rows": rows, "failures": failures})
+            write_json(options.report, {**made, "rows": rows, "failures": failures})
     table = FiguresTable(("task", "noise", "succeeded", "errors", "median s"), texts=("task",))
     for row in rows:
         noise = "2 mm, 2°" if row["noise"] else "–"
@@ -110,25 +114,34 @@ def run(options: JudgeOptions, console: Console) -> int:
 
 
 def finished(
-    options: JudgeOptions, made: Mapping[str, Any]
+    options: JudgeOptions, made: Mapping[str, Any], asked: Sequence[tuple[str, bool]]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """The rows to keep of a report, and their failures; a row with errors is judged again.
+    """The rows to keep of a report, and their failures.
+
+    A row that is asked for is judged again if it has errors or is of another commit or seeds.
 
     Raises:
-        InvalidValueError: The report is of other seeds, or not of the same unchanged commit.
+        InvalidValueError: There are changes of files that no commit has, here or in the report.
     """
     if not options.resume or not options.report.exists():
         return [], []
     kept = json.loads(options.report.read_text(encoding="utf-8"))
-    mine = (made["commit"], False, False, options.episodes, [options.seed, _last(options)])
-    theirs = (kept["commit"], kept["changed"], made["changed"], kept["episodes"], kept["seeds"])
-    if theirs != mine:
-        must = "of the same seeds and commit, without changes of files"
+    if kept["changed"] or made["changed"]:
+        must = "made by a commit, as this one, without changes of files"
         raise InvalidValueError("--resume", str(options.report), must)
-    rows = [row for row in kept["rows"] if not row["errors"]]
-    whole = {(row["task"], row["noise"]) for row in rows}
-    failures = [one for one in kept["failures"] if (one["task"], one["noisy"]) in whole]
+    rows = []
+    for row in kept["rows"]:
+        mine = {"commit": made["commit"], "seeds": seeds(options), "errors": 0}
+        if (row["task"], row["noise"]) not in asked or row | mine == row:
+            rows.append(row)
+    those = {(row["task"], row["noise"]) for row in rows}
+    failures = [one for one in kept["failures"] if (one["task"], one["noisy"]) in those]
     return rows, failures
+
+
+def seeds(options: JudgeOptions) -> list[int]:
+    """The first and the last seed."""
+    return [options.seed, options.seed + options.episodes - 1]
 
 
 @contextmanager
@@ -211,10 +224,6 @@ def summary(task: str, lines: Sequence[dict[str, Any]], *, noisy: bool) -> dict[
 
 def _words(row: dict[str, Any]) -> str:
     return f"{row['successes']} of {row['judged']}"
-
-
-def _last(options: JudgeOptions) -> int:
-    return options.seed + options.episodes - 1
 
 
 if __name__ == "__main__":

@@ -26,11 +26,11 @@ def robosuite() -> str:
         "largest speed": "--:",
         "motors at their limit": "--:",
         "BC-RNN": "--:",
+        "seeds": "--:",
+        "commit": "---",
     }
     rows = [_row(row) for row in found["rows"]]
-    first, last = found["seeds"]
-    seeds = f"Seeds {first} to {last}. "
-    return f"{markdown_table(heads, rows)}\n\n{seeds}{origin_line({'judge_robosuite': found})}"
+    return f"{markdown_table(heads, rows)}\n\n{origin_line({'judge_robosuite': found})}"
 
 
 def _row(row: Mapping[str, Any]) -> list[str]:
@@ -47,6 +47,8 @@ def _row(row: Mapping[str, Any]) -> list[str]:
         "–" if row["speed"] is None else f"{100 * row['speed']:.0f} %",
         "–" if row["saturated"] is None else f"{100 * row['saturated']:.1f} %",
         f"{learned} %" if learned else "–",
+        "{}–{}".format(*row["seeds"]),
+        f"`{row['commit'][:7]}`",
     ]
 
 

@@ -1,6 +1,6 @@
 """Cell: robosuite's Panda as programs see and move it, through the observations of a client."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 

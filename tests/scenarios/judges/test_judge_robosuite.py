@@ -12,6 +12,8 @@ from scenarios.judge_robosuite import JudgeOptions, finished, summary
 from scenarios.papers import judges
 
 ORIGIN = {"commit": "0123456789abcdef", "date": "2026-01-02"}
+MADE = {"commit": ORIGIN["commit"], "changed": False}
+MINE = {"commit": ORIGIN["commit"], "seeds": [1, 4]}
 
 
 def line(seed: int, **more: Any) -> dict[str, Any]:
@@ -43,18 +45,18 @@ def test_without_a_judged_episode_nothing_is_claimed() -> None:
 
 
 def test_the_table_has_a_row_for_each_task(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [summary("Lift", LINES, noisy=noisy) for noisy in (False, True)]
-    found = {**ORIGIN, "seeds": [1, 5], "rows": rows}
+    rows = [{**summary("Lift", LINES, noisy=noisy), **MINE} for noisy in (False, True)]
+    found = {**ORIGIN, "rows": rows}
     monkeypatch.setattr(judges, "is_kept", lambda name: name == "judge_robosuite")
     monkeypatch.setattr(judges, "kept", {"judge_robosuite": found}.__getitem__)
     first, second, _, origin = judges.robosuite().splitlines()[2:]
     cells = [cell.strip() for cell in first.split("|")][1:-1]
     assert cells[:3] == ["`Lift`", "none", "2 of 4"]
     assert cells[3:5] == ["15.0–85.0 %", "grasp 1, verdict 1"]
-    assert cells[5:] == ["6.0 s", "80 %", "5.0 %", "100 %"]
+    assert cells[5:] == ["6.0 s", "80 %", "5.0 %", "100 %", "1–4", "`0123456`"]
     assert second.startswith("| `Lift` | 2 mm, 2° |")
-    assert second.endswith("| – |")
-    assert origin.startswith("Seeds 1 to 5. Commit `0123456789`")
+    assert second.endswith("| – | 1–4 | `0123456` |")
+    assert origin.startswith("Commit `0123456789`")
 
 
 def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -67,33 +69,42 @@ def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
         JudgeOptions()
 
 
-@pytest.mark.parametrize(
-    ("theirs", "mine"),
-    [
-        ({}, {}),
-        ({"commit": "fedcba"}, None),
-        ({"changed": True}, None),
-        ({"seeds": [2, 6]}, None),
-        ({"episodes": 4}, None),
-        ({}, None),
-    ],
-)
-def test_resuming_keeps_whole_rows_of_the_same_run(
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    theirs: dict[str, Any],
-    mine: dict[str, Any] | None,
-) -> None:
-    monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path)
-    made = {"commit": "0123", "changed": not theirs and mine is None}
-    whole, broken = summary("Lift", LINES[:4], noisy=False), summary("Stack", LINES, noisy=False)
+def report(path: Path, **more: Any) -> JudgeOptions:
+    """Options to go on with a report of Lift, whole, and Stack, in which an episode broke down."""
+    rows = [summary("Lift", LINES[:4], noisy=False), summary("Stack", LINES, noisy=False)]
     failures = [LINES[2], {**LINES[4], "task": "Stack"}]
-    report = {"commit": "0123", "changed": False, "seeds": [1, 5], "episodes": 5}
-    path = tmp_path / "report.json"
-    path.write_text(json.dumps({**report, "rows": [whole, broken], "failures": failures, **theirs}))
-    options = JudgeOptions(seed=1, episodes=5, report=path, resume=True)
-    if mine is None:
-        with pytest.raises(InvalidValueError, match="same seeds and commit"):
-            finished(options, made)
-    else:
-        assert finished(options, made) == ([whole], [LINES[2]])
+    found = {"changed": False, "rows": [{**row, **MINE, **more} for row in rows]}
+    path.write_text(json.dumps({**found, "failures": failures}))
+    return JudgeOptions(seed=1, episodes=4, report=path, resume=True)
+
+
+@pytest.fixture
+def path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path)
+    return tmp_path / "report.json"
+
+
+def test_resuming_keeps_whole_rows(path: Path) -> None:
+    rows, failures = finished(report(path), MADE, [("Lift", False), ("Stack", False)])
+    assert [row["task"] for row in rows] == ["Lift"]  # an episode of Stack broke down
+    assert failures == [LINES[2]]
+
+
+@pytest.mark.parametrize("other", [{"commit": "fedcba"}, {"seeds": [1, 5]}, {"seeds": [2, 5]}])
+def test_resuming_judges_anew_what_is_asked_for_and_of_another_run(
+    path: Path, other: dict[str, Any]
+) -> None:
+    options = report(path, **other)
+    assert finished(options, MADE, [("Lift", False), ("Stack", False)]) == ([], [])
+    rows, failures = finished(options, MADE, [("Lift", True), ("Stack", False)])
+    assert [row["task"] for row in rows] == ["Lift"]
+    assert failures == [LINES[2]]
+
+
+@pytest.mark.parametrize(("theirs", "mine"), [(True, False), (False, True)])
+def test_rows_that_no_commit_makes_are_not_resumed(path: Path, theirs: bool, mine: bool) -> None:
+    options = report(path)
+    found = json.loads(path.read_text())
+    path.write_text(json.dumps({**found, "changed": theirs}))
+    with pytest.raises(InvalidValueError, match="without changes of files"):
+        finished(options, {**MADE, "changed": mine}, [("Lift", False)])
