@@ -180,8 +180,9 @@ class FeelingInserter(PegInserter):
 
     def _eased(self, stiff: Press) -> Press:
         """Return the step that presses hardly any more, and gives way to what pushes the peg."""
-        ease = {"force": _EASED, "damping": _EASING, "seconds": _EASES}
-        return replace(stiff, name="ease", until=None, **ease)
+        return replace(
+            stiff, name="ease", force=_EASED, damping=_EASING, seconds=_EASES, until=None
+        )
 
     def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
