@@ -216,7 +216,7 @@ def measured(run: Run) -> list[dict[str, Any]]:
         if stopped and part.stop == len(run.rows):
             continue
         rows = {name: run.rows[name][part] for name in _SIGNALS}
-        errors, rates = rows["errors/q"], rows["franka/commands"][:, 0]
+        errors, (rates, lost) = rows["errors/q"], rows["franka/commands"].T
         row, joint = np.unravel_index(np.abs(errors).argmax(), errors.shape)
         found.append(
             {
@@ -227,6 +227,7 @@ def measured(run: Run) -> list[dict[str, Any]]:
                 "joint": 1 + int(joint),
                 "at": 1e-3 * int(row),
                 "seconds": 1e-3 * len(errors),
+                "lost": int(lost[-1] - lost[0]),
                 "squares": 1e6 * errors**2,
                 "tool": 1e3 * float(rows["errors/tool_position"].max()),
                 "jump": jump(rows["joints/q"], rows["joints/v"]),
@@ -237,7 +238,7 @@ def measured(run: Run) -> list[dict[str, Any]]:
 
 def tracked_worse(seed: int, motions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """What is told of each motion of a connection that was tracked worse than is asked for."""
-    keys = ("motion", "kind", "largest", "joint", "at", "seconds", "jump")
+    keys = ("motion", "kind", "largest", "joint", "at", "seconds", "jump", "lost")
     return [
         {"seed": seed} | {key: motion[key] for key in keys}
         for motion in motions

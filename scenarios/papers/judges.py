@@ -73,9 +73,33 @@ def franka() -> str:
     priority = "with" if all(found["real_time"].values()) else "without"
     told = (
         f"Reflexes: {found['reflexes']}; runs that stopped: {len(found['stops'])}. Pace "
-        f"{found['pace']:g}, {priority} real-time priority, seeds {low} to {high}. "
+        f"{found['pace']:g}, {priority} real-time priority, seeds {low} to {high}; the clock of "
+        f"franka-sim at {found['clock']:g} of its pace. "
     )
-    return f"{markdown_table(heads, rows)}\n\n{told}{origin_line({'judge_franka': found})}"
+    worse = "; ".join(_worse(motion) for motion in found["worse"])
+    told += origin_line({"judge_franka": found})
+    told += f"\n\nTracked worse: {worse}." if worse else ""
+    return f"{markdown_table(heads, rows)}\n\n{told}"
+
+
+def _worse(motion: Mapping[str, Any]) -> str:
+    return (
+        f"motion {motion['motion']} of seed {motion['seed']} ({motion['kind']}, joint "
+        f"{motion['joint']}: {motion['largest']:.2f} mrad, longest period "
+        f"{1e3 * motion['jump']:.1f} ms, {motion['lost']} commands late)"
+    )
+
+
+def franka_clients() -> str:
+    """Scripts of other clients of libfranka that pick in our world: a row for each."""
+    if not is_kept("franka_clients"):
+        return "No result of this kind is kept yet."
+    found = kept("franka_clients")
+    heads = {"client": "---", "picked and placed": "--:"}
+    rows = [[f"`{row['client']}`", f"{row['done']} of {row['episodes']}"] for row in found["rows"]]
+    first, last = found["seeds"]
+    seeds = f"Seeds {first} to {last}. "
+    return f"{markdown_table(heads, rows)}\n\n{seeds}{origin_line({'franka_clients': found})}"
 
 
 def _motions(row: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from robo47_qp.evaluation.perturbation import PRESETS
 from robo47_qp.model.robots import robot_names
 from robo47_qp.run.registry import task_names
 from scenarios.papers.blocks import markdown_table
-from scenarios.papers.judges import franka, robosuite
+from scenarios.papers.judges import franka, franka_clients, robosuite
 from scenarios.papers.kept import is_kept, kept, origin_line
 from scenarios.papers.mutants import mutants
 
@@ -382,6 +382,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "streams": streams,
     "motions": motions,
     "controllers": controllers,
+    "franka_clients": franka_clients,
     "judge_franka": franka,
     "judge_robosuite": robosuite,
     "mutants": mutants,

@@ -4,12 +4,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import sleep
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -18,54 +17,18 @@ from robo47_qp.cli import main, task_options
 from robo47_qp.errors import ArmStopped, InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
-from robo47_qp.motion.waypoint import Motion, Place, Waypoint
-from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Grasp, Release
-from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven
 from robo47_qp.sim.franka.link import named
 from robo47_qp.sim.franka.protocol import COMMAND, Controller, Generator
 from robo47_qp.sim.franka.served_arm import ServedArm
-from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
+from tests.driven import FR3, Nudge, adds, one, run
 from tests.franka import served
 
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
-FR3 = load_robot("fr3")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nudge(Task):
-    """Move the tool down and home; close the fingers on nothing."""
-
-    grips: bool = False
-    name: str = "nudge"
-
-    def build_scene(self, spec: mujoco.MjSpec) -> None:
-        pass
-
-    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
-        pass
-
-    def program(self, sensed: Sensed) -> Program:
-        pose = sensed.tool_pose()
-        down = pose.translation() - [0.0, 0.0, 0.004]
-        yield Waypoint(
-            name="down",
-            target=type(pose).from_rotation_and_translation(pose.rotation(), down),
-            motion=Motion.LIN,
-        )
-        if self.grips:
-            yield Grasp(force=20.0)
-            yield Release()
-        yield Waypoint(name="home", target=Place.HOME)
-        return None
-
-    def verdict(self, simulation: Simulation) -> Failure | None:
-        return None
 
 
 @pytest.fixture(scope="module")
@@ -74,34 +37,15 @@ def host() -> Iterator[str]:
         yield host
 
 
-def run(
-    host: str, plant: Callable[[DrivenArm], None] = lambda _: None, *, grips: bool = False
-) -> Run:
-    """Run the program on the arm, with a fault planted."""
-    task = Nudge(grips=grips)
-    arm = DrivenArm(FR3, task.build_scene, host)
-    try:
-        runner = Runner(ClassicalStack().scenario(FR3, task), arm)
-        plant(arm)
-        result = runner.run()
-    finally:
-        arm.close()
-    assert not arm.link.active
-    rows = result.rows
-    np.testing.assert_allclose(np.diff(rows["time"][:, 0]), 1e-3, atol=1e-12)
-    assert np.isfinite(rows.values).all()
-    return result
-
-
 def test_the_same_program_runs_and_two_runs_are_equal_to_the_bit(host: str) -> None:
     runs = [run(host, grips=True) for _ in range(2)]
-    for one in runs:
-        assert one.failure is None
-        tracked = np.abs(one.rows["errors/q"]).max()
+    for done in runs:
+        assert done.failure is None
+        tracked = np.abs(done.rows["errors/q"]).max()
         assert tracked < 2e-4
-        assert one.rows["franka/commands"][:, 1].max() == 0.0
+        assert done.rows["franka/commands"][:, 1].max() == 0.0
         # Torques of the robot and what was recorded as delivered: gravity is added once.
-        told, ours = one.rows["franka/torque"], one.rows["joints/tau"]
+        told, ours = done.rows["franka/torque"], done.rows["joints/tau"]
         np.testing.assert_allclose(told[10:], ours[10:], atol=0.05)
     np.testing.assert_array_equal(runs[0].rows.values, runs[1].rows.values)
     simulation = Simulation(FR3, Nudge().build_scene)
@@ -148,32 +92,6 @@ def test_the_first_torques_are_those_that_hold_the_arm_where_it_is(host: str) ->
     assert result.failure is not None
     assert result.failure.evidence == "enough was seen"
     assert np.abs(first).max() < 0.2
-
-
-def adds(tau: Callable[[int], Vector], *, blind: bool = False) -> Callable[[DrivenArm], None]:
-    """Torques that are added after every limit of ours, from the 100th period on.
-
-    Where `blind`, ours are then those of that period.
-    """
-
-    def plant(arm: DrivenArm) -> None:
-        exchange, count, first = arm.link.exchange, 0, np.zeros(7)
-
-        def wrong(ours: Vector) -> None:
-            nonlocal count, first
-            count += 1
-            if count == 100:
-                first = ours.copy()
-            base = first if blind and count >= 100 else ours
-            exchange(base + tau(count - 100) if count >= 100 else base)
-
-        arm.link.exchange = wrong  # type: ignore[assignment, method-assign]
-
-    return plant
-
-
-def one(joint: int, size: float) -> Vector:
-    return np.where(np.arange(7) == joint, size, 0.0)
 
 
 @pytest.mark.parametrize(

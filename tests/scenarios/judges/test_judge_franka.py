@@ -12,7 +12,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from scenarios import judge_franka
-from scenarios.judge_franka import JudgeOptions, jump, summary
+from scenarios.judge_franka import JudgeOptions, jump, summary, tracked_worse
 from scenarios.judges.franka_motions import HIGH, LOW, TILT, RandomMotions
 from scenarios.papers import judges
 
@@ -91,6 +91,12 @@ def test_figures_of_some_motions() -> None:
     assert summary("LIN", [])["largest"] is None
 
 
+def test_motions_that_are_tracked_worse_than_asked_for_are_told() -> None:
+    more = {"motion": 2, "joint": 5, "at": 0.2, "seconds": 1.5, "lost": 0}
+    found = tracked_worse(7, [motion(2.0, **more), motion(2.1, **more)])
+    assert found == [{"seed": 7, "kind": "LIN", "largest": 2.1, "jump": 1e-3, **more}]
+
+
 def test_the_table_has_a_row_for_each_kind(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {
         **ORIGIN,
@@ -98,16 +104,26 @@ def test_the_table_has_a_row_for_each_kind(monkeypatch: pytest.MonkeyPatch) -> N
         "reflexes": 1,
         "stops": ["7: joint_reflex: told", "8: gone"],
         "pace": 0.5,
+        "clock": 0.25,
+        "worse": [
+            {"seed": 7, "motion": 2, "kind": "LIN", "largest": 3.0}
+            | {"joint": 5, "jump": 2e-3, "lost": 4}
+        ],
         "real_time": {"server": True, "client": False},
         "seeds": [7, 8],
     }
     monkeypatch.setattr(judges, "is_kept", lambda name: name == "judge_franka")
     monkeypatch.setattr(judges, "kept", {"judge_franka": found}.__getitem__)
-    only, _, told = judges.franka().splitlines()[2:]
+    only, _, told, _, worse = judges.franka().splitlines()[2:]
     cells = [cell.strip() for cell in only.split("|")][1:-1]
     assert cells[:5] == ["LIN", "3", "0.80, 0.90", "5.00 mrad", "2.24 mrad"]
     assert cells[5:] == ["1", "2", "1", "8.0 ms"]
     assert told.startswith("Reflexes: 1; runs that stopped: 2. Pace 0.5, without real-time")
+    assert "; the clock of franka-sim at 0.25 of its pace. " in told
+    assert worse == (
+        "Tracked worse: motion 2 of seed 7 (LIN, joint 5: 3.00 mrad, longest period 2.0 ms, "
+        "4 commands late)."
+    )
 
 
 def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
