@@ -74,9 +74,10 @@ def franka() -> str:
     told = (
         f"Reflexes: {found['reflexes']}; runs that stopped: {len(found['stops'])}. Pace "
         f"{found['pace']:g}, {priority} real-time priority, seeds {low} to {high}; the clock of "
-        f"franka-sim at {found['clock']:g} of its pace. "
+        f"franka-sim at {found.get('clock', 1.0):g} of its pace. "
     )
-    worse = "; ".join(_worse(motion) for motion in found["worse"])
+    # Judgements from before a slower clock was possible tell neither.
+    worse = "; ".join(_worse(motion) for motion in found.get("worse", ()))
     told += origin_line({"judge_franka": found})
     told += f"\n\nTracked worse: {worse}." if worse else ""
     return f"{markdown_table(heads, rows)}\n\n{told}"
