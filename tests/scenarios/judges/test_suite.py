@@ -8,14 +8,14 @@ import pytest
 from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.arm import Arm
-from scenarios.judges.suite.cell import FINGERTIPS, HOME, Cell, panda
+from robo47_qp.motion.waypoint import Motion, Waypoint
+from scenarios.judges.suite import nuts
+from scenarios.judges.suite.cell import HOME, LATE, TURN, Cell
 from scenarios.judges.suite.grasping import block_grasp
-from scenarios.judges.suite.programs import PROGRAMS, Programs
+from scenarios.judges.suite.programs import FALL, PROGRAMS, Programs
 from scenarios.judges.suite.sensing import NOISE, Noise, measured
+from tests.scenarios.judges.stand_in import BASE, KP, RATE, StandIn, Thing
 
-RATE, KP = 50.0, 150.0
-BASE = np.array([-0.56, 0.0, 0.912, 1.0, 0.0, 0.0, 0.0])
 FK = (
     (
         [0.7669854, -0.7827252, -2.5705483, -2.9520699, 1.7543133, 3.3771956, 0.5971603],
@@ -37,72 +37,80 @@ FK = (
 """Joint positions, and where robosuite 1.5.2 has the grip site of its Panda at them."""
 
 
-class StandIn:
-    """A Panda as robosuite's controller moves it without errors, and one thing to hold."""
-
-    def __init__(self, task: str, name: str, at: SE3, size: float) -> None:
-        self.arm, self.policy = Arm(panda()), Programs()
-        self.q, self.v, self.width = HOME.copy(), np.zeros(7), 0.08
-        self.name, self.thing, self.size = name, at, size
-        self.held: SE3 | None = None
-        self.setup = {"task": task, "bases": BASE[None], "rate": RATE, "kp": KP, "reset": True}
-
-    @property
-    def tool(self) -> SE3:
-        base = SE3.from_rotation_and_translation(SO3(BASE[3:].copy()), BASE[:3])
-        beyond = 0.1065 + FINGERTIPS - 0.107 - 0.1034
-        return base @ self.arm.pose(self.q) @ SE3.from_translation(np.array([0.0, 0.0, beyond]))
-
-    def observation(self) -> dict[str, Any]:
-        w, x, y, z = self.thing.rotation().wxyz
-        return {
-            "robot0_joint_pos": self.q,
-            "robot0_gripper_qpos": np.array([0.5, -0.5]) * self.width,
-            f"{self.name}_pos": self.thing.translation(),
-            f"{self.name}_quat": np.array([x, y, z, w]),
-        }
-
-    def step(self, answer: Mapping[str, Any]) -> None:
-        """One period of robosuite's controller: v' = kp (goal - q) - 2 sqrt(kp) v, at 500 Hz."""
-        goal, grip = answer["actions"][:7], answer["actions"][7]
-        for _ in range(10):
-            self.v += 0.002 * (KP * (goal - self.q) - 2.0 * np.sqrt(KP) * self.v)
-            self.q = self.q + 0.002 * self.v
-        near = np.linalg.norm(self.tool.translation() - self.grasped) < 0.01
-        least = self.size if near or self.held is not None else 0.0
-        self.width = float(np.clip(self.width - 0.004 * grip, least, 0.08))
-        if self.width <= self.size and grip > 0.0 and near and self.held is None:
-            self.held = self.tool.inverse() @ self.thing
-        if self.width > self.size + 0.001:
-            self.held = None
-        if self.held is not None:
-            self.thing = self.tool @ self.held
-
-    grasped = np.zeros(3)
-    """Where the thing can be held."""
-
-    def run(self) -> str:
-        """Run the program; returns what it told at its end."""
-        message = self.setup | self.observation()
-        for _ in range(3000):
-            answer = self.policy.infer(message)
-            if answer["done"]:
-                return str(answer["told"])
-            self.step(answer)
-            message = self.observation()
-        raise AssertionError("the program does not end")
-
-
 def flat(x: float, y: float, z: float, yaw: float) -> SE3:
     return SE3.from_rotation_and_translation(SO3.from_z_radians(yaw), np.array([x, y, z]))
 
 
+def cube() -> Thing:
+    thing = Thing("cube", flat(0.02, -0.03, 0.83, 2.0), 0.04)
+    thing.spot = thing.pose.translation()
+    return thing
+
+
 def test_a_block_is_lifted() -> None:
-    world = StandIn("Lift", "cube", flat(0.02, -0.03, 0.83, 2.0), 0.04)
-    world.grasped = world.thing.translation()
+    thing = cube()
+    assert StandIn("Lift", [thing]).run() == ""
+    assert thing.pose.translation()[2] > 0.83 + 0.07
+    np.testing.assert_allclose(thing.pose.translation()[:2], [0.02, -0.03], atol=2e-3)
+
+
+def test_things_that_fall_at_first_are_looked_at_when_they_lie() -> None:
+    world, policy = StandIn("Lift", [cube()]), Programs()
+    falling = {"cube_pos": np.array([0.02, -0.03, 0.9])}
+    message = world.setup | world.observation() | falling
+    for _ in range(round(FALL * RATE)):
+        np.testing.assert_array_equal(policy.infer(message)["actions"][:7], HOME)
+        message = world.observation() | falling
     assert world.run() == ""
-    assert world.thing.translation()[2] > 0.83 + 0.07
-    np.testing.assert_allclose(world.thing.translation()[:2], [0.02, -0.03], atol=2e-3)
+
+
+def test_an_arm_that_does_not_come_where_it_is_led_is_told() -> None:
+    world = StandIn("Lift", [cube()])
+    world.stuck = True
+    assert world.run().startswith("track: ")
+    assert LATE > 0.5
+
+
+def seen(q: np.ndarray = HOME, **more: Any) -> dict[str, Any]:
+    return {"bases": BASE[None], "rate": RATE, "kp": KP, "robot0_joint_pos": q, **more}
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("pace", [1.0, 0.4])
+def test_the_hand_turns_as_fast_as_it_may_in_joint_space(seed: int, pace: float) -> None:
+    cell, rng = Cell(seen()), np.random.default_rng(seed)
+    goal = HOME + rng.uniform(-0.6, 0.6, 7) + np.array([0, 0, 0, 0, 0, 0, 1.5])
+    target = cell.arm.pose(goal)
+    waypoint = Waypoint(name="there", target=target, motion=Motion.PTP, pace=pace)
+    motion = cell.planned(waypoint)
+    turns = [
+        np.linalg.norm(cell.arm.jacobian(q)[3:] @ v)
+        for q, v in zip(motion.q, motion.v, strict=True)
+    ]
+    assert max(turns) < 1.01 * TURN
+    assert max(turns) > 0.9 * TURN * pace or motion.duration < 2.0
+    np.testing.assert_allclose(
+        cell.arm.pose(motion.q[-1]).as_matrix(), target.as_matrix(), atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("nut", [nuts.SQUARE, nuts.ROUND])
+@pytest.mark.parametrize("yaw", np.linspace(-3.0, 3.0, 9))
+def test_the_wrist_is_turned_little_between_a_nut_and_its_peg(nut: nuts.Nut, yaw: float) -> None:
+    w, z = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    quat, at = np.array([0.0, 0.0, z, w]), np.array([-0.11, 1.5 * nut.peg[1], 0.83])
+    cell = Cell(seen(**{f"{nut.name}_pos": at, f"{nut.name}_quat": quat}))
+    turn, there = nuts.choice(cell, nut)
+    ends = nuts.held(nut, cell.pose(nut.name), turn), nuts.around_peg(cell, nut, nuts.LOW, there)
+    grasp, place = ends[0], nuts.held(nut, ends[1], turn)
+    first, last = nuts.wrist(cell, grasp), nuts.wrist(cell, place)
+    assert max(abs(first), abs(last)) < nuts.WRIST
+    assert abs(last - first) < 3.5
+    # What is told of joint 7 is where inverse kinematics brings it, about.
+    target = grasp @ cell.T_tcp_grip.inverse()
+    found = cell.planner.ik.solve(cell.arm, target, cell.arm.home)
+    assert found.converged
+    assert abs(found.q[6] - first) < 1.0
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 0.9, 2.0, 3.1, -1.2])
@@ -115,25 +123,25 @@ def test_a_block_is_held_by_its_faces_with_the_least_turn(yaw: float) -> None:
 
 
 def test_a_block_that_is_not_there_is_told() -> None:
-    world = StandIn("Lift", "cube", flat(0.02, -0.03, 0.83, 2.0), 0.04)
-    world.grasped = np.array([0.0, 0.0, -1.0])
-    assert world.run().startswith("grasp: the fingers closed to 0.0 mm")
+    thing = Thing("cube", flat(0.02, -0.03, 0.83, 2.0), 0.04)
+    told = StandIn("Lift", [thing]).run()
+    assert told.startswith("grasp: the fingers closed to 0.0 mm")
 
 
 @pytest.mark.parametrize("yaw", [0.4, -2.5])
 def test_a_square_nut_fits_around_its_peg(yaw: float) -> None:
-    world = StandIn("NutAssemblySquare", "SquareNut", flat(-0.11, 0.15, 0.83, yaw), 0.032)
-    handle = 0.062 * np.array([np.cos(yaw), np.sin(yaw), 0.0]) + [0.0, 0.0, 0.003]
-    world.grasped = world.thing.translation() + handle
+    nut = Thing("SquareNut", flat(-0.11, 0.15, 0.83, yaw), 0.032)
+    nut.spot = nut.pose.apply(np.array([0.062, 0.0, 0.003]))
+    world = StandIn("NutAssemblySquare", [nut])
     low: list[SE3] = []
     step = world.step
 
     def watched(answer: Mapping[str, Any]) -> None:
-        was = world.held is not None
+        was = nut.held is not None
         step(answer)
-        if was and world.held is None:
-            low.append(world.thing)
-            world.thing = flat(0.23, 0.1, 0.83, yaw)  # it falls
+        if was and nut.held is None:
+            low.append(nut.pose)
+            nut.pose = flat(0.23, 0.1, 0.83, yaw)  # it falls
 
     world.step = watched  # type: ignore[method-assign]
     assert world.run() == ""
@@ -154,8 +162,7 @@ def test_what_it_cannot_answer_is_refused() -> None:
 @pytest.mark.parametrize(("q", "site"), FK)
 def test_kinematics_are_those_of_robosuite(q: list[float], site: list[float]) -> None:
     """Figures of robosuite 1.5.2: joint positions, and its site grip_site at them."""
-    seen = {"bases": BASE[None], "rate": RATE, "kp": KP, "robot0_joint_pos": np.array(q)}
-    cell = Cell(seen)
+    cell = Cell(seen(np.array(q)))
     found = cell.T_suite_base @ cell.measured_tool
     np.testing.assert_allclose(found.translation(), site, atol=1e-5)
 
@@ -186,7 +193,7 @@ def test_noise_turns_about_the_axes_of_the_world() -> None:
 
 def test_what_robosuite_derives_is_not_told() -> None:
     names = ["robot0_joint_pos", "robot0_joint_pos_cos", "gripper_to_cube_pos", "object-state"]
-    seen = {name: np.ones(3) for name in [*names, "cube_pos", "hinge_qpos"]}
-    told = measured(seen, Noise(0, NOISE))
+    names += ["frame_is_assembled", "tool_on_frame", "cube_pos", "hinge_qpos"]
+    told = measured({name: np.ones(3) for name in names}, Noise(0, NOISE))
     assert set(told) == {"robot0_joint_pos", "cube_pos"}
     np.testing.assert_array_equal(told["robot0_joint_pos"], np.ones(3))
