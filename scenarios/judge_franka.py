@@ -209,7 +209,8 @@ def connection(options: JudgeOptions, seed: int, count: int) -> Run:
 
 def measured(run: Run) -> list[dict[str, Any]]:
     """What was measured of each motion that was made to its end."""
-    found, stopped = [], run.failure is not None
+    found: list[dict[str, Any]] = []
+    stopped = run.failure is not None
     for phase, part in run.spans():
         if phase.leg is None or phase.name not in RandomMotions.kinds:
             continue
