@@ -196,10 +196,6 @@ class Press(ContactMotion):
     are compensated in contact, too: friction and heavier links, which a compliant arm would pass
     on to the surface, stay in the joints. So the surface, or what is held, has to be softer than
     the arm: with a stiffness k, the damping ratio is d / (2 √(k m)).
-
-    Such an arm insists on its path whatever pushes it aside. With `pushed`, it leaves the path
-    across the axis, too, as far as it is pushed with more than `borne`: by the same law, with
-    the rest of that force in place of F - f, `giving` in place of d, and a spring to the path.
     """
 
     axis: Annotated[Vector, Size(3)]
@@ -214,15 +210,6 @@ class Press(ContactMotion):
     """d [N·s/m]."""
     jerk: Positive = 30.0
     """j [m/s³]."""
-    pushed: Callable[[], Vector] | None = None
-    """Returns the force on the tool (3,), in the world, as the program estimates it [N]; None stays
-    on the path across the axis."""
-    borne: NotNegative = 2.0
-    """Force across the axis that is borne [N]."""
-    giving: Positive = 1000.0
-    """Damping of a tool that gives way to more [N·s/m]."""
-    returning: NotNegative = 0.0
-    """Stiffness of the spring that brings it back to the path; 0 leaves it where it is [N/m]."""
     name: str = "press"
 
     def carry_out(self, executor: StepExecutor) -> None:
@@ -261,7 +248,7 @@ class _Tracker:
 
 
 class _Depth(_Tracker):
-    """Tracks it with the tool's displacement δ along the axis of a `Press`, and across it."""
+    """Tracks it with the tool's displacement δ along the axis of a `Press`."""
 
     streamed = True
 
@@ -269,15 +256,7 @@ class _Depth(_Tracker):
         """Start at rest on the path."""
         super().__init__(loop, monitor)
         self._step, self._arm, self._a_max = step, loop.arm, loop.profile.a_max
-        # The directions in which it may leave the path are the rows.
-        self._along = step.axis[None, :]
-        if step.pushed is not None:
-            self._along = np.vstack([step.axis, np.linalg.svd(self._along)[2][1:]])
-        self._damping = np.full(len(self._along), step.giving)
-        self._damping[0] = step.damping if step.force else 0.0
-        self._stiffness = np.full(len(self._along), step.returning)
-        self._stiffness[0] = 0.0
-        self._off, self._speed, self._acceleration = np.zeros((3, len(self._along)))
+        self._speed = self._acceleration = 0.0
 
     def track(self, path: Trajectory) -> bool:
         """See `_Tracker.track`."""
@@ -291,36 +270,22 @@ class _Depth(_Tracker):
 
     def _moved(self, path: Trajectory, rows: slice, q: Vector) -> Trajectory:
         """Return some periods of a path with the displacement, that in q (n,) the first."""
-        step, ways = self._step, np.zeros((6, len(self._along)))
-        ways[:3] = self._arm.pose(q).rotation().as_matrix().T @ self._along.T
-        ways = np.linalg.pinv(self._arm.jacobian(q)) @ ways
-        asked = self._asked()
-        largest = _SHARE * (self._a_max[:, None] / np.maximum(np.abs(ways), 1e-9)).min(axis=0)
-        states = [(self.q, ways @ self._speed, ways @ self._acceleration)]
-        most = step.jerk * TIMESTEP
+        step, axis = self._step, np.zeros(6)
+        axis[:3] = self._arm.pose(q).rotation().as_matrix().T @ step.axis
+        way = np.linalg.pinv(self._arm.jacobian(q)) @ axis
+        asked = step.force - step.felt() if step.force else 0.0
+        largest = _SHARE * float((self._a_max / np.maximum(np.abs(way), 1e-9)).min())
+        states = [(self.q, self._speed * way, self._acceleration * way)]
         for _ in range(rows.start + 1, rows.stop):
-            force = asked - self._damping * self._speed - self._stiffness * self._off
-            wanted = np.clip(force / step.mass, -largest, largest)
-            change = np.clip(wanted - self._acceleration, -most, most)
-            self._acceleration = self._acceleration + change
-            self._speed = self._speed + TIMESTEP * self._acceleration
-            self._off = self._off + TIMESTEP * self._speed
-            self.q = self.q + TIMESTEP * (ways @ self._speed)
-            states.append((self.q, ways @ self._speed, ways @ self._acceleration))
+            wanted = (asked - step.damping * self._speed) / step.mass if step.force else 0.0
+            wanted = min(max(wanted, -largest), largest)
+            most = step.jerk * TIMESTEP
+            self._acceleration += min(max(wanted - self._acceleration, -most), most)
+            self._speed += TIMESTEP * self._acceleration
+            self.q = self.q + TIMESTEP * self._speed * way
+            states.append((self.q, self._speed * way, self._acceleration * way))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))
         return Trajectory(dt=path.dt, q=path.q[rows] + q, v=path.v[rows] + v, a=path.a[rows] + a)
-
-    def _asked(self) -> Vector:
-        """Return the forces that move the tool off its path, by direction (k,) [N]."""
-        step, asked = self._step, np.zeros(len(self._along))
-        if step.force:
-            asked[0] = step.force - step.felt()
-        if step.pushed is not None:
-            aside = self._along[1:] @ step.pushed()
-            size = float(np.linalg.norm(aside))
-            if size > step.borne:
-                asked[1:] = (1.0 - step.borne / size) * aside
-        return asked
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,30 +15,26 @@ from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
-from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, axis_held
+from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
-_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 5e-3, 30
+_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
 """Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
 speed without contact [m/s]; and how many readings are averaged."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 5e-3, 3e-3
+_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
 and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_SEARCH, _SEARCH_DAMPING, _STOPPED, _STUCK_FOR = 3.0, 1000.0, 4.7, 5
-"""Force on the peg during the search [N]; damping with which it is pressed, as steel that meets
-steel at 13 mm/s exceeds the rated acceleration of the joints [N·s/m]; and force along a lane at
-which a wall, and not friction, stops it [N], in how many readings."""
-_BORNE, _GIVING, _RETURNING = 4.0, 400.0, 1000.0
-"""Force from the side up to which a peg is dragged on [N], and damping and stiffness of the arm
-that gives way to more [N·s/m, N/m]: friction must not lead it off its lanes."""
-_EASED, _EASING, _EASES = 0.5, 2000.0, 0.6
-"""Force on the peg before it is released, or pressed again [N], damping with which it falls to
-that, such that the peg is not lifted off [N·s/m], and time that it takes [s]."""
+_STOPPED, _STUCK_FOR = 6.0, 10
+"""By how much the force along a lane is above that on the block where a wall, and not friction,
+stops the peg [N], in how many readings."""
+_EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
+"""Force on the peg before it is eased aside or released, force from the side that is let be [N],
+and damping of the arm that gives way to more [N·s/m]."""
 _BEYOND = 1e-4
 """Distance from a tool across lanes from which on a lane is not the one that it is on [m]."""
 _PRESSES = 6
-"""How often a peg that sticks is eased and pressed again."""
+"""How often a peg that sticks is eased aside and pressed again."""
 _STUCK = 8e-3
 """Depth from which on a peg that sticks stands in the hole without fingers [m]."""
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
@@ -94,7 +90,7 @@ class FeelingInserter(PegInserter):
         names = (self.item.name, "hole seen")
         seen = yield from estimate_poses(self.sensed, names, _BESIDE)
         T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
-        hole, axis = seen["hole seen"], axis_held(T_tool_peg)
+        hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
         if levelled:
             at = self.T_world_hole.translation()
             at[:2] = hole.translation()[:2]
@@ -108,20 +104,21 @@ class FeelingInserter(PegInserter):
         x, y = self._across(self._tool_on_top(offset))
         corner = SE3.from_translation(-radius * (x + y)) @ self.T_world_hole
         yield from self._lower(replace(self, T_world_hole=corner), offset)
-        touch, free = yield from self._touch()
-        stiff = replace(touch, pushed=lambda: self.sensed.felt_force() - free.force)
+        stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
         lanes, deep = self._lanes(touched, radius, pitch), 0.0
         while lanes and deep < _SINKS:
             caught = yield from self._search(stiff, free, lanes)
-            yield from self._press_in(stiff)
+            yield from self._press_in(stiff, free)
             deep, lanes = self._depth(caught), self._lanes_beyond(caught, lanes)
-        for _ in range(_PRESSES):
+        for again in range(_PRESSES):
+            if again:
+                yield from self._press_in(stiff, free)
             if self._depth(touched) >= _DEEP:
-                break
-            yield from self._press_in(stiff)
-        if self._depth(touched) < _DEEP:
-            yield from self._push(touched)
+                # Fingers that open under load would let the arm leap.
+                yield from self._ease(stiff, free)
+                return
+        yield from self._push(touched)
 
     def _search(
         self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...]
@@ -135,11 +132,7 @@ class FeelingInserter(PegInserter):
             stiff,
             name="search",
             waypoints=lanes,
-            force=_SEARCH,
-            damping=_SEARCH_DAMPING,
-            borne=_BORNE,
-            giving=_GIVING,
-            returning=_RETURNING,
+            damping=_FIRM_TOUCH / _SINK_SPEED,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -150,24 +143,12 @@ class FeelingInserter(PegInserter):
         caught = sinking.caught
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
-        yield replace(
-            stiff,
-            name="centre",
-            waypoints=way,
-            force=_SEARCH,
-            damping=_SEARCH_DAMPING,
-            speed=_SEARCH_SPEED,
-            seconds=0.0,
-            until=None,
-        )
+        yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
         return caught
 
-    def _press_in(self, stiff: Press) -> Generator[StepLike, None, None]:
-        """Ease the peg, press it until it sinks no more, and ease it again; the hole guides it.
-
-        Fingers that open under load, or a peg that slides on, would let the arm leap.
-        """
-        yield self._eased(stiff)
+    def _press_in(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
+        """Ease the peg, and press it until it sinks no more."""
+        yield from self._ease(stiff, free)
         yield replace(
             stiff,
             name="insert",
@@ -176,13 +157,26 @@ class FeelingInserter(PegInserter):
             seconds=15.0,
             until=self._rests(),
         )
-        yield self._eased(stiff)
 
-    def _eased(self, stiff: Press) -> Press:
-        """Return the step that presses hardly any more, and gives way to what pushes the peg."""
-        return replace(
-            stiff, name="ease", force=_EASED, damping=_EASING, seconds=_EASES, until=None
-        )
+    def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
+        """Press hardly any more, and give way to what pushes the peg aside."""
+        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        felt = yield from read_free_wrist(self.sensed)
+        side = felt.force - free.force
+        side -= side.dot(self._axis) * self._axis
+        size = float(np.linalg.norm(side))
+        if size > _ASIDE:
+            way = side / size
+            yield replace(
+                stiff,
+                name="ease aside",
+                axis=way,
+                force=_EASED,
+                damping=_ASIDE_DAMPING,
+                felt=lambda: float((free.force - self.sensed.felt_force()).dot(way)),
+                seconds=0.5,
+                until=None,
+            )
 
     def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
@@ -201,7 +195,7 @@ class FeelingInserter(PegInserter):
         stiff, _ = yield from self._touch(_FIRM_INSERT, _PUSH_SPEED, held=False)
         yield replace(stiff, name="push", seconds=4.0, until=self._rests())
         deep = self._depth(touched) + BELOW_TOP + _TIP
-        yield self._eased(stiff)
+        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
         if deep < _DEEP:
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep, though it was pushed"
             raise StepFailed(Failure(cause=Cause.DROP, evidence=evidence, step="push"))
@@ -301,11 +295,12 @@ class FeelingInserter(PegInserter):
     def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
         """Return the condition that the peg has sunk, or is stopped along a lane."""
         _, y = self._across(self.sensed.tool_pose())
-        readings: deque[float] = deque(maxlen=_STUCK_FOR)
+        readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
 
         def against() -> str | None:
-            readings.append(float((self.sensed.felt_force() - free.force).dot(y)))
-            stopped = abs(float(np.mean(readings))) >= _STOPPED
+            readings.append(self.sensed.felt_force() - free.force)
+            force = np.mean(readings, axis=0)
+            stopped = abs(float(force.dot(y))) >= _STOPPED + max(float(force.dot(self._axis)), 0.0)
             if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
                 return None
             sunk = 1e3 * sinking.sunk
@@ -365,8 +360,6 @@ class FeelingInserter(PegInserter):
             force=_PULL,
             damping=_PULL / _PULL_SPEED,
             felt=lambda: -float(self.sensed.felt_force().dot(self._axis)) - weight,
-            pushed=self.sensed.felt_force,
-            borne=_BORNE,
             seconds=6.0,
             until=Condition(name="the peg is out", cause=Cause.TIMEOUT, against=against),
         )

@@ -49,17 +49,6 @@ class Peg(Item):
         return tool_down([x, y, z + 0.5 * self.height - BELOW_TOP])
 
 
-def axis_held(T_tool_peg: SE3) -> np.ndarray:
-    """Return the direction of a held peg in the tool, from where it is seen there (3,) [-].
-
-    Pads that close along y hold it across that. About y, a camera errs by about as much as the peg,
-    which had stood upright, was turned while the fingers closed: it is in the middle.
-    """
-    x, _, z = T_tool_peg.rotation().as_matrix()[:, 2]
-    axis = np.array([0.5 * x, 0.0, z])
-    return axis / float(np.linalg.norm(axis))
-
-
 def set_exact_contacts(spec: mujoco.MjSpec) -> None:
     """Let MuJoCo compute contacts of convex bodies with a tighter tolerance.
 

@@ -402,34 +402,6 @@ def test_it_comes_down_at_force_over_damping() -> None:
     assert 0.03 < -np.diff(z).min() / 1e-3 < 8.0 / 200.0 * 1.05
 
 
-@pytest.mark.parametrize(
-    ("push", "returning", "speed", "off"),
-    [(1.9, 0.0, 0.0, 0.0), (5.0, 0.0, 3e-3, None), (5.0, 3000.0, 0.0, 1e-3)],
-)
-def test_a_pressing_tool_gives_way_to_what_pushes_it_aside_beyond_what_is_borne(
-    push: float, returning: float, speed: float, off: float | None
-) -> None:
-    aside = np.array([0.6, -0.8, 0.0])
-
-    def program(sensed: Sensed) -> Program:
-        # Along the axis, a force is that of the surface, which is pressed on as before.
-        pushed = push * aside + np.array([0.0, 0.0, 8.0])
-        gives = {"pushed": lambda: pushed, "giving": 1000.0, "returning": returning}
-        yield press(sensed, seconds=3.0, borne=2.0, **gives)
-        return None
-
-    run = run_program(program)
-    assert run.failure is None
-    at = rows_of(run, "press", "tool/pose")[:, :3]
-    v = (at[-1] - at[-501]) / 0.5
-    assert v == pytest.approx(speed * aside, abs=2e-4)
-    if off is not None:
-        assert (at[-1] - at[0])[:2] == pytest.approx(off * aside[:2], abs=5e-5)
-    force = rows_of(run, "press", "contact/tool")[-500:, 2]
-    assert np.abs(force - 8.0).max() < 0.5
-    assert [finding.signal for finding in audit(run) if not finding.ok] == []
-
-
 def test_a_press_that_never_touches_fails_with_its_cause() -> None:
     def program(sensed: Sensed) -> Program:
         yield press(sensed, seconds=0.5, until=touched(sensed, 4.0))

@@ -30,7 +30,6 @@ from robo47_qp.tasks.peg_insert.peg import (
     DIAMETER,
     LENGTH,
     POSITION_ERROR,
-    axis_held,
 )
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.peg_insert.sinking import Sinking
@@ -128,7 +127,7 @@ def test_a_peg_that_creeps_between_the_fingers_has_not_sunk_into_a_hole() -> Non
 
 
 @pytest.mark.parametrize(
-    ("along", "pressing", "found"), [(4.6, 0.0, False), (3.6, 4.0, False), (4.8, 2.0, True)]
+    ("along", "pressing", "found"), [(5.0, 0.0, False), (9.0, 8.0, False), (13.0, 4.0, True)]
 )
 def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
     along: float, pressing: float, found: bool
@@ -146,17 +145,9 @@ def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
     free = np.array([1.0, 8.0, 2.0])
     condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=free, time=0.0))
     tool.felt = free + np.array([0.0, -along, pressing])
-    said = [condition.against() for _ in range(5)]
+    said = [condition.against() for _ in range(10)]
     assert None not in said[:-1]
     assert (said[-1] is None) == found
-
-
-def test_pads_hold_the_peg_flat_and_the_camera_is_believed_by_half() -> None:
-    """Seen turned by 0.02 rad about both axes of the tool, end down."""
-    seen = SO3.from_x_radians(np.pi) @ SO3.from_rpy_radians(0.02, -0.02, 0.0)
-    axis = axis_held(SE3.from_rotation(seen))
-    assert axis == pytest.approx([-0.01, 0.0, -1.0], abs=1e-4)
-    assert np.linalg.norm(axis) == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("sinks", [False, True])
