@@ -8,6 +8,7 @@ typedef void (*times_mass)(const void *model, const void *data, double *product,
 int r47_friction_change(r47_friction *c) {
   const int n = c->n;
   double torque[R47_MAX_N];
+  const int starts = *c->moving < c->settling;
   int turned = 0, moved = 0, slow[R47_MAX_N];
   if (!c->started) {
     c->started = 1;
@@ -25,11 +26,12 @@ int r47_friction_change(r47_friction *c) {
     c->q[i] = c->given[i];
     c->z[i] = z;
     if (turn != 0.0) turned = 1;
-    torque[i] = c->f[i] * -turn;
+    torque[i] = c->f[i] * -turn * (starts ? 1.0 : least(fabs(step) / c->slow, 1.0));
   }
   for (int i = 0; i < n && moved; i++)
     if (slow[i]) c->since[i] = 0.0;
   *c->rested = moved ? 0.0 : *c->rested + c->per_update;
+  *c->moving = moved ? *c->moving + c->per_update : 0.0;
   if (turned) ((solve_mass)c->solve)(c->model, c->data, c->change, torque, 1);
   return turned;
 }

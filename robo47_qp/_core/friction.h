@@ -10,13 +10,14 @@ typedef struct {
   void *model, *data; /* the arm's, with the mass matrix of its last inverse dynamics */
   void *solve, *mass; /* mj_solveM, mj_mulM */
   double per_update, per_displacement, settling;
-  double slow; /* displacement in an update, below which nothing is learned of a joint */
+  double slow; /* displacement in an update, below which a joint may stick */
   int started;
   int count, learning; /* updates until now, and how many there are to each step of learning */
   double *q;           /* the reference of the last update */
   double *z;           /* direction of motion, -1 to 1 */
   double *since;       /* time since z changed, or the joint was slow [s] */
   double *rested;      /* (1,) time since the reference moved [s] */
+  double *moving;      /* (1,) time since the reference rested [s] */
   double *b, *f;       /* what was learned */
   const double *most;
   double bias;

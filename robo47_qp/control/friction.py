@@ -16,10 +16,11 @@ PERIODS = 10
 _LEARNING = 5
 """Updates of the friction between two steps of learning."""
 _SETTLING = 0.1
-"""Time after a reversal in which nothing is learned: the observer has to follow first [s]."""
+"""Time after a reversal in which nothing is learned: the observer has to follow first; after
+which joints at rest have come to rest, and in which those that start do so [s]."""
 _SLOW = 0.01
-"""Speed of the reference below which a joint may stick, so that nothing is learned of it [rad/s]
-or [m/s]."""
+"""Speed of the reference below which a joint may stick: nothing is learned of it then, and the
+observer has the time to find a reversal out [rad/s] or [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,8 @@ class FrictionLearning(Checked):
     there that the friction turns at the next start.
 
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
-    have to find out about it.
+    have to find out about it. Of one that is slow, but for the start from rest, it finds most out
+    by itself: the joint may have stuck, and turned before its reference did.
     """
 
     displacement: Positive = 1e-4
@@ -69,7 +71,8 @@ class LearnedFriction:
         self._per_displacement = 1.0 / settings.displacement
         self._slow = _SLOW * self._per_update
         self._q: Vector | None = None
-        self._z, self._since, self._rested = np.zeros(n), np.zeros(n), np.zeros(1)
+        self._z, self._since = np.zeros(n), np.zeros(n)
+        self._rested, self._moving = np.zeros(1), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
         if arm.robot.dry_friction is not None:
             self._f[:] = np.minimum(arm.robot.dry_friction, self._most)
@@ -109,7 +112,10 @@ class LearnedFriction:
         self._since += self._per_update
         self._rested += self._per_update
         if q_ref.tobytes() == self._q.tobytes():
+            self._moving[0] = 0.0
             return None
+        starts = self._moving[0] < _SETTLING
+        self._moving += self._per_update
         self._rested[0] = 0.0
         step = q_ref - self._q
         z = step * self._per_displacement
@@ -123,7 +129,8 @@ class LearnedFriction:
             return None
         self._z[:] = z
         change, torque = self._rows
-        np.multiply(self._f, -turned, out=torque[0])
+        share = 1.0 if starts else np.minimum(np.abs(step) / self._slow, 1.0)
+        np.multiply(self._f, -turned * share, out=torque[0])
         mujoco.mj_solveM(arm.model, arm.scratch, change, torque)
         changed: Vector = change[0]
         return changed
@@ -203,6 +210,7 @@ class LearnedFriction:
             z=self._z,
             since=self._since,
             rested=self._rested,
+            moving=self._moving,
             b=self._b,
             f=self._f,
             most=self._most,

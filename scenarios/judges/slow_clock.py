@@ -56,4 +56,4 @@ def slow_down(pace: float) -> None:
     for name in ("time", "monotonic", "perf_counter"):
         start: float = getattr(time, name)()
         setattr(time, name, lambda start=start: told(start))
-    time.sleep = clock.sleep
+    time.sleep = clock.sleep  # type: ignore[assignment]

@@ -30,8 +30,8 @@ def test_time_goes_at_its_pace() -> None:
     machine.now = 2.0
     assert clock.now() == pytest.approx(0.2)
     clock.sleep(1e-3)
-    assert machine.waits == [pytest.approx(1e-2)]
-    assert clock.now() == pytest.approx(0.201)
+    assert sum(machine.waits) == pytest.approx(1e-2)
+    assert clock.now() == pytest.approx(0.201, abs=1e-4)
 
 
 def test_it_stands_still_while_a_thread_that_it_should_wake_is_held_up() -> None:
