@@ -186,6 +186,7 @@ class LearnedFriction:
         product, d = self._rows[:, 0]
         d[:] = disturbance
         mujoco.mj_mulM(arm.model, arm.scratch, product, d)
+        self._moving[0] = 0.0
         self._stick(product)
 
     def _stick(self, product: Vector) -> None:
