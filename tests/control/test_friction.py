@@ -25,6 +25,11 @@ STILL = np.zeros(7)
 Go = Callable[[float, Vector, int], Vector]
 
 
+def accelerated(arm: Arm, q: Vector, taken: Vector) -> Vector:
+    """What torques that friction takes (7,) [N·m] are as a disturbance (7,) [rad/s²]."""
+    return np.asarray(-np.linalg.solve(arm.mass_matrix(q), taken))
+
+
 def learning(arm: Arm, *, compiled: bool) -> tuple[LearnedFriction, Go]:
     """Friction that is learned, and what leads all joints and tells how it turned [N·m].
 
@@ -43,7 +48,7 @@ def learning(arm: Arm, *, compiled: bool) -> tuple[LearnedFriction, Go]:
             change = friction.change(arm, q)
             if change is not None:
                 turned -= arm.mass_matrix(q) @ change
-            friction.learn(arm, -np.linalg.solve(arm.mass_matrix(q), taken))
+            friction.learn(arm, accelerated(arm, q, taken))
         return turned
 
     return friction, go
@@ -70,7 +75,7 @@ def test_friction_turns_from_what_is_commanded_where_something_else_has_held_the
     friction, go = learning(arm, compiled=compiled)
     for direction in (1.0, -1.0, 1.0):
         go(0.1 * direction, direction * TRUTH, 100)
-    friction.stick(arm, -np.linalg.solve(arm.mass_matrix(arm.home), -0.5 * TRUTH))
+    friction.stick(arm, accelerated(arm, arm.home, -0.5 * TRUTH))
     # Of strong joints a single look, which is as noisy as they are strong, tells less.
     turned = go(0.1, TRUTH, 10)
     assert (turned > 1.2 * TRUTH).all()

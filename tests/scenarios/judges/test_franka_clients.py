@@ -19,7 +19,7 @@ clients = pytest.mark.skipif(not JUDGE.exists(), reason="no .judges/franka: make
 @clients
 def test_franky_reads_moves_and_grasps() -> None:
     with served("--task", "pick_place", "--lock-step") as (host, _):
-        command = [JUDGE, "-m", "scenarios.judges.franky_motions", "--host", host]
+        command = [str(JUDGE), "-m", "scenarios.judges.franky_motions", "--host", host]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)

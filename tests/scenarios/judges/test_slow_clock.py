@@ -1,6 +1,7 @@
 """A clock at a part of its pace, which stands still while its process is held up."""
 
 import time
+from typing import SupportsIndex
 
 import pytest
 
@@ -19,9 +20,9 @@ class Machine:
     def clock(self) -> float:
         return self.now
 
-    def wait(self, seconds: float) -> None:
-        self.waits.append(seconds)
-        self.now += seconds + self.held_up
+    def wait(self, seconds: float | SupportsIndex) -> None:
+        self.waits.append(float(seconds))
+        self.now += float(seconds) + self.held_up
 
 
 def test_time_goes_at_its_pace() -> None:
