@@ -229,11 +229,22 @@ class Given(BranchChoice):
     ) -> IkResult | None:
         return None
 
-    def _branches(
-        self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector
-    ) -> list[Branch]:
+    def _starts(
+        self, arm: Arm, ik: IkSolver, lin: Lin, first: Waypoint, q_start: Vector
+    ) -> list[IkResult]:
         here = IK.solve(arm, arm.pose(arm.home), arm.home)
-        return [Branch(results=(replace(here, q=here.q + r),), room=r) for r in self.rooms]
+        return [replace(here, q=here.q + r) for r in self.rooms]
+
+    def followed(
+        self,
+        arm: Arm,
+        ik: IkSolver,
+        lin: Lin,
+        start: IkResult,
+        lines: Sequence[Waypoint],
+    ) -> Branch:
+        room = float((start.q - IK.solve(arm, arm.pose(arm.home), arm.home).q)[0])
+        return Branch(results=(start,), room=room)
 
 
 def test_cramped_configurations_come_last_the_roomiest_of_them_first() -> None:
