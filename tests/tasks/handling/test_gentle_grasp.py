@@ -197,5 +197,7 @@ def test_fingers_that_land_on_an_item_stop_and_grasp_it_along_its_other_sides() 
     names = [phase.name for phase in run.phases]
     landed = next(rows for phase, rows in run.spans() if phase.name == "stop")
     assert names.index("stop") < names.index("close gripper")
+    # They have not closed above it.
+    assert names.count("close gripper") == 1
     force = np.linalg.norm(run.rows["contact/tool"], axis=1)
     assert 5.0 < force[: landed.stop].max() < 50.0
