@@ -3,7 +3,7 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import sleep
@@ -17,7 +17,6 @@ from robo47_qp.cli import main, task_options
 from robo47_qp.errors import ArmStopped, InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
-from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven
 from robo47_qp.sim.franka.link import named
@@ -25,7 +24,7 @@ from robo47_qp.sim.franka.protocol import COMMAND, Controller, Generator
 from robo47_qp.sim.franka.served_arm import ServedArm
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
-from tests.driven import FR3, Nudge, adds, one, run
+from tests.driven import FR3, Nudge, one, run
 from tests.franka import served
 
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
@@ -92,110 +91,6 @@ def test_the_first_torques_are_those_that_hold_the_arm_where_it_is(host: str) ->
     assert result.failure is not None
     assert result.failure.evidence == "enough was seen"
     assert np.abs(first).max() < 0.2
-
-
-@pytest.mark.parametrize(
-    ("name", "plant"),
-    [
-        ("controller_torque_discontinuity", adds(lambda _: one(3, 5.0))),
-        ("controller_torque_discontinuity", adds(lambda i: one(1, 1.4 * i), blind=True)),
-        ("joint_velocity_violation", adds(lambda i: one(0, min(0.8 * i, 50.0)), blind=True)),
-        ("tau_J_range_violation", adds(lambda i: one(6, 0.9 * i), blind=True)),
-    ],
-    ids=["jump", "rate", "velocity", "range"],
-)
-def test_what_the_robot_refuses_is_told_by_its_name(
-    host: str, name: str, plant: Callable[[DrivenArm], None]
-) -> None:
-    failure = run(host, plant).failure
-    assert failure is not None
-    assert failure.cause is Cause.ARM
-    assert failure.evidence.startswith(f"{name}: libfranka: Move command aborted")
-    # The reflex is cleared by the run that comes next.
-    assert run(host).failure is None
-
-
-def test_a_torque_that_is_no_number_stops_the_arm_before_it_is_sent(host: str) -> None:
-    def plant(arm: DrivenArm) -> None:
-        deliver, count = arm._motors.deliver, 0
-
-        def wrong(tau: Vector) -> None:
-            nonlocal count
-            count += 1
-            deliver(tau if count < 100 else tau * np.nan)
-
-        arm._motors.deliver = wrong  # type: ignore[method-assign]
-
-    result = run(host, plant)
-    assert result.failure is not None
-    assert "commanded torque must be finite" in result.failure.evidence
-    assert len(result.rows) == 99
-
-
-def test_a_hand_that_jams_is_told(host: str) -> None:
-    def plant(arm: DrivenArm) -> None:
-        grip = arm.link.grip
-
-        def wrong(width: float, speed: float, force: float | None) -> bool:
-            return grip(0.5 + width, speed, None)
-
-        arm.link.grip = wrong  # type: ignore[method-assign]
-
-    failure = run(host, plant, grips=True).failure
-    assert failure is not None
-    assert failure.cause is Cause.ARM
-    assert failure.evidence == "the hand: libfranka gripper: Command failed!"
-
-
-def test_a_robot_that_is_gone_is_told_and_what_was_recorded_is_whole() -> None:
-    with served("--lock-step") as (host, process):
-
-        def plant(arm: DrivenArm) -> None:
-            def killed(i: int) -> Vector:
-                if i == 0:
-                    process.kill()
-                return np.zeros(7)
-
-            adds(killed)(arm)
-
-        result = run(host, plant)
-    assert result.failure is not None
-    assert result.failure.cause is Cause.ARM
-    assert "libfranka" in result.failure.evidence
-    assert len(result.rows) >= 98
-
-
-class Late:
-    """A control of torques that tells of periods without a command, from the 100th on."""
-
-    def __init__(self, control: Any) -> None:
-        self._control, self._count = control, 0
-        self.writeOnce = control.writeOnce
-
-    def readOnce(self) -> tuple[Any, Any]:
-        state, passed = self._control.readOnce()
-        self._count += 1
-        return state, self if self._count >= 100 else passed
-
-    def to_sec(self) -> float:
-        return 0.014
-
-
-def test_commands_that_come_late_end_the_run(host: str) -> None:
-    def plant(arm: DrivenArm) -> None:
-        start = arm.link.start
-
-        def started() -> None:
-            start()
-            arm.link._control = Late(arm.link._control)
-
-        arm.link.start = started  # type: ignore[method-assign]
-
-    result = run(host, plant)
-    assert result.failure is not None
-    assert result.failure.cause is Cause.ARM
-    assert result.failure.evidence.startswith("13 periods went by without a command; 10 in a row")
-    assert len(result.rows) == 99
 
 
 def test_the_robot_stops_at_the_twentieth_command_that_is_lost() -> None:

@@ -4,7 +4,8 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -18,13 +19,13 @@ from robo47_qp.cli import FAILED, _run_chosen, main, task_options
 from robo47_qp.run.failure import Cause
 from robo47_qp.sim.franka.driven_arm import DrivenArm
 from robo47_qp.sim.franka.link import Link
-from robo47_qp.tasks.reach.reach import Reach
-from tests.driven import adds, one, run
+from tests.driven import Nudge, adds, one, run
 from tests.franka import served
 
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 BUSY = "from time import monotonic as t\nend = t() + 120\nwhile t() < end: pass"
 Plant = Callable[["subprocess.Popen[str]"], Callable[[DrivenArm], None]]
+Server = Callable[..., AbstractContextManager[tuple[str, "subprocess.Popen[str]"]]]
 
 
 @contextmanager
@@ -78,20 +79,20 @@ def at_rest(host: str) -> None:
         link.close()
 
 
-def jump(_: "subprocess.Popen[str]") -> Callable[[DrivenArm], None]:
-    return adds(lambda _: one(3, 5.0))
+def adding(tau: Callable[[int], Vector], *, blind: bool = False) -> Plant:
+    return lambda _: adds(tau, blind=blind)
 
 
 def no_number(_: "subprocess.Popen[str]") -> Callable[[DrivenArm], None]:
     def plant(arm: DrivenArm) -> None:
-        step, count = arm.step, 0
+        deliver, count = arm._motors.deliver, 0
 
         def wrong(tau: Vector) -> None:
             nonlocal count
             count += 1
-            step(tau if count < 100 else tau * np.nan)
+            deliver(tau if count < 100 else tau * np.nan)
 
-        arm.step = wrong  # type: ignore[method-assign]
+        arm._motors.deliver = wrong  # type: ignore[method-assign]
 
     return plant
 
@@ -105,40 +106,118 @@ def gone(process: "subprocess.Popen[str]") -> Callable[[DrivenArm], None]:
     return adds(killed)
 
 
+class Late:
+    """A control of torques that tells of periods without a command, from the 100th on."""
+
+    def __init__(self, control: Any) -> None:
+        self._control, self._count = control, 0
+        self.writeOnce = control.writeOnce
+
+    def readOnce(self) -> tuple[Any, Any]:
+        state, passed = self._control.readOnce()
+        self._count += 1
+        return state, self if self._count >= 100 else passed
+
+    def to_sec(self) -> float:
+        return 0.014
+
+
+def late(_: "subprocess.Popen[str]") -> Callable[[DrivenArm], None]:
+    def plant(arm: DrivenArm) -> None:
+        start = arm.link.start
+
+        def started() -> None:
+            start()
+            arm.link._control = Late(arm.link._control)
+
+        arm.link.start = started  # type: ignore[method-assign]
+
+    return plant
+
+
+def jammed(_: "subprocess.Popen[str]") -> Callable[[DrivenArm], None]:
+    def plant(arm: DrivenArm) -> None:
+        grip = arm.link.grip
+
+        def wrong(width: float, speed: float, force: float | None) -> bool:
+            return grip(0.5 + width, speed, None)
+
+        arm.link.grip = wrong  # type: ignore[method-assign]
+
+    return plant
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gripping(Nudge):
+    """The short program, with its grasp."""
+
+    grips: bool = True
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    """Give the context of a server: that of the module, or a new one."""
+    options = ("--lock-step", "--task", "pick_place")
+    with served(*options) as usual:
+        yield lambda *, anew: served(*options) if anew else nullcontext(usual)
+
+
+_JUMPED = "controller_torque_discontinuity: libfranka: Move command aborted"
+
+
 @pytest.mark.parametrize(
     ("plant", "told", "rows"),
     [
-        (jump, "controller_torque_discontinuity: libfranka: Move command aborted", 99),
-        (no_number, "commanded torque must be finite", 99),
-        (gone, "libfranka", 99),
+        (adding(lambda _: one(3, 5.0)), _JUMPED, range(99, 102)),
+        (adding(lambda i: one(1, 1.4 * i), blind=True), _JUMPED, range(99, 110)),
+        (
+            adding(lambda i: one(0, min(0.8 * i, 50.0)), blind=True),
+            "joint_velocity_violation: libfranka: Move command aborted",
+            range(120, 400),
+        ),
+        (
+            adding(lambda i: one(6, 0.9 * i), blind=True),
+            "tau_J_range_violation: libfranka: Move command aborted",
+            range(102, 130),
+        ),
+        (late, "13 periods went by without a command; 10 in a row", range(99, 102)),
+        (no_number, "commanded torque must be finite", range(99, 102)),
+        (gone, "libfranka", range(98, 102)),
+        (jammed, "the hand: libfranka gripper: Command failed!", range(200, 3000)),
     ],
+    ids=["jump", "rate", "velocity", "range", "late", "no number", "server killed", "jam"],
 )
 def test_a_run_that_is_stopped_ends_with_code_message_and_a_whole_recording(
     plant: Plant,
     told: str,
-    rows: int,
+    rows: range,
+    server: Server,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
+    """The arm is at rest then, and does the next of them: a reflex is cleared by that run."""
     log = tmp_path / "run.rrd"
-    with served("--lock-step", "--task", "reach") as (host, process):
+    with server(anew=plant is gone) as (host, process):
         init, planted = DrivenArm.__init__, plant(process)
 
         def faulty(self: DrivenArm, *args: Any, **options: Any) -> None:
             init(self, *args, **options)
             planted(self)
 
-        monkeypatch.setattr(DrivenArm, "__init__", faulty)
+        options, act = task_options(Gripping), _run_chosen(Gripping)
         args = ["--log", str(log), "--robot", "fr3", "--at", host]
-        assert main(task_options(Reach), _run_chosen(Reach), None, args=args, prog="run") == FAILED
+        with monkeypatch.context() as patch:
+            patch.setattr(DrivenArm, "__init__", faulty)
+            assert main(options, act, None, args=args, prog="run") == FAILED
         if plant is not gone:
             at_rest(host)
     assert "failed: arm" in capsys.readouterr().out
     summary = json.loads(log.with_suffix(".json").read_text())
     assert summary["failure"] == "arm"
+    assert summary["evidence"].startswith(told) or plant is gone
     assert told in summary["evidence"]
     chunks = RrdReader(log).stream().to_chunks()
     signals = [chunk for chunk in chunks if str(chunk.entity_path) == "/signals"]
-    assert sum(chunk.num_rows for chunk in signals) >= rows
+    assert sum(chunk.num_rows for chunk in signals) in rows
     assert not list(tmp_path.glob("*.rows"))
