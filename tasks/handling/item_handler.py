@@ -155,26 +155,28 @@ class ItemHandler:
         yield hand.carry(T_world_tcp, T_world_item, T_world_goal)
         # It may have turned between the fingers on the way.
         T_world_item = yield from self.look_held(held, _ROUGH if errs else GOOD_ENOUGH)
+        yield from hand._lowered(T_world_item, raised(T_world_goal, NEAR) if errs else T_world_goal)
+        if errs:
+            # Beside its goal, both are seen with the same error of the camera's calibration.
+            T_world_item = yield from self.look_held(held)
+            yield from hand._lowered(T_world_item, raised(T_world_goal, LET_GO))
+        yield self.release()
+        if errs:
+            # What pressed on the goal until it was let go had pushed the arm aside.
+            yield Wait(name="settle", seconds=_SETTLE)
+
+    def _lowered(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
+        """Lower the held item from where it is to a pose, in another branch if need be."""
         T_world_tcp = self.sensed.tool_pose()
-        near = raised(T_world_goal, NEAR) if errs else T_world_goal
-        lower = hand.lower(T_world_tcp, T_world_item, near, turned=True)
+        lower = self.lower(T_world_tcp, T_world_item, T_world_goal, turned=True)
         try:
             yield lower
         except StepFailed as error:
             if error.failure.cause not in UNPLANNED:
                 raise
-            # As it has turned, the line would leave a joint's limits: come down in another branch.
-            yield hand.carry(T_world_tcp, T_world_item, near, turned=True)
+            # As it has turned, the line would leave a joint's limits.
+            yield self.carry(T_world_tcp, T_world_item, T_world_goal, turned=True)
             yield lower
-        if errs:
-            # Beside its goal, both are seen with the same error of the camera's calibration.
-            T_world_item = yield from self.look_held(held)
-            above = raised(T_world_goal, LET_GO)
-            yield hand.lower(self.sensed.tool_pose(), T_world_item, above, turned=True)
-        yield self.release()
-        if errs:
-            # What pressed on the goal until it was let go had pushed the arm aside.
-            yield Wait(name="settle", seconds=_SETTLE)
 
     def look_held(
         self, held: HeldItem | None, good_enough: float = GOOD_ENOUGH

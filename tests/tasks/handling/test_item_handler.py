@@ -9,7 +9,8 @@ from mink import SE3
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
-from robo47_qp.run.steps import Move, StepLike, as_step
+from robo47_qp.run.steps import Move, Release, StepLike, as_step
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.heading import upright
@@ -24,6 +25,22 @@ def test_a_line_down_that_cannot_be_planned_is_tried_once_from_another_branch() 
     assert _name(next(program)) == "lower"
     with pytest.raises(StepFailed, match="as a test"):
         program.throw(_failed(Cause.PLAN))
+
+
+def test_where_the_camera_errs_so_is_the_line_down_beside_the_goal() -> None:
+    """It begins near the goal, from where the item is seen beside it."""
+    erring, rng = Disturbance(pose_bias=1e-3), np.random.default_rng(0)
+    world = DisturbedSimulation(PANDA, PickPlace().build_scene, erring, rng)
+    program, names = _place(world), []
+    step = next(program)
+    while not isinstance(step := as_step(step), Release):
+        if isinstance(step, Move):
+            names.append(step.waypoints[0].name)
+        if names[-1:] == ["lower"] and names.count("lower") in (1, 3) and isinstance(step, Move):
+            step = program.throw(_failed(Cause.PLAN))
+        else:
+            step = next(program)
+    assert names == ["carry", *2 * ["lower", "carry", "lower"]]
 
 
 @pytest.mark.parametrize("cause", [Cause.DROP, Cause.TRACK])
@@ -64,8 +81,8 @@ def _name(step: StepLike) -> str:
     return action.waypoints[0].name
 
 
-def _place() -> Generator[StepLike, None, None]:
-    world = Simulation(PANDA, PickPlace().build_scene)
+def _place(world: Simulation | None = None) -> Generator[StepLike, None, None]:
+    world = world or Simulation(PANDA, PickPlace().build_scene)
     hand = ItemHandler(sensed=live(world), item=PickPlace().item, above=0.2)
     return hand.place(upright([0.4, -0.2, 0.02], 0.0))
 
