@@ -26,7 +26,7 @@ int r47_friction_change(r47_friction *c) {
     c->q[i] = c->given[i];
     c->z[i] = z;
     if (turn != 0.0) turned = 1;
-    torque[i] = c->f[i] * (-turn * (starts ? 1.0 : least(fabs(step) / c->slow, 1.0)));
+    torque[i] = c->f[i] * (-turn * (starts ? 1.0 : least(fabs(step) / c->creeps, 1.0)));
   }
   for (int i = 0; i < n && moved; i++)
     if (slow[i]) c->since[i] = 0.0;

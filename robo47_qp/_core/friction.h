@@ -10,7 +10,8 @@ typedef struct {
   void *model, *data; /* the arm's, with the mass matrix of its last inverse dynamics */
   void *solve, *mass; /* mj_solveM, mj_mulM */
   double per_update, per_displacement, settling;
-  double slow; /* displacement in an update, below which a joint may stick */
+  double slow;   /* displacement in an update, below which a joint may stick */
+  double creeps; /* that below which a reversal is partly left to the observer */
   int started;
   int count, learning; /* updates until now, and how many there are to each step of learning */
   double *q;           /* the reference of the last update */

@@ -82,6 +82,19 @@ def test_friction_turns_from_what_is_commanded_where_something_else_has_held_the
     assert turned[4:] == pytest.approx(1.5 * TRUTH[4:], rel=0.1)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(("speed", "share"), [(0.02, 1.0), (4e-3, 1.0), (1e-3, 0.4)])
+def test_a_reversal_turns_friction_at_once_unless_the_joint_creeps(
+    speed: float, share: float, compiled: bool
+) -> None:
+    friction, go = learning(Arm(PANDA), compiled=compiled)
+    for direction in (1.0, -1.0, 1.0):
+        go(0.1 * direction, direction * TRUTH, 100)
+    turned = go(-speed, -TRUTH, 20)
+    # From one direction to the other: friction turns by twice its size.
+    assert turned == pytest.approx(-2.0 * share * friction.friction, rel=0.05)
+
+
 def first_error(robot: Robot) -> float:
     """The largest error of a first motion of joints with dry friction [rad]."""
     arm = Arm(robot)
