@@ -8,31 +8,37 @@ from typing import ClassVar, Self
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.motion.waypoint import Motion, Waypoint
+from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.peg_insert.lanes import across, end_of, lanes_beyond, search_lanes
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
-"""Force of a stiff arm that touches and searches [N], above the drift of a sensor at the wrist; its
-speed without contact [m/s]; and how many readings are averaged."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.008, 0.004
-"""Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it sinks
-and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_STOPPED, _STUCK_FOR = 6.0, 10
-"""By how much the force along a lane is above that on the block where a wall, and not friction,
-stops the peg [N], in how many readings."""
+"""Force of a stiff arm that touches [N], above the drift of a sensor at the wrist; its speed
+without contact [m/s]; and how many readings are averaged."""
+_SEARCH, _FALLING, _CENTRE = 2.5, 3e-3, 1.0
+"""Force of the search [N]; speed at which it presses without contact: a peg that snaps off an edge
+knocks on the block [m/s]; and force with which a peg is brought back to the hole's middle [N]."""
+_FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
+"""Number of lanes, with the short ones between them, after which the wrist is read anew, as it
+drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
+_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.005, 0.004
+"""Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it is
+pressed in and searches: while it sinks, the search tilts it between the fingers [m/s]."""
+_STOPPED, _STEEP, _STUCK_FOR = 3.0, 0.9, 4
+"""Where a wall, and not friction, stops the peg, the force aside is above a part of that on the
+block, which is the largest coefficient of friction, by so much [N], in how many readings. The arm
+springs back by what it was pushed: the earlier it is noticed, the less."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
-_BEYOND = 1e-4
-"""Distance from a tool across lanes from which on a lane is not the one that it is on [m]."""
 _PRESSES = 6
 """How often a peg that sticks is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -101,16 +107,21 @@ class FeelingInserter(PegInserter):
         self, offset: np.ndarray, radius: float, pitch: float
     ) -> Generator[StepLike, None, None]:
         """See `PegInserter.insert`; here, the radius is half the side of a square of lanes."""
-        x, y = self._across(self._tool_on_top(offset))
+        x, y = across(self._tool_on_top(offset), self._axis)
         corner = SE3.from_translation(-radius * (x + y)) @ self.T_world_hole
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
-        lanes, deep = self._lanes(touched, radius, pitch), 0.0
+        lanes, deep = search_lanes(touched, self._axis, radius, pitch), 0.0
         while lanes and deep < _SINKS:
-            caught = yield from self._search(stiff, free, lanes)
+            caught = yield from self._search(stiff, free, lanes[:_FRESH], more=lanes[_FRESH:])
+            if caught is None:
+                yield self._lift_off(stiff, _OFF)
+                stiff, free = yield from self._touch()
+                lanes = lanes[_FRESH:]
+                continue
             yield from self._press_in(stiff, free)
-            deep, lanes = self._depth(caught), self._lanes_beyond(caught, lanes)
+            deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
         for again in range(_PRESSES):
             if again:
                 yield from self._press_in(stiff, free)
@@ -121,29 +132,48 @@ class FeelingInserter(PegInserter):
         yield from self._push(touched)
 
     def _search(
-        self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...]
-    ) -> Generator[StepLike, None, SE3]:
+        self,
+        stiff: Press,
+        free: FreeWrist,
+        lanes: tuple[Waypoint, ...],
+        *,
+        more: tuple[Waypoint, ...],
+    ) -> Generator[StepLike, None, SE3 | None]:
         """Search along lanes; return the pose of the tool in which the hole caught the peg.
 
         A wall also stops a peg whose edge meets the hole from a lane beside it, which has not sunk.
+        Returns None where nothing was found and there are more lanes; fails with TIMEOUT where
+        these were the last ones.
         """
         sinking = Sinking(self.sensed, self._axis)
+        found, end = self._found(sinking, free), end_of(lanes[-1])
+
+        def against() -> str | None:
+            off = self.sensed.tool_pose().translation() - end.translation()
+            over = bool(more) and np.linalg.norm(off - off.dot(self._axis) * self._axis) < _ARRIVED
+            return None if over else found.against()
+
         searching = replace(
             stiff,
             name="search",
             waypoints=lanes,
-            damping=_FIRM_TOUCH / _SINK_SPEED,
+            force=_SEARCH,
+            damping=_SEARCH / _FALLING,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
-            until=self._found(sinking, free),
+            until=replace(found, against=against),
         )
         yield searching
+        if found.against() is not None:
+            return None
         # While it sank, the search went on and tilted it between the fingers.
         caught = sinking.caught
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
-        yield replace(searching, name="centre", waypoints=way, observe=None, until=None)
+        yield replace(
+            searching, name="centre", waypoints=way, force=_CENTRE, observe=None, until=None
+        )
         return caught
 
     def _press_in(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
@@ -258,11 +288,7 @@ class FeelingInserter(PegInserter):
                 yield hand.to_hole(offset)[1:]
             touch, _ = yield from self._touch()
             points.append(self.sensed.tool_pose().translation())
-            up = SE3.from_translation(_FAR * self._axis) @ self.sensed.tool_pose()
-            way_up = (self._line("lift off", up),)
-            yield replace(
-                touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None
-            )
+            yield self._lift_off(touch, _FAR)
         normal = np.cross(points[1] - points[0], points[2] - points[0])
         normal /= np.linalg.norm(normal)
         turn = SO3.exp(np.cross(self._axis, normal))
@@ -271,6 +297,12 @@ class FeelingInserter(PegInserter):
         height = float((np.mean(points, axis=0) - top).dot(normal))
         at = self.T_world_hole.translation() + height * normal
         return replace(self, T_world_hole=SE3.from_rotation_and_translation(R, at))
+
+    def _lift_off(self, touch: Press, height: float) -> Press:
+        """Return the step that lifts the peg off the block by a height [m], with the arm stiff."""
+        up = SE3.from_translation(height * self._axis) @ self.sensed.tool_pose()
+        way_up = (self._line("lift off", up),)
+        return replace(touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None)
 
     def _rests(self) -> Condition:
         """Return the condition that the tool sinks no more, from now on."""
@@ -293,58 +325,21 @@ class FeelingInserter(PegInserter):
         return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
 
     def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
-        """Return the condition that the peg has sunk, or is stopped along a lane."""
-        _, y = self._across(self.sensed.tool_pose())
+        """Return the condition that the peg has sunk, or is stopped."""
         readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
 
         def against() -> str | None:
             readings.append(self.sensed.felt_force() - free.force)
             force = np.mean(readings, axis=0)
-            stopped = abs(float(force.dot(y))) >= _STOPPED + max(float(force.dot(self._axis)), 0.0)
+            along = float(force.dot(self._axis))
+            aside = float(np.linalg.norm(force - along * self._axis))
+            stopped = aside >= _STOPPED + _STEEP * max(along, 0.0)
             if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
                 return None
             sunk = 1e3 * sinking.sunk
             return f"the peg has sunk by {sunk:.1f} mm; {1e3 * _SINKS:.1f} mm are the hole"
 
         return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
-
-    def _lanes(self, corner: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
-        """Return lanes from a corner of the square to search, each along the tool's y.
-
-        Fingers close along y, and hold a peg that is dragged along it; about y it turns between
-        them.
-        """
-        x, y = self._across(corner)
-        count, poses = int(np.ceil(2.0 * radius / pitch)), []
-        for i in range(count + 1):
-            for end in (i % 2, 1 - i % 2):
-                at = i * pitch * x + 2.0 * radius * end * y
-                poses.append(SE3.from_translation(at) @ corner)
-        return tuple(
-            Waypoint(name=f"search {i}", target=pose, motion=Motion.LIN)
-            for i, pose in enumerate(poses[1:], start=1)
-        )
-
-    def _lanes_beyond(self, here: SE3, lanes: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
-        """Return the lanes beyond the one of a tool pose; the next begins beside that pose.
-
-        From there it is searched to the end from which the tool came, and then as a whole.
-        """
-        x, y = self._across(here)
-        poses = [lane.target for lane in lanes if isinstance(lane.target, SE3)]
-        off = [pose.translation() - here.translation() for pose in poses]
-        left = [i for i, by in enumerate(off) if by.dot(x) > _BEYOND]
-        if not left:
-            return ()
-        beside = SE3.from_translation(-off[left[0]].dot(y) * y) @ poses[left[0]]
-        ahead = tuple(lanes[i] for i in left)
-        return (replace(ahead[0], name="search beside", target=beside), *ahead[1:2], *ahead)
-
-    def _across(self, T_world_tcp: SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Return the directions next to a tool's x and y that are normal to the hole's axis."""
-        x = np.cross(T_world_tcp.rotation().as_matrix()[:, 1], self._axis)
-        x /= np.linalg.norm(x)
-        return x, np.cross(self._axis, x)
 
     def draw_out(self) -> Generator[StepLike, None, bool]:
         """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""
