@@ -21,9 +21,10 @@ which joints at rest have come to rest, and in which those that start do so [s].
 _SLOW = 0.01
 """Speed of the reference below which a joint may stick: nothing is learned of it then [rad/s] or
 [m/s]."""
-_CREEPS = 0.25
-"""Share of that below which the observer has the time to find a reversal out [-]; with all of it,
-tools of `moderate` worlds left their lines by 0.33 mm in place of 0.2."""
+_CREEPS = 0.1
+"""Share of that below which the observer has the time to find a reversal out, unless the friction
+is told from the start [-]: with all of it, tools of `moderate` worlds left their lines by 0.33 mm
+in place of 0.2."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +44,8 @@ class FrictionLearning(Checked):
     there that the friction turns at the next start.
 
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
-    have to find out about it. Of one that is slow, but for the start from rest, it finds most out
-    by itself: the joint may have stuck, and turned before its reference did.
+    have to find out about it. Of one of a joint that creeps, but for the start from rest, it finds
+    most out by itself: the joint may have stuck, and turned before its reference did.
     """
 
     displacement: Positive = 1e-4
@@ -73,7 +74,8 @@ class LearnedFriction:
         self._settings, self._per_update = settings, PERIODS * dt
         self._per_displacement = 1.0 / settings.displacement
         self._slow = _SLOW * self._per_update
-        self._creeps = _CREEPS * self._slow
+        told = arm.robot.dry_friction is not None
+        self._creeps = self._slow if told else _CREEPS * self._slow
         self._q: Vector | None = None
         self._z, self._since = np.zeros(n), np.zeros(n)
         self._rested, self._moving = np.zeros(1), np.zeros(1)
