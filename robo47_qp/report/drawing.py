@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -115,6 +116,15 @@ def draw(picture: Picture) -> "Figure":
     return figure
 
 
+def write(picture: Picture, path: str | Path) -> None:
+    """Draw the figure and write it as a PNG, quickly rather than as small as can be.
+
+    Raises:
+        OSError, ValueError: The file cannot be written.
+    """
+    draw(picture).savefig(path, pil_kwargs={"compress_level": 1})
+
+
 def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
     i, j = plane
     words, numbers = picture
@@ -143,14 +153,23 @@ def _mark_phases(axes: "Axes", picture: Picture) -> None:
             axes.text(middle, 0.96, phase, fontsize=8, **place)
 
 
-def _main(path: str) -> int:
-    import matplotlib.backends.backend_agg  # noqa: F401  # while the input is being made
+def _nothing() -> Picture:
+    """Return a picture of an arm with one joint that rests."""
+    words = {"title": "-", "joints": ["-"], "unit": "-", "objects": [], "phases": ["-"]}
+    columns = {"q": 1, "tau": 1, "at": 3, "asked": 3}
+    numbers = {name: np.zeros((2, k)) for name, k in columns.items()}
+    times = {"time": np.arange(2.0), "tool": np.zeros(2), "starts": np.zeros(1, dtype=int)}
+    return Picture(words, {**numbers, **times, "objects": np.zeros((2, 0, 3))})
 
+
+def _main(path: str) -> int:
+    # While the input is being made: a first picture takes three times as long as the next one.
+    draw(_nothing())
     data = sys.stdin.buffer.read()
     if not data:
         return 0  # There is no run to draw.
     try:
-        draw(Picture.unpacked(data)).savefig(path)
+        write(Picture.unpacked(data), path)
     except (OSError, ValueError) as error:
         sys.stderr.write(str(error))
         return 1

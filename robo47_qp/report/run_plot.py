@@ -9,7 +9,7 @@ import numpy as np
 
 from robo47_qp.errors import RecordingError
 from robo47_qp.report import drawing
-from robo47_qp.report.drawing import Picture, draw
+from robo47_qp.report.drawing import Picture, write
 from robo47_qp.run.scenario import Run
 
 
@@ -71,7 +71,7 @@ def plot_run(run: Run, path: Path) -> None:
         RecordingError: The file cannot be written.
     """
     try:
-        draw(picture_of(run)).savefig(path)
+        write(picture_of(run), path)
     except (OSError, ValueError) as error:
         raise _unwritten(path, str(error)) from error
 
