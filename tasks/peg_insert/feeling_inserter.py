@@ -32,7 +32,7 @@ drifts; how far the peg is lifted off for it, and how near to its end a lane is 
 _SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.005, 0.004
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it is
 pressed in and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_STOPPED, _STEEP, _STUCK_FOR = 3.0, 0.9, 4
+_STOPPED, _MU_MOST, _STUCK_FOR = 3.0, 0.9, 4
 """Where a wall, and not friction, stops the peg, the force aside is above a part of that on the
 block, which is the largest coefficient of friction, by so much [N], in how many readings. The arm
 springs back by what it was pushed: the earlier it is noticed, the less."""
@@ -114,7 +114,8 @@ class FeelingInserter(PegInserter):
         touched = self.sensed.tool_pose()
         lanes, deep = search_lanes(touched, self._axis, radius, pitch), 0.0
         while lanes and deep < _SINKS:
-            caught = yield from self._search(stiff, free, lanes[:_FRESH], more=lanes[_FRESH:])
+            last = len(lanes) <= _FRESH
+            caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
                 yield self._lift_off(stiff, _OFF)
                 stiff, free = yield from self._touch()
@@ -137,21 +138,24 @@ class FeelingInserter(PegInserter):
         free: FreeWrist,
         lanes: tuple[Waypoint, ...],
         *,
-        more: tuple[Waypoint, ...],
+        last: bool,
     ) -> Generator[StepLike, None, SE3 | None]:
         """Search along lanes; return the pose of the tool in which the hole caught the peg.
 
         A wall also stops a peg whose edge meets the hole from a lane beside it, which has not sunk.
-        Returns None where nothing was found and there are more lanes; fails with TIMEOUT where
-        these were the last ones.
+        Returns None where nothing was found; fails with TIMEOUT if these were the last lanes.
         """
         sinking = Sinking(self.sensed, self._axis)
-        found, end = self._found(sinking, free), end_of(lanes[-1])
+        found, end, caught_it = self._found(sinking, free), end_of(lanes[-1]), False
 
         def against() -> str | None:
+            # Kept, as the arm is no longer pushed once it has stopped.
+            nonlocal caught_it
+            told = found.against()
+            caught_it = caught_it or told is None
             off = self.sensed.tool_pose().translation() - end.translation()
-            over = bool(more) and np.linalg.norm(off - off.dot(self._axis) * self._axis) < _ARRIVED
-            return None if over else found.against()
+            left = float(np.linalg.norm(off - off.dot(self._axis) * self._axis))
+            return None if caught_it or (left < _ARRIVED and not last) else told
 
         searching = replace(
             stiff,
@@ -165,7 +169,7 @@ class FeelingInserter(PegInserter):
             until=replace(found, against=against),
         )
         yield searching
-        if found.against() is not None:
+        if not caught_it:
             return None
         # While it sank, the search went on and tilted it between the fingers.
         caught = sinking.caught
@@ -333,7 +337,7 @@ class FeelingInserter(PegInserter):
             force = np.mean(readings, axis=0)
             along = float(force.dot(self._axis))
             aside = float(np.linalg.norm(force - along * self._axis))
-            stopped = aside >= _STOPPED + _STEEP * max(along, 0.0)
+            stopped = aside >= _STOPPED + _MU_MOST * max(along, 0.0)
             if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
                 return None
             sunk = 1e3 * sinking.sunk

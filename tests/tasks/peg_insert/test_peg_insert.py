@@ -74,13 +74,13 @@ def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_onc
         pose_bias=2e-3, rotation_bias=0.0087, pose_noise=2e-3, noise_force=0.3, force_drift=1.0
     )
     episode = TaskEpisode(robot=PANDA, task=PegInsert(), perturbation=erring)
-    scenario = episode.scenario(80039)
+    scenario = episode.scenario(80041)
     # Another one of the same seed: looking draws noise.
-    simulation = episode.simulation(scenario, 80039)
+    simulation = episode.simulation(scenario, 80041)
     off = simulation.seen_marker("hole seen").inverse() @ simulation.marker_pose("hole")
     assert np.linalg.norm(off.translation()) > 4e-3
     assert np.degrees(np.linalg.norm(off.rotation().log())) > 1.0
-    run = Runner(scenario, episode.simulation(scenario, 80039)).run()
+    run = Runner(scenario, episode.simulation(scenario, 80041)).run()
     assert run.failure is None
     names = [phase.name for phase in run.phases]
     assert names.count("insert") == 1
@@ -186,10 +186,12 @@ def test_a_peg_that_a_wall_stops_beside_the_hole_is_searched_with_on_the_lanes_b
             assert step.observe is not None
             step.observe()
             assert step.until is not None
-            tool.felt = np.array([0.0, -8.0, 3.0])
+            tool.felt = np.array([0.0, -6.0, 3.0])
             for _ in range(3):
                 assert step.until.against() is not None
             assert step.until.against() is None
+            # The arm stops, and nothing pushes it any more.
+            tool.felt = np.zeros(3)
         if isinstance(step, Press) and step.name == "insert":
             tool.at = tool.at - [0.0, 0.0, DEPTH if sinks else 1e-5]
     assert len(searches) == (1 if sinks else 2)
