@@ -68,8 +68,6 @@ class Sort(Task):
         Bin(name="blue bin", centre=(0.45, -0.37), rgba=BLUE),
     )
     """The bins."""
-    drop: Positive = 8e-3
-    """Height above the table at which an item is released into its bin [m]."""
     grip_force: Positive = 30.0
     """Largest force of one finger; see `Item.grip_force` [N]."""
     above: Positive = 0.16
@@ -162,7 +160,7 @@ class Sort(Task):
             slot = self._bin(item).free_slot(taken)
             taken.append(slot)
             grasp = item.grasp(T_world_item, sensed.gripper.width_max)
-            steps += hand.foreseen(T_world_item, self._dropped(item, slot, grasp, T_world_item))
+            steps += hand.foreseen(T_world_item, self._down(item, slot, grasp, T_world_item))
         return [*steps, HOME]
 
     def program(self, sensed: Sensed) -> Program:
@@ -226,12 +224,12 @@ class Sort(Task):
     def _sort(
         self, hand: ItemHandler, sensed: Sensed, others: Sequence[SE3]
     ) -> Generator[StepLike, None, None]:
-        """Pick an item and release it over a free slot of its bin."""
+        """Pick an item and put it down in a free slot of its bin."""
         held = yield from hand.pick()
         T_world_item = yield from hand.look_held(held)
         taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
         slot = self._bin(hand.item).free_slot(taken)
-        goal = self._dropped(hand.item, slot, sensed.tool_pose(), T_world_item)
+        goal = self._down(hand.item, slot, sensed.tool_pose(), T_world_item)
         yield from hand.place(goal, held)
 
     def _is_in(self, item: Item, T_world_item: SE3) -> bool:
@@ -254,9 +252,9 @@ class Sort(Task):
             T_item_standing=turn,
         )
 
-    def _dropped(
+    def _down(
         self, item: Item, slot: tuple[float, float], T_world_tcp: SE3, T_world_item: SE3
     ) -> SE3:
-        """Return the pose at which an item is released over a slot, the fingers across the bin."""
-        up = TABLE_TOP + self.drop + 0.5 * item.height
+        """Return the pose of an item that stands in a slot, the fingers across the bin."""
+        up = TABLE_TOP + 0.5 * item.height
         return upright([*slot, up], heading(T_world_item) - heading(T_world_tcp))

@@ -21,6 +21,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.item import GREEN, RED, Item
 from robo47_qp.tasks.sort.sort import Sort
+from robo47_qp.tasks.table import TABLE_TOP
 from tests.robots import GRIPPER
 from tests.runs import Meddler, at_rest, carry_out, live
 
@@ -186,7 +187,7 @@ def test_random_starts_leave_room_for_the_fingers(seed: int) -> None:
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20)
-def test_items_are_let_go_across_the_bin_just_above_its_ground(seed: int) -> None:
+def test_items_are_put_down_across_the_bin(seed: int) -> None:
     """The fingers open along y, where there is room, whatever they hold and however."""
     simulation = _world()
     ALL.reset(simulation, np.random.default_rng(seed))
@@ -204,7 +205,7 @@ def test_items_are_let_go_across_the_bin_just_above_its_ground(seed: int) -> Non
         assert abs(np.sin(heading(lower.target))) < 1e-9
         held = grasp.target.inverse() @ simulation.object_pose(item.name)
         x, y, z = (lower.target @ held).translation()
-        assert z - 0.5 * item.height == pytest.approx(ALL.drop)
+        assert z == pytest.approx(TABLE_TOP + 0.5 * item.height)
         place = RED_BIN if item.rgba == RED else BLUE_BIN
         away = [np.hypot(x - a, y - b) for a, b in place.slots]
         assert min(away) < 1e-9
@@ -239,8 +240,8 @@ def test_the_hand_stays_above_the_rim() -> None:
         for geom in np.flatnonzero(model.geom_bodyid == hand)
         if model.geom_contype[geom]
     )
-    # Below the tool point, along the tool's axis; with 12 mm less than half of the lowest item.
-    tool = ALL.drop + 0.5 * 0.035
+    # The tool is where the middle of the lowest item is, when it stands.
+    tool = TABLE_TOP + 0.5 * 0.035
     assert tool + lowest > RED_BIN.height + 0.01
 
 
@@ -259,7 +260,6 @@ def _lowest_point(model: mujoco.MjModel, geom: int) -> float:
             {"items": tuple(replace(item, rgba=RED) for item in ALL.items)},
             r"items for 'red bin' must be one per slot at most; found 6",
         ),
-        ({"drop": 0.0}, r"drop must be above 0 and finite"),
         ({"grip_force": np.nan}, r"grip_force must be above 0 and finite"),
         ({"above": -1.0}, r"above must be above 0 and finite"),
         ({"retries": -1}, r"retries must be a whole number, 0 or more; found -1"),
