@@ -25,22 +25,36 @@ CLEARANCE = 0.005
 """Distance that arms, and what they hold, keep from each other and their surroundings [m]."""
 
 
+def at(x: float, y: float, z: float) -> SE3:
+    """A pose that is not turned [m]."""
+    return SE3.from_translation(np.array([x, y, z]))
+
+
 @dataclass(frozen=True)
 class Solid:
     """A box or an upright cylinder of a thing, for collision checks."""
 
     pose: SE3
-    """In the world, or in the frame of the grip site that holds it."""
+    """In the world, or in the frame of the base or grip site that it is fixed to."""
     size: tuple[float, float, float]
     """Half edges; of a cylinder its radius, half its length, and nothing [m]."""
     shape: mujoco.mjtGeom = mujoco.mjtGeom.mjGEOM_BOX
 
-    def add(self, body: mujoco.MjsBody, at: SE3 | None = None) -> None:
-        """Add it to a body, in whose frame its own has a pose."""
-        pose = self.pose if at is None else at @ self.pose
+    def add(self, body: mujoco.MjsBody, frame: SE3 | None = None) -> None:
+        """Add it to a body, in whose frame its own has a pose; the same where that is None."""
+        pose = self.pose if frame is None else frame @ self.pose
         body.add_geom(
             type=self.shape, size=self.size, pos=pose.translation(), quat=pose.rotation().wxyz
         )
+
+
+MOUNT = (
+    Solid(at(-0.02, 0.0, -0.28), (0.18, 0.31, 0.0), mujoco.mjtGeom.mjGEOM_CYLINDER),
+    Solid(at(-0.325, 0.0, -0.37), (0.11, 0.2, 0.265)),
+    Solid(at(-0.1225, 0.0, -0.748), (0.385, 0.35, 0.155)),
+)
+"""What an arm stands on, in the frame of its base: pedestal, controller and feet
+(rethink_mount.xml, which stands 10 mm above the base)."""
 
 
 @dataclass(eq=False)
@@ -48,7 +62,7 @@ class Pair(Station):
     """Two arms; poses are those in robosuite's world.
 
     Motions are planned for both at once, and refused where the arms, or what they hold, would
-    come too close to each other or themselves.
+    come too close to each other, to themselves or to what they stand on.
     """
 
     arms: ClassVar[int] = 2
@@ -82,6 +96,9 @@ class Pair(Station):
         robot = self.arm.robot
 
         def held(spec: mujoco.MjSpec) -> None:
+            for mount in robot.mounts:
+                for solid in MOUNT:
+                    solid.add(spec.worldbody, mount.T_world_base)
             for tool, solids in zip(robot.tools, (first, second), strict=True):
                 tcp = cast(mujoco.MjsSite, spec.site(tool.tcp))
                 T_body_tcp = SE3(np.concatenate([tcp.quat, tcp.pos]))

@@ -15,9 +15,9 @@ from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import tool_down
 from scenarios.judges.suite.cell import Failed, Ticks, moved
 from scenarios.judges.suite.grasping import ABOVE, ATTEMPTS, yaw_of
-from scenarios.judges.suite.pair import FIRST, SECOND, Pair, Solid
+from scenarios.judges.suite.pair import FIRST, SECOND, Pair, Solid, at
 
-TABLE = Solid(SE3.from_translation(np.array([0.0, 0.0, 0.775])), (0.4, 0.4, 0.025))
+TABLE = Solid(at(0.0, 0.0, 0.775), (0.4, 0.4, 0.025))
 """The table of TwoArmLift."""
 POT = (0.07, 0.07, 0.07)
 """Half edges of the pot [m]."""
@@ -30,7 +30,7 @@ LOWERED = 0.004
 """Depth of the grip sites below the middle of a bar, so that the pads are around it [m]."""
 LIFT = 0.16
 """Height by which the pot is lifted; 0.10 count [m]."""
-PEG = SE3.from_translation(np.array([0.0, 0.0, 0.13]))
+PEG = at(0.0, 0.0, 0.13)
 """Middle of the peg, from the first hand's flange; it is 0.26 m long, along the flange's z."""
 PEG_SIZE = (0.03, 0.13, 0.0)
 """Largest radius of the peg, which is drawn from 15 to 30 mm, and half its length [m]."""
@@ -53,9 +53,12 @@ MEETING = np.array([0.0, 0.0, 1.2])
 """Where the hole is when the peg comes: between the arms, whose bases stand 0.912 m high [m]."""
 LEAN = np.pi / 4
 """Angle from straight down to the peg's way: each hand points down and to the other arm [rad]."""
-BEFORE, THROUGH = 0.06, 0.07
-"""Distance of the peg's tip before the plate's middle, and beyond it at the end [m]; of the peg's
-half length, 0.13 m, the verdict wants any part beyond."""
+BACK = 0.08
+"""How far the peg goes back from the plate before anything turns [m]."""
+AWAY, BEFORE, THROUGH = 0.2, 0.06, 0.07
+"""Distance of the peg's tip from the hole while the plate is turned, before the peg is led in, and
+beyond the hole at the end [m]; the verdict wants any part of the peg beyond, up to its middle and
+0.12 m more."""
 PACE = 0.5
 
 
@@ -104,23 +107,28 @@ def handle_grasps(pot: SE3, side: float) -> Sequence[SE3]:
         pot: T_world_pot.
         side: 1 for the first hand's handle, -1 for the other.
     """
-    at = pot.apply(HANDLE * [1.0, side, 1.0]) - [0.0, 0.0, LOWERED]
-    return [tool_down(at, yaw_of(pot) + turn) for turn in (0.0, np.pi)]
+    bar = pot.apply(HANDLE * [1.0, side, 1.0]) - [0.0, 0.0, LOWERED]
+    return [tool_down(bar, yaw_of(pot) + turn) for turn in (0.0, np.pi)]
 
 
 def pot_solids(pot: SE3) -> list[Solid]:
     """The pot and the bars of its handles, for collision checks."""
-    bars = [SE3.from_translation(HANDLE * [1.0, side, 1.0]) for side in (1.0, -1.0)]
+    bars = [at(*(HANDLE * [1.0, side, 1.0])) for side in (1.0, -1.0)]
     return [Solid(pot, POT), *(Solid(pot @ bar, BAR) for bar in bars)]
 
 
 def peg_in_hole(pair: Pair) -> Ticks:
     """Bring the plate between the arms and the peg before its hole, and lead the peg in."""
+    # At first they may be closer than is kept: straight back from the plate, whatever the peg's
+    # radius is.
+    start = pair.tools[FIRST]
+    yield from pair.to(ToolPoses({FIRST: moved(start, [0.0, -BACK, 0.0])}), line=True, pace=PACE)
     pair.keep_clear(first=[peg_solid()], second=plate_solids())
     way = np.array([0.0, np.sin(LEAN), -np.cos(LEAN)])
     plate = pair.nearest(SECOND, plate_hands(way))
-    before = peg_hand(MEETING, way, -BEFORE)
-    yield from pair.to(ToolPoses({FIRST: before, SECOND: plate}))
+    # One after the other: the plate's corners would sweep over the peg.
+    yield from pair.to(ToolPoses({FIRST: peg_hand(MEETING, way, -AWAY)}))
+    yield from pair.to(ToolPoses({SECOND: plate}))
     # The hole as it is seen now; where the peg is, the first arm's joints tell.
     seen = pair.pose("hole")
     hole, normal = seen.apply(HOLE), seen.rotation().as_matrix()[:, 2]
@@ -158,7 +166,4 @@ def peg_solid() -> Solid:
 
 def plate_solids() -> list[Solid]:
     """The plate in the frame of its flange."""
-    return [
-        Solid(PLATE @ SE3.from_translation(np.array([*middle, 0.0])), (*half, PLATE_THICK))
-        for middle, half in PLATE_PARTS
-    ]
+    return [Solid(PLATE @ at(*middle, 0.0), (*half, PLATE_THICK)) for middle, half in PLATE_PARTS]
