@@ -1,8 +1,9 @@
-"""Cell: robosuite's Panda as programs see and move it, through the observations of a client."""
+"""Stations: robosuite's Pandas as programs see and move them, through what a client observes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import reduce
+from typing import Any, ClassVar
 
 import numpy as np
 from mink import SE3, SO3
@@ -12,6 +13,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots import load_robot
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Planner
@@ -88,35 +90,50 @@ class Axis:
 
 
 @dataclass(eq=False)
-class Cell:
-    """One arm, its gripper and what is seen, of one episode."""
+class Station:
+    """Arms, their grippers and what is seen, of one episode."""
+
+    arms: ClassVar[int]
+    """How many arms there are."""
 
     seen: Mapping[str, Any]
     """Robosuite's last observations, by its own names."""
     grip_site: float = FINGERTIPS
     """Distance of the grip site from the hand [m]."""
-    robot: int = 0
-    """Which of several robots this is."""
 
     def __post_init__(self) -> None:
-        base = np.asarray(self.seen["bases"], float)[self.robot]
-        self.T_suite_base = SE3.from_rotation_and_translation(SO3(base[3:].copy()), base[:3])
+        bases = [
+            SE3.from_rotation_and_translation(SO3(base[3:].copy()), base[:3])
+            for base in np.asarray(self.seen["bases"], float)
+        ]
+        self.T_suite_base, robot = self.model(bases)
         self.T_base_suite = self.T_suite_base.inverse()
         # Robosuite's hand stands 0.1065 m beyond the last link, ours 0.107 m and the tool 0.1034 m
         # beyond it (panda/robot.xml). Programs name poses of the grip site, turned like our tool:
         # the fingers close along y.
         beyond = 0.1065 + self.grip_site - 0.107 - 0.1034
         self.T_tcp_grip = SE3.from_translation(np.array([0.0, 0.0, beyond]))
-        self.arm = Arm(panda())
-        self.planner = Planner(ik=ClassicalStack().solver(), profile=PROFILE, lin=Lin(profile=TOOL))
+        self.arm = Arm(robot)
+        self.profile = reduce(MotionProfile.followed_by, [PROFILE] * self.arms)
+        self.planner = Planner(
+            ik=ClassicalStack().solver(), profile=self.profile, lin=Lin(profile=TOOL)
+        )
         self._quick = ClassicalStack(ik="lm").solver()
         self._stride = round(1.0 / (float(self.seen["rate"]) * DT))
         self._kp = float(self.seen["kp"])
         self.q = self.measured_q
-        self.goal, self.grip = self.q.copy(), OPEN
+        self.goal, self.grips = self.q.copy(), np.full(self.arms, OPEN)
+
+    def model(self, bases: Sequence[SE3]) -> tuple[SE3, Robot]:
+        """The frame in which programs name poses, in robosuite's world, and the arms in it.
+
+        Args:
+            bases: Where the arms stand in robosuite's world.
+        """
+        raise NotImplementedError
 
     def pose(self, name: str) -> SE3:
-        """The measured pose of a thing in the frame of the robot's base."""
+        """The measured pose of a thing in the frame of the base; of a pair, in the world."""
         x, y, z, w = np.asarray(self.seen[f"{name}_quat"], float)
         R = SO3(np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z]))
         return self.T_base_suite @ SE3.from_rotation_and_translation(R, position(self.seen, name))
@@ -130,38 +147,39 @@ class Cell:
         return self.T_base_suite.apply(np.asarray(point, float))
 
     @property
-    def width(self) -> float:
-        """Distance between the fingers [m]."""
-        left, right = np.asarray(self.seen[f"robot{self.robot}_gripper_qpos"], float)
-        return float(left - right)
-
-    @property
-    def tool(self) -> SE3:
-        """T_base_grip at the last reference."""
-        return self.arm.pose(self.q) @ self.T_tcp_grip
+    def widths(self) -> Vector:
+        """Distances between the fingers (arms,) [m]."""
+        fingers = [self.seen[f"robot{i}_gripper_qpos"] for i in range(self.arms)]
+        return np.array([left - right for left, right in np.asarray(fingers, float)])
 
     @property
     def measured_q(self) -> Vector:
-        """The measured joints (7,) [rad]."""
-        return np.asarray(self.seen[f"robot{self.robot}_joint_pos"], float)
+        """The measured joints (7 arms,) [rad]."""
+        joints = [self.seen[f"robot{i}_joint_pos"] for i in range(self.arms)]
+        return np.concatenate(joints, dtype=float)
 
     @property
-    def measured_tool(self) -> SE3:
-        """T_base_grip from the measured joints."""
-        return self.arm.pose(self.measured_q) @ self.T_tcp_grip
+    def actions(self) -> Vector:
+        """What the client is answered: each arm's joints, and its gripper's command if it has
+        fingers."""
+        parts: list[Vector] = []
+        for i, goal in enumerate(np.split(self.goal, self.arms)):
+            fingers = np.size(self.seen.get(f"robot{i}_gripper_qpos", ())) == 2
+            parts += [goal, self.grips[i : i + 1]] if fingers else [goal]
+        return np.concatenate(parts)
 
     def to(
         self,
-        T_base_grip: SE3,
+        T_base_grip: Target,
         *,
         line: bool = False,
         pace: float = 1.0,
-        then: Sequence[SE3] = (),
+        then: Sequence[Target] = (),
     ) -> Ticks:
-        """Move the grip site to a pose, on a straight line or as the joints please.
+        """Move the grip sites to poses, on straight lines or as the joints please.
 
         Args:
-            T_base_grip: The pose.
+            T_base_grip: The pose, or those of several arms by the names of their tools.
             line: On a straight line.
             pace: Ratio of the speeds to those of the profiles.
             then: Poses that lines will lead to from there: the joints are chosen so that they can.
@@ -186,42 +204,34 @@ class Cell:
         far = 1e3 * np.abs(self.measured_q - self.q).max()
         raise Failed(Cause.TRACK, f"{far:.0f} mrad from the end of a motion")
 
+    def tcp(self, T_base_grip: SE3) -> SE3:
+        """The pose of the tool frame with which a grip site is at a pose."""
+        return T_base_grip @ self.T_tcp_grip.inverse()
+
     def _waypoint(
-        self, pose: SE3, motion: Motion, pace: float, onward: tuple[Waypoint, ...] = ()
+        self, pose: Target, motion: Motion, pace: float, onward: tuple[Waypoint, ...] = ()
     ) -> Waypoint:
-        target = pose @ self.T_tcp_grip.inverse()
+        if isinstance(pose, SE3):
+            target: Target = self.tcp(pose)
+        else:
+            target = pose.each(lambda _, one: self.tcp(one))
         name = "line" if motion is Motion.LIN else "way"
         return Waypoint(name=name, target=target, motion=motion, pace=pace, onward=onward)
 
-    def by(self, shift: ArrayLike, *, pace: float = 1.0) -> Ticks:
-        """Move the grip site by (3,) [m] in the frame of the base, on a straight line."""
-        yield from self.to(moved(self.tool, shift), line=True, pace=pace)
-
-    def around(self, axis: Axis, angle: float, *, pace: float = 1.0) -> Ticks:
-        """Turn the grip site about an axis [rad]."""
-        start = self.tool
-        middle, end = (
-            axis.turned(start, part * angle) @ self.T_tcp_grip.inverse() for part in (0.5, 1.0)
-        )
-        waypoint = Waypoint(
-            name="turn",
-            target=end,
-            motion=Motion.CIRC,
-            through=middle.translation(),
-            pace=pace,
-        )
-        yield from self.follow(waypoint)
-
     def planned(self, waypoint: Waypoint) -> Trajectory:
-        """The motion to a waypoint; in joint space as slow as the hand must turn."""
+        """The motion to a waypoint; in joint space as slow as the hands must turn."""
         trajectory = self.planner.plan(self.arm, waypoint, self.q, DT).trajectory
         if waypoint.motion is not Motion.PTP:
             return trajectory
         start, end = trajectory.q[0], trajectory.q[-1]
         looks = start + np.linspace(0.0, 1.0, LOOKS)[:, None] * (end - start)
-        turns = [np.linalg.norm(self.arm.jacobian(q)[3:] @ (end - start)) for q in looks]
+        turns = [
+            np.linalg.norm(self.arm.jacobian(q, tool)[3:] @ (end - start))
+            for q in looks
+            for tool in range(self.arms)
+        ]
         slow = np.abs(end - start) * TURN / max(float(max(turns)), 1e-6) + 1e-6
-        profile = PROFILE.slowed(waypoint.pace)
+        profile = self.profile.slowed(waypoint.pace)
         return plan_ptp(start, end, replace(profile, v_max=np.minimum(profile.v_max, slow)), DT)
 
     def follow(self, waypoint: Waypoint) -> Ticks:
@@ -248,36 +258,74 @@ class Cell:
 
     def open(self, seconds: float = 0.4) -> Ticks:
         """Open the fingers."""
-        self.grip = OPEN
+        self.grips[:] = OPEN
         yield from self.wait(seconds)
 
     def close(self) -> Ticks:
-        """Close the fingers until they rest; something must be between them.
+        """Close the fingers until they rest; something must be between those of each hand.
 
         Raises:
             Failed: There is nothing.
         """
-        self.grip, before = CLOSED, np.inf
+        self.grips[:], before = CLOSED, np.full(self.arms, np.inf)
         for k in range(self._periods(FINGERS)):
             yield
-            if k > 10 and abs(before - self.width) < 2e-5:
+            if k > 10 and np.abs(before - self.widths).max() < 2e-5:
                 break
-            before = self.width
+            before = self.widths
         self.check_held()
 
     def check_held(self) -> None:
-        """Check that something is between the fingers.
+        """Check that something is between the fingers of each hand.
 
         Raises:
             Failed: There is nothing.
         """
-        if self.width < NOTHING:
-            raise Failed(Cause.GRASP, f"the fingers closed to {1e3 * self.width:.1f} mm")
+        least = self.widths.min()
+        if least < NOTHING:
+            raise Failed(Cause.GRASP, f"the fingers closed to {1e3 * least:.1f} mm")
+
+
+@dataclass(eq=False)
+class Cell(Station):
+    """One arm; poses are those in the frame of its base."""
+
+    arms: ClassVar[int] = 1
+
+    def model(self, bases: Sequence[SE3]) -> tuple[SE3, Robot]:
+        """See `Station.model`."""
+        return bases[0], panda()
+
+    @property
+    def tool(self) -> SE3:
+        """T_base_grip at the last reference."""
+        return self.arm.pose(self.q) @ self.T_tcp_grip
+
+    @property
+    def measured_tool(self) -> SE3:
+        """T_base_grip from the measured joints."""
+        return self.arm.pose(self.measured_q) @ self.T_tcp_grip
+
+    def by(self, shift: ArrayLike, *, pace: float = 1.0) -> Ticks:
+        """Move the grip site by (3,) [m] in the frame of the base, on a straight line."""
+        yield from self.to(moved(self.tool, shift), line=True, pace=pace)
+
+    def around(self, axis: Axis, angle: float, *, pace: float = 1.0) -> Ticks:
+        """Turn the grip site about an axis [rad]."""
+        start = self.tool
+        middle, end = (self.tcp(axis.turned(start, part * angle)) for part in (0.5, 1.0))
+        waypoint = Waypoint(
+            name="turn",
+            target=end,
+            motion=Motion.CIRC,
+            through=middle.translation(),
+            pace=pace,
+        )
+        yield from self.follow(waypoint)
 
     def reaches(self, T_base_grip: SE3) -> bool:
         """Whether inverse kinematics finds the arm a way to hold the grip site at a pose."""
-        target = T_base_grip @ self.T_tcp_grip.inverse()
-        return self._quick.solve(self.arm, target, self.arm.home).converged
+        return self._quick.solve(self.arm, self.tcp(T_base_grip), self.arm.home).converged
 
 
 def moved(pose: SE3, shift: ArrayLike) -> SE3:

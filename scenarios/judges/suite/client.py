@@ -65,9 +65,12 @@ def world(task: str, seed: int) -> Any:
     if task == "Wipe":
         # The positions of all markers, in place of a summary; a collision does not end it.
         more["task_config"] = DEFAULT_WIPE_CONFIG | {"use_condensed_obj_obs": False}
+    two = task.startswith("TwoArm")
+    if two:
+        more["env_configuration"] = "opposed"
     return robosuite.make(
         task,
-        robots="Panda",
+        robots=["Panda", "Panda"] if two else "Panda",
         controller_configs=controller(),
         has_renderer=False,
         has_offscreen_renderer=False,
@@ -106,9 +109,7 @@ def judged(env: Any, policy: Any, task: str, seed: int, noise: Noise | None) -> 
     done_at = None
     while periods < SECONDS * RATE and left:
         answer = policy.infer(message)
-        # The wiper has no command of its own.
-        actions = np.asarray(answer["actions"], float)[: env.action_dim]
-        seen, _, ended, _ = env.step(actions)
+        seen, _, ended, _ = env.step(np.asarray(answer["actions"], float))
         periods += 1
         message = measured(seen, noise)
         ever = ever or bool(env._check_success())

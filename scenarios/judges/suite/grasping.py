@@ -6,7 +6,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.motion.waypoint import tool_down
-from scenarios.judges.suite.cell import Cell, Failed, Ticks, moved
+from scenarios.judges.suite.cell import OPEN, Cell, Failed, Ticks, moved
 
 ABOVE = 0.08
 """Height above a grasp that is approached first [m]."""
@@ -42,7 +42,7 @@ def pick(cell: Cell, grasp: Callable[[], SE3], up: float = ABOVE) -> Ticks:
         Failed: It was not held after the last attempt.
     """
     for attempt in range(ATTEMPTS):
-        cell.grip = -1.0
+        cell.grips[:] = OPEN
         target = grasp()
         lifted = moved(target, [0.0, 0.0, up])
         yield from cell.to(moved(target, [0.0, 0.0, ABOVE]), then=(target, lifted))

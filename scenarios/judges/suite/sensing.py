@@ -8,6 +8,10 @@ NOISE = (0.002, np.deg2rad(2.0))
 """Standard deviations of the noise of poses: along each axis [m], and about each [rad]."""
 _PRIVATE = ("_to_", "object-state", "proprio", "_cos", "_sin", "hinge_qpos", "_is_", "_on_")
 """Parts of the names of what is not told: derived from robot and things, or seen by no camera."""
+_PRIVATE_NAMES = ("angle", "t", "d")
+"""Names of what is not told, either: how peg and hole are to each other (TwoArmPegInHole)."""
+_POSES = ("_pos", "_xpos", "_quat")
+"""Ends of the names of positions and orientations."""
 
 
 class Noise:
@@ -38,9 +42,9 @@ def measured(seen: dict[str, Any], noise: Noise | None) -> dict[str, np.ndarray]
     """What the server is told of robosuite's observations."""
     told = {}
     for name, value in seen.items():
-        if any(part in name for part in _PRIVATE):
+        if name in _PRIVATE_NAMES or any(part in name for part in _PRIVATE):
             continue
         array = np.atleast_1d(np.asarray(value, float))
-        posed = name.endswith(("_pos", "_quat")) and not name.startswith("robot")
+        posed = name.endswith(_POSES) and not name.startswith("robot")
         told[name] = noise.added(name, array) if noise is not None and posed else array
     return told

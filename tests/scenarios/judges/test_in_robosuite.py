@@ -20,6 +20,8 @@ pytestmark = [
     [
         ("NutAssemblySquare", 16),  # lost at the peg when the hand turned faster than air lets it
         ("ToolHang", 1),
+        ("TwoArmLift", 1),
+        ("TwoArmPegInHole", 13),  # the plate scraped along its arm's pedestal before it was known
     ],
 )
 def test_a_task_is_done_within_what_the_motors_can(task: str, seed: int, tmp_path: Path) -> None:
