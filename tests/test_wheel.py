@@ -22,7 +22,8 @@ def test_site_packages_gains_one_name(wheel: Path) -> None:
 def test_an_installed_package_works_in_an_empty_folder(wheel: Path, tmp_path: Path) -> None:
     pytest.importorskip("gymnasium", reason="the extra gym is not installed")
     python = environment(tmp_path / "env", sys.executable)
-    install(python, "--no-deps", "--no-index", str(wheel))
+    # What is imported is compiled then.
+    install(python, "--no-deps", "--no-index", "--no-compile", str(wheel))
     # The dependencies are those of this environment, its editable packages left out.
     (site,) = (tmp_path / "env").glob("lib/python*/site-packages")
     libraries = sysconfig.get_paths()["purelib"]

@@ -21,13 +21,17 @@ print(main(["view", "missing.rrd"]), main(["dance"]))
 # No display: there is nothing to view it on.
 print(main(["view", "logs/run.rrd"]))
 """
-COMPARE = """
+GOOD_INPUT = """
 from contextlib import redirect_stdout
 from io import StringIO
 from robo47_qp.__main__ import main
 with redirect_stdout(StringIO()):
-    compared = main("compare-ik --n 5 --targets uniform --solvers dls default".split())
-assert compared == 0, compared
+    for line in (
+        "compare-ik --n 5 --targets uniform --solvers dls default",
+        "evaluate --task pick_place --episodes 1 --workers 1",
+    ):
+        ended = main(line.split())
+        assert ended == 0, (line, ended)
 """
 GYM = """
 import gymnasium
@@ -99,10 +103,9 @@ def try_commands(python: Path, folder: Path) -> None:
     assert Path(found.strip()).is_relative_to(python.parents[1]), found
     assert "known: " not in run(folder, robo47, "run", "pick_place").stderr
     assert json.loads((folder / "logs" / "run.json").read_text(encoding="utf-8"))["success"]
-    evaluated = ("evaluate", "--task", "pick_place", "--episodes", "1", "--workers", "1")
-    run(folder, where, "-m", "robo47_qp", *evaluated)
+    assert "evaluate" in run(folder, where, "-m", "robo47_qp", "--help").stdout
     # The imports of one process serve for all the rest.
-    told = run(folder, where, "-c", GYM + COMPARE + BAD_INPUT)
+    told = run(folder, where, "-c", GYM + GOOD_INPUT + BAD_INPUT)
     assert {path.name for path in folder.iterdir()} == {"logs"}
     logs = {path.name for path in (folder / "logs").iterdir()}
     assert {"run.rrd", "run.json", "run.png", "eval.json", "ik.json"} <= logs

@@ -3,7 +3,6 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import place_poles
 
 from robo47_qp.control.pole_placement import observer_gains
 
@@ -12,6 +11,9 @@ from robo47_qp.control.pole_placement import observer_gains
 def test_gains_are_those_of_scipy_to_the_bit(
     omega_dt: float, real: float, imaginary: float, dt: float
 ) -> None:
+    # Imported here, where it is used: that takes as long as a hundred tests.
+    from scipy.signal import place_poles
+
     F, H = np.array([[1, dt, dt * dt], [0, 1, dt], [0, 0, 1]]), np.array([[1.0, 0.0, 0.0]])
     pair = complex(np.exp(omega_dt * complex(real, imaginary)))
     alone = float(np.exp(-omega_dt))

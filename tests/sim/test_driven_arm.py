@@ -25,7 +25,7 @@ from robo47_qp.sim.franka.served_arm import ServedArm
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from tests.driven import FR3, Nudge, one, run
-from tests.franka import served
+from tests.franka import address, served
 
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 
@@ -138,7 +138,7 @@ def test_exit_codes_and_messages(
         (("--robot", "panda", "--at", host), "--robot must be fr3 with --at"),
         (("--dry-run",), "--dry-run must be given with --at"),
         (("--at", host, "--live"), "--at must be without --live"),
-        (("--robot", "fr3", "--at", "127.0.0.1"), "Connection to FCI refused"),
+        (("--robot", "fr3", "--at", address()), "Connection to FCI refused"),
     ):
         assert robo47(*args) == 2
         assert told in " ".join(capsys.readouterr().err.split())
@@ -179,4 +179,4 @@ def test_only_an_fr3_is_driven() -> None:
     with pytest.raises(InvalidValueError, match="fr3 with --at"):
         DrivenArm(load_robot("panda"), Nudge().build_scene, "127.0.0.1")
     with pytest.raises(ArmStopped, match="refused"):
-        DrivenArm(FR3, Nudge().build_scene, "127.0.0.1")
+        DrivenArm(FR3, Nudge().build_scene, address())

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from robo47_qp import JointTarget, Observation
-from robo47_qp.sim.simulation import Simulation
 
 print("printed at import")
 
@@ -44,7 +43,10 @@ class Collector(Still):
     """Looks for the world among all objects, and frames."""
 
     def act(self, observation: Observation) -> Any:
-        worlds = [one for one in gc.get_objects() if isinstance(one, Simulation)]
+        # Every process of a policy imports this module, and one looks for a world.
+        from robo47_qp.sim import simulation
+
+        worlds = [one for one in gc.get_objects() if isinstance(one, simulation.Simulation)]
         frame: Any = sys._getframe()
         while frame is not None:
             worlds += [one for one in frame.f_locals.values() if hasattr(one, "place_object")]
