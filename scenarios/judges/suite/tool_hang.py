@@ -19,6 +19,10 @@ TUBE = 0.15
 """Depth of the tube, which is 10 mm wide inside; the rod has 7.5 mm [m]."""
 ROD = 0.2207
 """From the frame's corner down to the rod's tip [m]."""
+TIP = np.array([0.0, 0.0, -ROD])
+"""The rod's tip, from the frame's corner [m]."""
+IN = 0.01
+"""Largest distance of the tip of a rod in its stand from the middle of the stand's floor [m]."""
 GRIP = np.array([0.0, 0.0, -0.034])
 """Middle of the frame's grip, which is 25 mm thick and 64 mm long [m]."""
 PRONG = np.array([-0.0875, 0.0, 0.0037])
@@ -69,12 +73,16 @@ def insert(cell: Cell) -> Ticks:
         standing(cell, foot + np.array([0.0, 0.0, up + ROD])) @ T_frame_grip
         for up in (TUBE + OVER, GAP)
     )
-    yield from cell.to(over, then=(low,))
+    # The rod turns down where it was taken up: on a way across, it would hit the stand.
+    x, y, _ = cell.tool.translation() - over.translation()
+    yield from cell.to(moved(over, [x, y, 0.0]), then=(over, low))
+    yield from cell.to(over, line=True)
     yield from cell.to(low, line=True, pace=SLOW)
     yield from cell.open()
     yield from back(cell)
-    if cell.place("frame")[2] > foot[2] + ROD + 0.01:
-        raise Failed(Cause.PLACE, "the frame is not in its stand")
+    off = np.linalg.norm(cell.pose("frame").apply(TIP) - foot)
+    if off > IN:
+        raise Failed(Cause.PLACE, f"the rod's tip is {1e3 * off:.0f} mm off the floor of the stand")
 
 
 def standing(cell: Cell, corner: Vector) -> SE3:

@@ -135,17 +135,48 @@ def test_frame_and_tool_are_brought_to_their_places() -> None:
     assert np.linalg.norm(hang.translation() - tool_hang.PRONG) < 0.012
 
 
-def test_a_frame_that_stands_elsewhere_is_told() -> None:
+@pytest.mark.parametrize(
+    "elsewhere",
+    [
+        SE3.from_translation(np.array([-0.08, 0.045, 1.18])),  # on the rim
+        lying(-0.25, -0.06, 0.8126, -1.976),
+    ],
+)
+def test_a_frame_that_is_elsewhere_is_told(elsewhere: SE3) -> None:
+    off = np.linalg.norm(elsewhere.apply(tool_hang.TIP) - STAND - tool_hang.MOUNT)
+    told = f"place: the rod's tip is {1e3 * off:.0f} mm off the floor of the stand"
+    assert inserted(elsewhere)[0] == told
+
+
+def test_the_rod_is_above_the_stand_before_it_is_led_down() -> None:
+    """The frame turns upright where it was taken up, not on its way: it had hit the stand."""
+    x, y, top = STAND + tool_hang.MOUNT + np.array([0.0, 0.0, tool_hang.TUBE])
+    tips, near = [], []
+    for pose in inserted(SE3.identity())[1]:
+        rod = [pose.apply(share * tool_hang.TIP) for share in np.linspace(0, 1, 45)]
+        tips.append(rod[-1])
+        near.append(any(np.hypot(p[0] - x, p[1] - y) < 0.03 and p[2] < top for p in rod))
+    first = near.index(True)
+    # It comes to be there from above the tube, and only goes down from then on.
+    assert tips[first][2] > top - 0.01
+    assert np.hypot(*(tips[first][:2] - [x, y])) < 0.002
+    assert all(near[first:])
+
+
+def inserted(elsewhere: SE3) -> tuple[str, list[SE3]]:
+    """What is told where a frame is elsewhere once it is let go, and its poses while it is held."""
     frame = Thing("frame", lying(-0.113, -0.311, 0.8126, -1.976), 0.0254)
     frame.spot = frame.pose.apply(tool_hang.GRIP)
     world = StandIn("ToolHang", [frame, Thing("base", SE3.from_translation(STAND), 0.0)])
-    step = world.step
+    step, poses = world.step, list[SE3]()
 
     def watched(answer: Mapping[str, Any]) -> None:
         held = frame.held is not None
         step(answer)
-        if held and frame.held is None:  # on the rim
-            frame.pose = SE3.from_translation(np.array([-0.08, 0.045, 1.18]))
+        if frame.held is not None:
+            poses.append(frame.pose)
+        elif held:
+            frame.pose = elsewhere
 
     world.step = watched  # type: ignore[method-assign]
-    assert world.run() == "place: the frame is not in its stand"
+    return world.run(), poses
