@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import RefusalReason
@@ -15,7 +16,6 @@ from robo47_qp.ik.solver import EarlyStopping, IkResult, IkSolver, Tolerance, jo
 from robo47_qp.ik.tool_demand import FULL, ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
-from robo47_qp.motion.following.least_squares import Ending, least_squares
 from robo47_qp.motion.refusals import AT_LIMIT
 
 STRIDE = 0.1
@@ -26,8 +26,11 @@ _SMALLEST = 2.0**-10
 that moves by more than `STRIDE` would be a thousand times too fast."""
 _STARTS, _SEED = 4, 3
 """Number of further starts of the slow search, and their random seed."""
-_ENDING = Ending(step=1e-12, gain=1e-4, slope=1e-12, evaluations=60)
-"""When the slow search ends: near a pose that is reached, every step gains more than that."""
+_EXACT = 1e-12
+"""Tolerance of steps and gradients at which the slow search ends."""
+_STAGNANT = 1e-4
+"""Relative gain of a step at which it ends: near a pose that is reached, every step gains more."""
+_EVALUATIONS = 60
 
 _ASKED = Tolerance()
 
@@ -95,8 +98,8 @@ def solve_nearby(
 ) -> Vector | None:
     """Return a configuration within `STRIDE` of q that reaches a pose (n,) [rad].
 
-    Bounded least squares, from q and from a few places around it, always the same ones; None
-    where all of them end elsewhere.
+    scipy's bounded least squares (dogbox: Voglis and Lagaris, 2004), from q and from a few
+    places around it, always the same ones; None where all of them end elsewhere.
 
     Args:
         arm: The arm.
@@ -106,21 +109,26 @@ def solve_nearby(
         limits: Whether to stay inside the joint limits.
         starts: Places around q to search from, too.
     """
-    low, high, demand = q - STRIDE, q + STRIDE, tolerance.demand
+    low, high = q - STRIDE, q + STRIDE
     if limits:
         low, high = np.maximum(arm.q_min, low), np.minimum(arm.q_max, high)
     around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
     for start in (np.clip(q, low, high), *around):
         found = least_squares(
-            lambda x: demand.error(arm, T_world_target, x),
-            lambda x: -demand.jacobian(arm, T_world_target, x),
+            lambda x: tolerance.demand.error(arm, T_world_target, x),
             start,
-            (low, high),
-            _ENDING,
+            jac=lambda x: -tolerance.demand.jacobian(arm, T_world_target, x),
+            bounds=(low, high),
+            method="dogbox",
+            xtol=_EXACT,
+            ftol=_STAGNANT,
+            gtol=_EXACT,
+            max_nfev=_EVALUATIONS,
         )
-        position, angle = demand.distance(arm, T_world_target, found)
+        position, angle = tolerance.demand.distance(arm, T_world_target, found.x)
         if position <= tolerance.position and angle <= tolerance.orientation:
-            return found
+            reached: Vector = found.x
+            return reached
     return None
 
 
