@@ -52,6 +52,8 @@ class JudgeOptions(Checked):
     """Episodes of each task."""
     seed: CountOrZero = 80_000
     """Seed of the first episode."""
+    true_poses: bool = True
+    """With the poses as they are."""
     noise: bool = True
     """Also with 2 mm and 2 degrees of noise on the poses, which is drawn once in an episode."""
     workers: Count = 1
@@ -73,8 +75,17 @@ class JudgeOptions(Checked):
         for task in self.tasks:
             if task not in PROGRAMS:
                 raise UnknownNameError("task", task, PROGRAMS)
+        if not self.asked:
+            raise InvalidValueError("poses", "none of these tasks", "true, noisy, or both")
         if not JUDGE.exists():
             raise InvalidValueError("robosuite", "no .judges/robosuite", "there: make judges")
+
+    @property
+    def asked(self) -> list[tuple[str, bool]]:
+        """What is judged: tasks, and whether with noise; those without noise first."""
+        tasks = self.tasks or PROGRAMS
+        noisy = [(task, True) for task in tasks if self.noise and task in NOISY]
+        return [(task, False) for task in tasks if self.true_poses] + noisy
 
     def _label(self, field: str) -> str:
         return f"--{field}"
@@ -84,9 +95,7 @@ def run(options: JudgeOptions, console: Console) -> int:
     """Run all episodes, print the table, write figures; return 0 unless an episode broke down."""
     check_writable(options.report)
     made = provenance()
-    asked = [(task, False) for task in options.tasks or PROGRAMS]
-    if options.noise:
-        asked += [(task, True) for task, _ in asked if task in NOISY]
+    asked = options.asked
     mine = {"commit": made["commit"], "seeds": seeds(options)}
     rows, failures = finished(options, made, asked)
     done = {(row["task"], row["noise"]) for row in rows}

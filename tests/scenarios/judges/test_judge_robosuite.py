@@ -64,9 +64,22 @@ def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     JudgeOptions(tasks=("Lift",))
     with pytest.raises(UnknownNameError, match="Fold"):
         JudgeOptions(tasks=("Fold",))
+    with pytest.raises(InvalidValueError, match=r"poses must be true, noisy, or both"):
+        JudgeOptions(tasks=("Wipe",), true_poses=False)
     monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path / "none")
     with pytest.raises(InvalidValueError, match="make judges"):
         JudgeOptions()
+
+
+def test_true_and_noisy_poses_are_judged_as_asked_for(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(judge_robosuite, "JUDGE", tmp_path)
+    tasks = ("Lift", "Wipe")
+    both = [("Lift", False), ("Wipe", False), ("Lift", True)]
+    assert JudgeOptions(tasks=tasks).asked == both
+    assert JudgeOptions(tasks=tasks, noise=False).asked == both[:2]
+    assert JudgeOptions(tasks=tasks, true_poses=False).asked == both[2:]
 
 
 def report(path: Path, **more: Any) -> JudgeOptions:
