@@ -6,6 +6,7 @@ PYTHONS ?= $(PYTHON)
 LOCK_FLAGS ?=
 FRESH ?=
 EPISODES ?= 100
+MOTIONS ?= 200
 # Part of its pace at which the clock of franka-sim goes: 1 where the machine keeps to a millisecond.
 CLOCK ?= 0.25
 # Named indirectly: `make -n` runs every line of a recipe that names MAKE itself.
@@ -62,8 +63,8 @@ test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscop
 
 judges: $(JUDGES) ## Make .judges, the environments of outside judges (see scenarios/judges)
 
-judge: install judges ## Let outside judges judge: hours (EPISODES=100 of each task)
-	@$(BIN)/python scenarios/judge_franka.py --seed 2000000 --clock $(CLOCK) || test $$? = 1
+judge: install judges ## Let outside judges judge: hours (EPISODES=100 of each task, MOTIONS=200)
+	@$(BIN)/python scenarios/judge_franka.py --motions $(MOTIONS) --seed 2000000 --clock $(CLOCK) || test $$? = 1
 	@$(BIN)/python scenarios/judge_robosuite.py --episodes $(EPISODES) --seed 2000000 --workers 2
 
 wheel: install ## Try the wheel in new environments (PYTHONS="python3.12 python3.13")

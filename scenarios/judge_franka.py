@@ -117,30 +117,27 @@ def run(options: JudgeOptions, console: Console) -> int:
     """Make all motions, print the table, write figures; return 0 where there was no reflex."""
     check_writable(options.report)
     made, motions, stops = provenance(), list[dict[str, Any]](), list[str]()
-    others = list[dict[str, Any]]()
-    with served(options.host, options.clock) as told:
-        console.print(told)
-        permitted = {"server": "real-time" in told, "client": own_core(CORE)}
-        seed, last = options.seed, options.seed + 2 * -(-options.motions // options.connection)
-        while len(motions) < options.motions and seed < last:
-            count = min(options.connection, options.motions - len(motions))
-            try:
-                done = connection(options, seed, count)
-            except ArmStopped as stopped:
-                stop = str(stopped)
-            else:
-                stop = "" if done.failure is None else done.failure.evidence
-                now = measured(done)
+    others, permitted = list[dict[str, Any]](), dict[str, bool]()
+    seed, last = options.seed, options.seed + 2 * -(-options.motions // options.connection)
+    while len(motions) < options.motions and seed < last:
+        # One that a client has left in the middle of a motion answers none after it.
+        with served(options.host, options.clock) as told:
+            console.print(told)
+            permitted = {"server": "real-time" in told, "client": own_core(CORE)}
+            stop = ""
+            while not stop and len(motions) < options.motions and seed < last:
+                count = min(options.connection, options.motions - len(motions))
+                now, stop = made_of(options, seed, count)
                 motions += now
                 largest = _told(summary("", now)["largest"])
                 console.print(f"{seed}: {len(now)} motions, errors up to {largest} mrad")
                 for worse in tracked_worse(seed, now):
                     console.print(" ".join(f"{k} {v}" for k, v in worse.items()), soft_wrap=True)
                     others.append(worse)
-            if stop:
-                stops.append(f"{seed}: {stop}")
-                console.print(stops[-1], highlight=False)
-            seed += 1
+                if stop:
+                    stops.append(f"{seed}: {stop}")
+                    console.print(stops[-1], highlight=False)
+                seed += 1
     rows = [summary(kind, [m for m in motions if m["kind"] == kind]) for kind in options.kinds]
     rows.append(summary("all", motions))
     figures = {
@@ -185,6 +182,15 @@ def served(host: str, clock: float) -> Iterator[str]:
             yield line.strip()
         finally:
             server.kill()
+
+
+def made_of(options: JudgeOptions, seed: int, count: int) -> tuple[list[dict[str, Any]], str]:
+    """What was measured of a connection's motions, and what stopped them; "" where nothing did."""
+    try:
+        done = connection(options, seed, count)
+    except ArmStopped as stopped:
+        return [], str(stopped)
+    return measured(done), "" if done.failure is None else done.failure.evidence
 
 
 def connection(options: JudgeOptions, seed: int, count: int) -> Run:
