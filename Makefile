@@ -63,7 +63,7 @@ test: install ## Run the tests (PYTEST_FLAGS="-n 2 --dist loadfile --no-loadscop
 
 judges: $(JUDGES) ## Make .judges, the environments of outside judges (see scenarios/judges)
 
-judge: install judges ## Let outside judges judge: hours (EPISODES=100 of each task, MOTIONS=200)
+judge: install judges ## Let outside judges judge: hours (EPISODES=100, MOTIONS=200)
 	@$(BIN)/python scenarios/judge_franka.py --motions $(MOTIONS) --seed 2000000 --clock $(CLOCK) || test $$? = 1
 	@$(BIN)/python scenarios/judge_robosuite.py --episodes $(EPISODES) --seed 2000000 --workers 2
 
