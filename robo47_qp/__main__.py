@@ -43,9 +43,11 @@ def main(args: Sequence[str] | None = None) -> int:
         with importing():
             _check_renderer()
             command = _COMMANDS[given[0]]()
+        return command(given[1:])
     except RenderingError as error:
         return _told(f"error: {error}\n", 2)
-    return command(given[1:])
+    except KeyboardInterrupt:  # Between the imports and what the command guards.
+        return _told("interrupted; nothing has run\n", 130)
 
 
 def _told(text: str, code: int) -> int:

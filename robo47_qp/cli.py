@@ -209,10 +209,10 @@ def guarded(command: Callable[[], int]) -> int:
     Returns:
         What the command returns; 2 for bad input, 130 for Ctrl-C and for SIGTERM.
     """
-    if current_thread() is main_thread():
-        # So that files are closed and temporary files are removed.
-        signal(SIGTERM, default_int_handler)
     try:
+        if current_thread() is main_thread():
+            # So that files are closed and temporary files are removed.
+            signal(SIGTERM, default_int_handler)
         with forgiving_output(), threadpool_limits(1, user_api="blas"):
             return command()
     except Robo47Error as error:

@@ -327,7 +327,7 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
 
 @posix
 def test_a_disk_that_fills_up_is_told_and_what_was_recorded_can_be_read(tmp_path: Path) -> None:
-    done = run_script("--log", "run.rrd", cwd=tmp_path, file_limit=20_000_000)
+    done = run_script("--log", "run.rrd", cwd=tmp_path, file_limit=17_000_000)
     # On a machine that is slow enough, it tells on the way how far it is.
     kept = [line for line in done.stdout.splitlines() if not line.startswith("seconds simulated: ")]
     done.stdout = "\n".join(kept)

@@ -115,7 +115,8 @@ def test_ctrl_c_in_the_imports_is_one_line(after: float, tmp_path: Path) -> None
     assert process.stdout.readline() == "began\n"
     time.sleep(after)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    # On a fast machine episodes have begun after the last delay: told on the standard output.
+    said = "".join(process.communicate(timeout=60))
     assert "Traceback" not in said
     assert said.count("interrupted") == 1
     assert process.returncode == 130
