@@ -272,7 +272,7 @@ class _Depth(_Tracker):
         """Return some periods of a path with the displacement, that in q (n,) the first."""
         step, axis = self._step, np.zeros(6)
         axis[:3] = self._arm.pose(q).rotation().as_matrix().T @ step.axis
-        way = np.linalg.pinv(self._arm.jacobian(q)) @ axis
+        way = np.linalg.lstsq(self._arm.jacobian(q), axis)[0]
         asked = step.force - step.felt() if step.force else 0.0
         largest = _SHARE * float((self._a_max / np.maximum(np.abs(way), 1e-9)).min())
         states = [(self.q, self._speed * way, self._acceleration * way)]

@@ -230,14 +230,14 @@ class DisturbedSimulation(Simulation):
 
     def seen_pose(self, name: str) -> SE3:
         """See `Simulation.seen_pose`; measured in the last frame that has arrived."""
-        T_world_object = self.object_pose(name)
-        return T_world_object if self._camera is None else self._camera.seen(name).pose
+        if self._camera is None or name not in self.objects:
+            return self.object_pose(name)
+        return self._camera.seen(name).pose
 
     def seen_marker(self, name: str) -> SE3:
         """See `Simulation.seen_marker`."""
-        T_world_marker = self.marker_pose(name)
         if self._camera is None or name not in self._seen_markers:
-            return T_world_marker
+            return self.marker_pose(name)
         return self._camera.seen(name).pose
 
     def seen_time(self, name: str) -> float:

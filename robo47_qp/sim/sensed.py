@@ -212,6 +212,7 @@ class Senses:
         self._simulation, self._as_seen = simulation, as_seen
         self._hands = [tool.gripper is not None for tool in simulation.robot.tools]
         self._things = (*simulation.objects, *simulation.markers)
+        self._last: dict[str, tuple[SE3, Sight | None]] = {}
         sheet = CellSheet(noise=simulation.noise_figures) if sheet is None else sheet
         self.sensed = Sensed(simulation.robot, sheet, simulation.objects)
         """What programs and policies know; a reading changes it."""
@@ -219,12 +220,7 @@ class Senses:
     def read(self) -> Sensed:
         """Measure everything now, and return what is known."""
         sim, tools = self._simulation, range(len(self._hands))
-        sights = {}
-        for name in self._things:
-            measured = sim.seen_pose(name) if name in sim.objects else sim.seen_marker(name)
-            pose = self._as_seen(name, measured)
-            if pose is not None:
-                sights[name] = Sight(pose, sim.seen_time(name))
+        sights = {name: sight for name in self._things if (sight := self._sight(name)) is not None}
         self.sensed.update(
             Reading(
                 time=sim.time,
@@ -235,6 +231,17 @@ class Senses:
             )
         )
         return self.sensed
+
+    def _sight(self, name: str) -> Sight | None:
+        sim = self._simulation
+        measured = sim.seen_pose(name) if name in sim.objects else sim.seen_marker(name)
+        last, sight = self._last.get(name, (None, None))
+        # A camera gives the very same pose until its next frame.
+        if measured is not last:
+            pose = self._as_seen(name, measured)
+            sight = None if pose is None else Sight(pose, sim.seen_time(name))
+            self._last[name] = measured, sight
+        return sight
 
     def _hand(self, tool: int) -> HandReading:
         sim = self._simulation
