@@ -130,7 +130,7 @@ class FeelingInserter(PegInserter):
                 # Fingers that open under load would let the arm leap.
                 yield from self._ease(stiff, free)
                 return
-        yield from self._push(touched)
+        yield from self._push(touched, stiff, free)
 
     def _search(
         self,
@@ -212,7 +212,9 @@ class FeelingInserter(PegInserter):
                 until=None,
             )
 
-    def _push(self, touched: SE3) -> Generator[StepLike, None, None]:
+    def _push(
+        self, touched: SE3, stiff: Press, free: FreeWrist
+    ) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
 
         Then nothing but the hole guides it. Fails with TIMEOUT if it is not deep enough to stand,
@@ -222,6 +224,7 @@ class FeelingInserter(PegInserter):
         if deep < _STUCK:
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep"
             raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="insert"))
+        yield from self._ease(stiff, free)
         yield Release(name="let go")
         over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
         yield self._line("over the peg", over @ self.sensed.tool_pose())
