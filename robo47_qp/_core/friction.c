@@ -55,7 +55,7 @@ void r47_friction_learn(r47_friction *c) {
       continue;
     }
     /* What is not to be learned from is infinitely noisy. */
-    if (c->since[i] < c->settling || fabs(z) < 1.0) continue;
+    if (c->since[i] < c->settling) continue;
     const double c_b = c->P_bb[i] + z * c->P_bf[i], c_f = c->P_bf[i] + z * c->P_ff[i];
     const double S = c_b + z * c_f + c->R[i];
     const double k_b = c_b / S, k_f = c_f / S;

@@ -172,8 +172,7 @@ class LearnedFriction:
                 self._stick(product)
             return
         # What is not to be learned from is infinitely noisy.
-        unsettled = (self._since < _SETTLING) | (np.abs(z) < 1.0)
-        R = np.where(unsettled, np.inf, self._R)
+        R = np.where(self._since < _SETTLING, np.inf, self._R)
         c_b, c_f = self._P_bb + z * self._P_bf, self._P_bf + z * self._P_ff
         S = c_b + z * c_f + R
         k_b, k_f = c_b / S, c_f / S

@@ -65,7 +65,7 @@ def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> 
 
 _ROOM = 0.02
 """Branches with at least this `Branch.room` are tried first: the final timing of a line may pass
-a joint limit that is closer."""
+a joint limit that is closer, and so may a part of the line, or one to where a thing is then seen."""
 _SAME = 1e-6
 """Largest difference of configurations that count as the same [rad or m]."""
 _LOOKS = 33
@@ -140,18 +140,20 @@ class BranchChoice:
     ) -> Iterator[IkResult]:
         """Yield configurations for a PTP waypoint from which its `onward` paths can be followed.
 
-        The solution near home comes first, if it is one of them; then, computed on demand,
-        others with room to the joint limits; then the rest in order of room. None is followed
-        twice. Joints that move no tool of the target stay at q_start (n,) [rad].
+        The solution near home comes first, if it is one of them and has room to the joint limits,
+        which it needs not where no path follows; then, computed on demand, others with room; then the rest in order of room. None is
+        followed twice. Joints that move no tool of the target stay at q_start (n,) [rad].
 
         Raises:
             PlanError: There is none; the furthest waypoint that failed is named.
         """
         usual = self._usual(arm, ik, lin, waypoint, q_start)
-        if usual is not None:
-            yield usual
         group, cramped = [waypoint, *waypoint.onward], list[Branch]()
-        tried = [] if usual is None else [usual.q]
+        tried = [] if usual is None else [usual.results[0].q]
+        if usual is not None and (usual.room >= _ROOM or not waypoint.onward):
+            yield usual.results[0]
+        elif usual is not None:
+            cramped.append(usual)
         for more in (1, 2):
             wider = replace(self, candidates=more * self.candidates, restarts=more * self.restarts)
             starts = []
@@ -172,8 +174,8 @@ class BranchChoice:
 
     def _usual(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
-    ) -> IkResult | None:
-        """Return the solution near home; None where the onward paths fail from there.
+    ) -> Branch | None:
+        """Return the branch of the solution near home; None where the onward paths fail from there.
 
         Raises:
             PlanError: IK finds no configuration.
@@ -182,10 +184,9 @@ class BranchChoice:
         if not self._clear([usual]):
             return None
         try:
-            self.followed(arm, ik, lin, usual, waypoint.onward)
+            return self.followed(arm, ik, lin, usual, waypoint.onward)
         except PlanError:
             return None
-        return usual
 
     def _branches(
         self, arm: Arm, ik: IkSolver, lin: Lin, group: Sequence[Waypoint], q_start: Vector

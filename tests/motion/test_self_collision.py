@@ -104,6 +104,24 @@ def test_a_branch_close_to_a_limit_is_taken_only_where_none_has_more_room() -> N
     assert float((np.minimum(few - ARM.q_min, ARM.q_max - few) / span).min()) < 0.02
 
 
+def test_a_part_of_a_line_that_ends_at_a_limit_can_be_followed_too() -> None:
+    """The line ends 1e-5 rad before a limit of the last joint: the timing of a part passes it."""
+    planner = ClassicalStack().scenario(PANDA, ConveyorPick()).planner
+    q = [0.06460626, 0.18088688, 0.50368207, -2.237641, -0.12784044, 2.3923806, 2.87163083]
+    above, part, end = (
+        SE3.from_translation(np.array([0.0, 0.0, down])) @ ARM.pose(np.array(q))
+        for down in (0.0, -0.11, -0.16)
+    )
+    line, first = (Waypoint(name="line", target=T, motion=Motion.LIN) for T in (end, part))
+    choice, alone = planner.branch_choice, Waypoint(name="above", target=above)
+    usual = replace(choice, candidates=1).answers(ARM, planner.ik, alone, ARM.home)[0]
+    planner.plan(ARM, line, usual.q, DT)
+    with pytest.raises(PlanError, match="joint7 leaves its limits"):
+        planner.plan(ARM, first, usual.q, DT)
+    leg = planner.plan(ARM, replace(alone, onward=(line,)), ARM.home, DT)
+    planner.plan(ARM, first, leg.trajectory.end.q, DT)
+
+
 def test_a_line_that_would_hit_something_only_on_its_way_rules_a_branch_out() -> None:
     """A bead on the line, between its ends, which are clear of it."""
 
