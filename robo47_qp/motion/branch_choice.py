@@ -64,8 +64,8 @@ def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> 
 
 
 _ROOM = 0.02
-"""Branches with at least this `Branch.room` are tried first: the final timing of a line may pass
-a joint limit that is closer, and so may a part of the line, or one to where a thing is then seen."""
+"""Branches with at least this `Branch.room` are tried first: the final timing of a line, or of a part
+of it, may pass a joint limit that is closer."""
 _SAME = 1e-6
 """Largest difference of configurations that count as the same [rad or m]."""
 _LOOKS = 33
@@ -141,8 +141,9 @@ class BranchChoice:
         """Yield configurations for a PTP waypoint from which its `onward` paths can be followed.
 
         The solution near home comes first, if it is one of them and has room to the joint limits,
-        which it needs not where no path follows; then, computed on demand, others with room; then the rest in order of room. None is
-        followed twice. Joints that move no tool of the target stay at q_start (n,) [rad].
+        or if no path follows. Then, computed on demand, come others with room, then the rest in
+        order of room. None is followed twice. Joints that move no tool of the target stay at
+        q_start (n,) [rad].
 
         Raises:
             PlanError: There is none; the furthest waypoint that failed is named.

@@ -212,9 +212,7 @@ class FeelingInserter(PegInserter):
                 until=None,
             )
 
-    def _push(
-        self, touched: SE3, stiff: Press, free: FreeWrist
-    ) -> Generator[StepLike, None, None]:
+    def _push(self, touched: SE3, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
 
         Then nothing but the hole guides it. Fails with TIMEOUT if it is not deep enough to stand,
