@@ -64,8 +64,8 @@ def furthest_failure(group: Sequence[Waypoint], failed: Sequence[PlanError]) -> 
 
 
 _ROOM = 0.02
-"""Branches with at least this `Branch.room` are tried first: the final timing of a line, or of a part
-of it, may pass a joint limit that is closer."""
+"""Branches with at least this `Branch.room` are tried first: the final timing of a line, or of a
+part of it, may pass a joint limit that is closer."""
 _SAME = 1e-6
 """Largest difference of configurations that count as the same [rad or m]."""
 _LOOKS = 33

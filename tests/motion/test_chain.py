@@ -226,7 +226,7 @@ class Given(BranchChoice):
 
     def _usual(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
-    ) -> IkResult | None:
+    ) -> Branch | None:
         return None
 
     def _starts(
