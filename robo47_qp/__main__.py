@@ -46,8 +46,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return command(given[1:])
     except RenderingError as error:
         return _told(f"error: {error}\n", 2)
-    except KeyboardInterrupt:  # Between the imports and what the command guards.
-        return _told("interrupted; nothing has run\n", 130)
+    except KeyboardInterrupt:  # Before or after what the command guards.
+        return _told("interrupted\n", 130)
 
 
 def _told(text: str, code: int) -> int:
