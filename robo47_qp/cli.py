@@ -265,12 +265,13 @@ def run_command(
         prog: Name of the command in the help; None takes the script's.
     """
     rest = list(sys.argv[1:] if args is None else args)
+    if name is None and rest and not rest[0].startswith("-"):
+        name = rest.pop(0)
     if name is None:
         parser = ArgumentParser(prog=prog, add_help=False, allow_abbrev=False)
-        parser.add_argument("--task", default=None)
-        named = rest.pop(0) if rest and not rest[0].startswith("-") else None
+        parser.add_argument("--task", default=DEFAULT_TASK)
         chosen, rest = parser.parse_known_args(rest)
-        name = named or chosen.task or DEFAULT_TASK
+        name = str(chosen.task)
 
     def run() -> int:
         kind = load_task(name)

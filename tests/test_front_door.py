@@ -2,13 +2,14 @@
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import robo47_qp
-from robo47_qp.__main__ import main
+from robo47_qp.__main__ import _COMMANDS, main
 from robo47_qp.evaluation.benchmarks.ik import command as compare
 
 HEAVY = ("numpy", "mujoco", "mink", "scipy", "rerun", "matplotlib", "gymnasium", "tyro", "rich")
@@ -59,6 +60,23 @@ def test_a_task_option_without_a_name_is_bad_input(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--task"])
     assert capsys.readouterr().err.count("error: argument --task: expected one argument") == 1
+
+
+def test_ctrl_c_before_a_command_has_begun_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(_: Sequence[str]) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(_COMMANDS, "run", lambda: interrupted)
+    assert main(["run"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_a_second_task_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "pick_place", "--task", "stack"])
+    assert "Unrecognized options: --task, stack" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["run", "pick_place"], ["evaluate"], ["compare-ik"]])

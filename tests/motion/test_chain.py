@@ -223,11 +223,16 @@ class Given(BranchChoice):
     """Has branches of certain room."""
 
     rooms: tuple[float, ...]
+    near_home: float | None = None
+    """Room of the one near home."""
 
     def _usual(
         self, arm: Arm, ik: IkSolver, lin: Lin, waypoint: Waypoint, q_start: Vector
     ) -> Branch | None:
-        return None
+        if self.near_home is None:
+            return None
+        near = replace(self, rooms=(self.near_home,))._starts(arm, ik, lin, waypoint, q_start)
+        return self.followed(arm, ik, lin, near[0], waypoint.onward)
 
     def _starts(
         self, arm: Arm, ik: IkSolver, lin: Lin, first: Waypoint, q_start: Vector
@@ -247,11 +252,24 @@ class Given(BranchChoice):
         return Branch(results=(start,), room=room)
 
 
-def test_cramped_configurations_come_last_the_roomiest_of_them_first() -> None:
-    given, waypoint = Given(rooms=(0.001, 0.5, 0.015, 0.01)), Waypoint(name="it", target=Place.HOME)
+@pytest.mark.parametrize(
+    ("near_home", "order"),
+    [
+        (None, [0.5, 0.015, 0.01, 0.001]),
+        (0.012, [0.5, 0.015, 0.012, 0.01, 0.001]),
+        (0.03, [0.03, 0.5, 0.015, 0.01, 0.001]),
+    ],
+)
+def test_cramped_configurations_come_last_the_roomiest_of_them_first(
+    near_home: float | None, order: list[float]
+) -> None:
+    """The one near home comes first, if it has room."""
+    given = Given(rooms=(0.001, 0.5, 0.015, 0.01), near_home=near_home)
+    onward = (line("line", ARM.pose(ARM.home)),)
+    waypoint = Waypoint(name="it", target=Place.HOME, onward=onward)
     found = [one.q for one in given.candidates_for(ARM, IK, Lin(), waypoint, ARM.home)]
     home = IK.solve(ARM, ARM.pose(ARM.home), ARM.home).q
-    assert [float((q - home)[0]) for q in found] == pytest.approx([0.5, 0.015, 0.01, 0.001])
+    assert [float((q - home)[0]) for q in found] == pytest.approx(order)
 
 
 def test_the_way_along_lines_is_part_of_the_cost() -> None:

@@ -18,7 +18,7 @@ from robo47_qp.run.contact_steps import Comply, Press
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Wait
+from robo47_qp.run.steps import Release, Wait
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
@@ -205,6 +205,32 @@ def test_a_peg_that_a_wall_stops_beside_the_hole_is_searched_with_on_the_lanes_b
         assert beyond[0] == pytest.approx(starts[0] + way, abs=1e-9)
         assert beyond[1] == pytest.approx(first[4], abs=1e-9)
         assert beyond[2:] == pytest.approx(first[3:], abs=1e-9)
+
+
+def test_fingers_let_go_of_a_peg_that_sticks_only_after_they_press_no_more() -> None:
+    """Under load, the arm would spring back."""
+    tool, pressed = Tool(), list[Press]()
+    for step in feeling(tool).insert(np.zeros(2), 1.2e-3, 0.4e-3):
+        if isinstance(step, Release):
+            break
+        if isinstance(step, Press):
+            pressed.append(step)
+            tool.felt = np.zeros(3)
+        if isinstance(step, Press) and step.name == "search":
+            assert step.observe is not None
+            step.observe()
+            assert step.until is not None
+            tool.felt = np.array([0.0, -6.0, 3.0])
+            for _ in range(4):
+                step.until.against()
+        if [one.name for one in pressed].count("insert") == 1 and pressed[-1].name == "insert":
+            # It sinks once, deep enough to stand, and no further.
+            tool.at = tool.at - [0.0, 0.0, 9e-3]
+    else:
+        pytest.fail("the fingers never let go")
+    inserts = [one.force for one in pressed if one.name == "insert"]
+    assert len(inserts) > 1
+    assert pressed[-1].force <= 0.1 * inserts[-1]
 
 
 def test_in_a_long_search_the_wrist_is_read_anew_as_it_drifts() -> None:
