@@ -101,7 +101,7 @@ LONGEST = (
     "test_reach",
     "test_audit_tool",
     "test_tool_curve",
-    "test_compose",
+    "test_objectives",
     "test_clearance",
     "test_follow",
     "test_motion_scenarios",

@@ -6,6 +6,7 @@ import inspect
 import os
 import pkgutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,9 +19,10 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.loading import robot_from_mjcf
 from robo47_qp.model.menagerie import ROOT_VARIABLE
+from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot, ToolFrame
 from robo47_qp.model.robots.panda import PANDA
-from tests.plain_arm import PlainArm
+from tests.plain_arm import PlainArm, welded_file
 
 MODELS = Path(__file__).parent / "models"
 SLIDER_TOOL = SE3.from_rotation_and_translation(
@@ -63,7 +65,10 @@ MODULES = {
     # The six hinges of the UR5e have more room, and are there, too.
     "test_ik_contract": ("panda", "iiwa14", "xarm7", "slider6"),
     "test_arm": ("panda", "iiwa14", "xarm7", "slider6"),
+    "test_arm_input": ("panda", "iiwa14", "xarm7", "slider6"),
+    "test_payload": ("panda", "iiwa14", "xarm7", "slider6"),
     "test_lin": ("panda", "slider6"),
+    "test_lin_limits": ("panda", "slider6"),
     "test_planner": ("panda", "slider6"),
     "test_ptp": ("panda", "slider6"),
     "test_dls": ("panda", "slider6"),
@@ -123,11 +128,25 @@ PREMISES = {
 }
 """Tests whose premise holds for these robots alone."""
 FEW = {
-    "panda_rail": ("test_arm", "test_ik_contract", "test_tool_error"),
+    "panda_rail": (
+        "test_arm",
+        "test_arm_input",
+        "test_payload",
+        "test_ik_contract",
+        "test_tool_error",
+    ),
     "panda_base": ("test_controller_contract",),
     # Its arm is the Panda's with other numbers.
-    "fr3": ("test_arm",),
-    "ur5e": ("test_arm", "test_ik_contract", "test_lin", "test_planner"),
+    "fr3": ("test_arm", "test_arm_input", "test_payload"),
+    "ur5e": (
+        "test_arm",
+        "test_arm_input",
+        "test_payload",
+        "test_ik_contract",
+        "test_lin",
+        "test_lin_limits",
+        "test_planner",
+    ),
 }
 """Modules whose tests run on these arms alone, to save time: arms that something carries (what is
 their own is in tests/model/test_carrier.py) and arms that are much like others."""
@@ -175,3 +194,31 @@ def the_gripper(robot: Robot) -> Gripper:
 
 
 GRIPPER = the_gripper(PANDA)
+
+
+HELD = Payload(
+    mass=1.7,
+    inertia=(4e-3, 9e-3, 1.1e-2),
+    T_tcp_com=SE3.from_rotation_and_translation(
+        SO3.from_rpy_radians(0.7, -0.4, 1.9), np.array([0.03, -0.05, 0.08])
+    ),
+)
+
+
+def edited(robot: Robot, folder: Path, old: str, new: str) -> Robot:
+    """The robot with a line of its welded model changed."""
+    path = welded_file(robot, folder)
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return replace(robot, mjcf=path)
+
+
+_MADE: dict[tuple[str, bool], tuple[Arm, PlainArm]] = {}
+
+
+def both(robot: Robot, payload: Payload | None) -> tuple[Arm, PlainArm]:
+    key = robot.name, payload is None
+    if key not in _MADE:
+        _MADE[key] = Arm(robot, payload), PlainArm(robot, payload)
+    return _MADE[key]

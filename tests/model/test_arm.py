@@ -11,35 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mink import SE3, SO3
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from tests.examples import fractions, poses, rates, rotations, turned
-from tests.plain_arm import PlainArm, welded_file
-
-HELD = Payload(
-    mass=1.7,
-    inertia=(4e-3, 9e-3, 1.1e-2),
-    T_tcp_com=SE3.from_rotation_and_translation(
-        SO3.from_rpy_radians(0.7, -0.4, 1.9), np.array([0.03, -0.05, 0.08])
-    ),
-)
-
-
-def edited(robot: Robot, folder: Path, old: str, new: str) -> Robot:
-    """The robot with a line of its welded model changed."""
-    path = welded_file(robot, folder)
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    return replace(robot, mjcf=path)
+from tests.plain_arm import PlainArm
+from tests.robots import HELD, both, edited
 
 
 def test_the_arm_has_the_joints_of_the_robot_and_their_ranges(
@@ -161,7 +144,7 @@ def test_the_dynamics_of_a_wrist_without_rotors_are_those_of_a_step_of_mujoco() 
 def test_the_torque_gives_the_acceleration_in_forward_dynamics(
     robot: Robot, payload: Payload | None, at: Vector, v: Vector, a: Vector
 ) -> None:
-    arm, plain = _both(robot, payload)
+    arm, plain = both(robot, payload)
     q, v, a = plain.at(at), v[: plain.n], a[: plain.n]
     tau = arm.inverse_dynamics(q, v, a)
     assert np.abs(plain.acceleration(q, v, tau) - a).max() < 1e-8
@@ -172,63 +155,6 @@ def test_there_are_no_joint_stops(arm: Arm, plain: PlainArm) -> None:
     for q in (arm.q_min - 0.5, arm.q_max + 0.5):
         torque = arm.inverse_dynamics(q, still, still)
         assert np.abs(torque - plain.gravity_torque(q)).max() < 1e-6
-
-
-@given(at=fractions)
-def test_a_payload_does_not_move_the_tool(robot: Robot, arm: Arm, at: Vector) -> None:
-    loaded, plain = _both(robot, HELD)
-    q = plain.at(at)
-    assert loaded.pose(q).wxyz_xyz.tolist() == arm.pose(q).wxyz_xyz.tolist()
-    assert np.abs(loaded.jacobian(q) - arm.jacobian(q)).max() < 1e-12
-    assert loaded.limit_margin(q) == arm.limit_margin(q)
-
-
-@given(at=fractions)
-def test_a_payload_weighs_on_the_joints_through_its_centre_of_mass(
-    robot: Robot, arm: Arm, at: Vector
-) -> None:
-    loaded, plain = _both(robot, HELD)
-    q, still = plain.at(at), np.zeros(plain.n)
-
-    def com(q: Vector) -> Vector:
-        position, R = plain.tool(q)
-        centre: Vector = position + R @ HELD.T_tcp_com.translation()
-        return centre
-
-    h = 1e-5
-    J_com = np.array([(com(q + h * e) - com(q - h * e)) / (2 * h) for e in np.eye(arm.n)]).T
-    weight = HELD.mass * plain.full.opt.gravity
-    more = loaded.inverse_dynamics(q, still, still) - arm.inverse_dynamics(q, still, still)
-    assert np.abs(more + J_com.T @ weight).max() < 1e-7
-
-
-@given(at=fractions, v=rates)
-def test_a_payload_adds_the_kinetic_energy_of_a_rigid_body(
-    robot: Robot, at: Vector, v: Vector
-) -> None:
-    loaded, plain = _both(robot, HELD)
-    q, v = plain.at(at), v[: plain.n]
-    energy = 0.5 * float(v @ loaded.mass_matrix(q) @ v)
-    assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("turn", ['quat="0.5 0.1 -0.7 0.2"', 'euler="0.3 -0.8 1.1"'])
-def test_a_payload_is_held_in_the_tool_frame_however_that_is_turned(
-    robot: Robot, tmp_path: Path, turn: str
-) -> None:
-    tilted = edited(robot, tmp_path, f'name="{robot.tcp}"', f'name="{robot.tcp}" {turn}')
-    plain = PlainArm(tilted, HELD)
-    loaded = Arm(tilted, HELD)
-    still = np.zeros(loaded.n)
-    assert loaded.pose(robot.home).rotation().as_matrix() == pytest.approx(
-        plain.tool(robot.home)[1], abs=1e-9
-    )
-    for q in (robot.home, plain.at(np.full(8, 0.3))):
-        torque = loaded.inverse_dynamics(q, still, still)
-        assert np.abs(torque - plain.gravity_torque(q)).max() < 1e-6
-        v = np.ones(loaded.n)
-        energy = 0.5 * float(v @ loaded.mass_matrix(q) @ v)
-        assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6)
 
 
 def test_bodies_that_are_only_drawn_keep_their_mass(robot: Robot, tmp_path: Path) -> None:
@@ -412,65 +338,6 @@ def test_checked_q_takes_a_copy(arm: Arm) -> None:
     q[:] = 9.0
     assert checked.tolist() == arm.home.tolist()
     assert arm.checked_q("q", arm.home.tolist()).tolist() == arm.home.tolist()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_configuration_that_is_not_finite_is_refused(arm: Arm, bad: float) -> None:
-    q = arm.home.copy()
-    q[-1] = bad
-    with pytest.raises(InvalidValueError, match=rf"elbow must be a vector of {arm.n} finite"):
-        arm.checked_q("elbow", q)
-
-
-@pytest.mark.parametrize("q", [[0.0], 0.0, [[0.0] * 7], "home", [0.0] * 30])
-def test_a_configuration_of_another_shape_is_refused(arm: Arm, q: ArrayLike) -> None:
-    with pytest.raises(InvalidValueError, match=rf"q must be a vector of {arm.n} finite numbers"):
-        arm.checked_q("q", q)
-
-
-def test_a_joint_that_the_model_lacks_is_named(robot: Robot) -> None:
-    wrong = replace(robot, joints=("nojoint", *robot.joints[1:]))
-    message = rf"No joint is called 'nojoint'; known: .*{robot.joints[0]}"
-    with pytest.raises(UnknownNameError, match=message) as caught:
-        Arm(wrong)
-    assert set(robot.joints) <= set(caught.value.known)
-
-
-def test_a_tool_frame_that_the_model_lacks_is_named(robot: Robot) -> None:
-    with pytest.raises(UnknownNameError, match=rf"No site is called 'toool'; known: .*{robot.tcp}"):
-        Arm(replace(robot, tcp="toool"))
-
-
-def test_joints_out_of_order_are_refused(robot: Robot) -> None:
-    swapped = (robot.joints[1], robot.joints[0], *robot.joints[2:])
-    with pytest.raises(ModelError, match=r"names the joints .*List them from base to tip\."):
-        Arm(replace(robot, joints=swapped))
-
-
-def test_a_joint_named_twice_is_refused(robot: Robot) -> None:
-    doubled = (robot.joints[0], robot.joints[0], *robot.joints[2:])
-    with pytest.raises(ModelError, match=r"its model has .*once all others are welded"):
-        Arm(replace(robot, joints=doubled))
-
-
-def test_a_joint_that_slides_without_a_range_is_refused(robot: Robot, tmp_path: Path) -> None:
-    old = f'<joint name="{robot.slides[0]}" class="slide"'
-    free = edited(robot, tmp_path, old, f'{old} limited="false"')
-    message = (
-        rf"Robot '{robot.name}' has joints that slide without a range: \['{robot.slides[0]}'\]"
-    )
-    with pytest.raises(ModelError, match=message):
-        Arm(replace(free, tool=None))
-
-
-_MADE: dict[tuple[str, bool], tuple[Arm, PlainArm]] = {}
-
-
-def _both(robot: Robot, payload: Payload | None) -> tuple[Arm, PlainArm]:
-    key = robot.name, payload is None
-    if key not in _MADE:
-        _MADE[key] = Arm(robot, payload), PlainArm(robot, payload)
-    return _MADE[key]
 
 
 def test_what_is_derived_from_an_arm_is_built_once_and_goes_with_it(robot: Robot) -> None:

@@ -21,8 +21,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.stack import ClassicalStack
+from tests.composed import tasks
 from tests.examples import turned
-from tests.ik.test_compose import tasks
 
 ARM = Arm(PANDA)
 DT = 1e-3

@@ -1,0 +1,99 @@
+"""EvaluationReport: what it counts, compares and tells of given results."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from io import StringIO
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, errored
+from robo47_qp.evaluation.report.progress import EvaluationBar, described
+from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, compare
+from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
+from tests.toy_episodes import SETTINGS
+
+
+def entries(won: str) -> list[EpisodeResult]:
+    return [
+        EpisodeResult(index=i, seed=i, success=c == "+", cause=None if c == "+" else "drop")
+        for i, c in enumerate(won)
+    ]
+
+
+def of(results: Sequence[EpisodeResult], **settings: Any) -> EvaluationReport:
+    return EvaluationReport(settings={**SETTINGS, **settings}, results=results)
+
+
+def test_two_results_are_compared_seed_by_seed() -> None:
+    found = compare(of(entries("+++++-+-")), of(entries("--++--++--")))
+    assert (found.episodes, found.successes_a, found.successes_b) == (8, 6, 4)
+    assert (found.only_a, found.only_b) == (3, 1)
+    assert found.p == pytest.approx(2 * (4 + 1) / 16)
+    assert found.difference == pytest.approx(0.25)
+    assert found.interval[0] < 0.25 < found.interval[1]
+    words = comparison_line(found)
+    assert "toy against toy on 8 episodes: +25.0 points" in words
+    assert "3 to 1 that only one solved, p = 0.625" in words
+    assert "p_holm" not in found.as_json()
+
+
+def test_what_is_no_pair_is_not_compared() -> None:
+    for name in ("task", "robot", "perturbation"):
+        other = of(entries("++"), **{name: {"name": "other"}})
+        with pytest.raises(InvalidValueError, match=f"one with another {name}"):
+            compare(of(entries("++")), other)
+    far = [replace(entry, seed=entry.seed + 50) for entry in entries("++")]
+    with pytest.raises(InvalidValueError, match="without any of these seeds"):
+        compare(of(entries("++")), of(far))
+
+
+def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:
+    results = [replace(e, metrics={"t": float(e.seed)}) for e in entries("+-+++")]
+    report = of([*results, errored(EpisodeSpec(index=5, seed=5), "bug")])
+    found = report.as_json()
+    assert found["figures"]["t"] == {"n": 4, "median": 2.5, "p95": pytest.approx(3.85), "max": 4.0}
+    assert (found["episodes"], found["successes"], found["errors"]) == (6, 4, 1)
+    assert found["causes"] == {"drop": 1}
+    assert sum(found["causes"].values()) + found["errors"] + found["successes"] == 6
+    read_back = json.loads(json.dumps(found, allow_nan=False))
+    assert EvaluationReport.of_json(read_back).as_json() == read_back
+
+
+def test_the_throughput_is_of_what_ran_now() -> None:
+    results = [replace(e, timing={"wall_s": 3.0}) for e in entries("++++")]
+    found = Throughput.of(results, 8.0, 2)
+    assert found is not None
+    assert found.episodes_per_minute == 30.0
+    assert found.episodes_per_minute_per_worker == 15.0
+    assert found.busy == 0.75
+    assert Throughput.of([], 8.0, 2) is None
+
+
+def test_a_long_list_of_failures_is_cut_and_told() -> None:
+    text = markdown(of(entries("-" * (MOST + 7))), ["a.png"])
+    assert text.count("| drop |") == MOST + 1
+    assert "7 more are in the JSON file" in text
+
+
+def test_each_setting_has_a_row_and_versions_have_a_table() -> None:
+    policy = {"name": "x", "speed": 0.5}
+    text = markdown(of(entries("+"), policy=policy, versions={"mink": "1"}), ["a.png"])
+    assert "| policy: name | x |" in text
+    assert "| policy: speed | 0.5 |" in text
+    assert "| versions" not in text
+
+
+def test_the_bar_tells_the_rate_so_far() -> None:
+    assert described([]) == "starting"
+    assert described(entries("+++-")) == "75.0 % (30.1 to 95.4)"
+    assert described([errored(EpisodeSpec(index=0, seed=0), "bug")]).endswith("1 errors")
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=True, width=120)
+    with EvaluationBar(console, 8) as bar:
+        bar.results(entries("+++-"))
+    assert "4/8" in screen.getvalue()
+    assert "75.0 %" in screen.getvalue()

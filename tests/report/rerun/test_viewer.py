@@ -1,0 +1,71 @@
+"""The viewer: started for this machine only, and explained where it does not come."""
+
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from robo47_qp.errors import RenderingError
+from robo47_qp.report.rerun import viewer as live_viewer
+
+
+def stand_in(folder: Path, program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a program in the place of the viewer."""
+    viewer = folder / "rerun"
+    viewer.write_text(f"#!{sys.executable}\n{program}")
+    viewer.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(folder / "python"))
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def test_a_viewer_is_started_for_this_machine_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = """
+import socket, sys, time
+host, port = (sys.argv[sys.argv.index(option) + 1] for option in ("--bind", "--port"))
+server = socket.create_server((host, int(port)))
+time.sleep(3)
+"""
+    stand_in(tmp_path, program, monkeypatch)
+    port = free_port()
+    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+    # It listens now: nothing is started a second time, so the program may go.
+    (tmp_path / "rerun").unlink()
+    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+SHORT_LIVED = """
+import socket, sys, time
+server = socket.create_server(("127.0.0.1", int(sys.argv[sys.argv.index("--port") + 1])))
+time.sleep(0.4)
+sys.exit("no window")
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("import sys; sys.exit('winit: x: DISPLAY is not set.')", "code 1: DISPLAY is not set. It"),
+        ("import time; time.sleep(5)", "did not open port"),
+        (SHORT_LIVED, "code 1: no window"),
+        (None, "cannot be started"),
+    ],
+)
+def test_a_viewer_that_does_not_come_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str | None, reason: str
+) -> None:
+    monkeypatch.setattr(live_viewer, "_PATIENCE", 2.0)
+    stand_in(tmp_path, program or "", monkeypatch)
+    if program is None:
+        (tmp_path / "rerun").unlink()
+    with pytest.raises(RenderingError, match=reason) as caught:
+        live_viewer.viewer_url(free_port())
+    assert "without the live view" in str(caught.value)
