@@ -137,7 +137,8 @@ def test_where_the_usual_answer_leads_on_it_is_taken(arm: Arm, robot: Robot) -> 
 
 
 def test_the_waypoint_that_rules_a_chain_out_is_named() -> None:
-    planner = Planner(ik=IK, profile=PANDA.profile)
+    few = BranchChoice(candidates=2)
+    planner = Planner(ik=IK, profile=PANDA.profile, branch_choice=few)
     here = ARM.pose(ARM.home)
     good, far = shifted(here, np.array([0.0, 0.0, -0.1])), shifted(here, np.array([0.6, 0.0, -0.1]))
     chain = [
