@@ -63,6 +63,9 @@ class FrictionLearning(Checked):
     """Standard deviation by which f wanders in a second [-]."""
     noise: Positive = 0.002
     """Standard deviation of y, measured every 50 periods [-]."""
+    swing: NotNegative = 0.04
+    """How far joints go and come back before a run's work, where there is time, so that they have
+    reversed once [rad] or [m]; see `Loosening`."""
 
 
 class LearnedFriction:

@@ -245,7 +245,11 @@ class ControlLoop:
 
     def hold(self, seconds: float) -> None:
         """Hold the joint positions of the reference, which is at rest."""
-        self.track(hold(self.reference.q, round(seconds / TIMESTEP), TIMESTEP))
+        self.track(self.at_rest(round(seconds / TIMESTEP)))
+
+    def at_rest(self, steps: int) -> Trajectory:
+        """Return what holds the joint positions of the reference for some control periods."""
+        return hold(self.reference.q, steps, TIMESTEP)
 
     def halt(self) -> None:
         """Bring a moving reference to rest as fast as the profile allows."""

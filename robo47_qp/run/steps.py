@@ -24,6 +24,7 @@ from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, StepMonitor, refusal, require
+from robo47_qp.run.loosening import Loosening
 
 _GAIN = 15.0
 """Rate at which a stream removes the remaining error [1/s]; the velocity of the target is fed
@@ -82,6 +83,8 @@ class StepExecutor:
     def __init__(self, loop: ControlLoop, planner: Planner) -> None:
         """Use a control loop and a planner."""
         self.loop, self.compliance, self._planner = loop, CompliantMode(loop), planner
+        self.loosening = Loosening(loop, planner)
+        """What the arm does while there is nothing to do yet."""
         inner = Arm(loop.arm.robot, obstacles=loop.arm.obstacles, margin=JOINT_MARGIN)
         self._inner = loop.arm if inner.limit_margin(inner.home) < 0.0 else inner
 
@@ -283,6 +286,23 @@ class Release(Step):
         gripper = executor.loop.sim.gripper_of(place_of(executor, self.tool))
         width = gripper.width_max if self.width is None else self.width
         _grip(executor, self.name, Grip(width=width, force=gripper.force_max), tool=self.tool)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look(Step):
+    """Let the camera take images of what is not held: the arm may loosen its joints meanwhile."""
+
+    seconds: float
+    """How long [s]."""
+    lasts: float
+    """How long such steps will take, at least, with this one [s]."""
+    name: str = "look"
+    starts_at_rest: ClassVar[bool] = False
+
+    def carry_out(self, executor: StepExecutor) -> None:
+        """See `Step.carry_out`."""
+        executor.loop.begin(self.name, afresh=False)
+        executor.loosening.spend(self.seconds, self.lasts)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import numpy as np
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
 
-from robo47_qp.run.steps import StepLike, Wait
+from robo47_qp.run.steps import Look, StepLike
 from robo47_qp.sim.sensed import Sensed
 
 GOOD_ENOUGH = 0.9e-3
@@ -67,7 +67,8 @@ def estimate_poses(
                 images[sensed.seen_time(name)] = sensed.seen_pose(name)
         if min(map(len, taken.values())) >= frames or sensed.time > end:
             break
-        yield Wait(name=f"look at {', '.join(names)}", seconds=period)
+        left = start + frames * period - sensed.time
+        yield Look(name=f"look at {', '.join(names)}", seconds=period, lasts=left)
     # Of what is hidden from the camera, the last that it saw is known.
     return {
         name: _mean(list(images.values()) or [sensed.seen_pose(name)], sensed.camera_noise)
