@@ -29,6 +29,7 @@ class SmoothStream:
             window: w, at least 1.
         """
         self._stream, self._window = stream, window
+        self._now = JointReference(*np.full((3, stream.arm.n), np.nan))
         self.ticks: Sequence[StreamTick] = ()
         """What the stream told in the last block, before the mean."""
 
@@ -44,6 +45,15 @@ class SmoothStream:
         self._last = np.stack([q, now.v + now.a * t, np.tile(now.a, (w, 1))], axis=1)
         self._now = now
         self._stream.reset(self._last[-1, 0], self._last[-1, 1])
+
+    @property
+    def lag(self) -> float:
+        """Time by which the mean is behind the stream [s]."""
+        return 0.5 * (self._window - 1) * self._stream.settings.dt
+
+    def stands_at(self, now: JointReference) -> bool:
+        """Return whether the last tick was this, so that the next one continues it."""
+        return all(map(np.array_equal, self._now, now))
 
     def block(self, targets: Sequence[SE3 | None]) -> Trajectory:
         """Return the next ticks, one per target, from the current reference.

@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from mink import SE3
 
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.ik.stream.stream import StreamSolver
-from robo47_qp.model.arm import JointReference
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
+from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, require, violation
@@ -23,7 +21,7 @@ class Follow(Step):
     """Keep the tool at a moving pose by differential inverse kinematics."""
 
     target: Callable[[float], SE3 | None]
-    """Return T_world_tcp at a time [s], up to a few control periods ahead; None brakes."""
+    """Return T_world_tcp at a time [s], up to 30 ms ahead; None brakes."""
     until: Condition
     """Ends the step once it holds; the step fails with its cause if it does not hold in time."""
     seconds: float
@@ -40,9 +38,8 @@ class Follow(Step):
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`; a step continues the stream of the one before it."""
         loop, stream = executor.loop, executor.stream
-        now = loop.reference
-        if not (np.array_equal(stream.q, now.q) and np.array_equal(stream.v, now.v)):
-            stream.reset(now.q, now.v)
+        if not stream.stands_at(loop.reference):
+            stream.reset(loop.reference)
         loop.set_payload(self.carried)
         if self.grip is not None:
             loop.sim.command_grip(self.grip)
@@ -54,12 +51,8 @@ class Follow(Step):
             require(self.name, self.during)
             loop.track(self._block(loop, stream))
 
-    def _block(self, loop: ControlLoop, stream: StreamSolver) -> Trajectory:
+    def _block(self, loop: ControlLoop, stream: SmoothStream) -> Trajectory:
         """Return the references of the next few control periods."""
-        time, states = loop.sim.time, [loop.reference]
-        for k in range(TICK_ROWS):
-            # The target at the start of each period: steady motion then has no lead or lag.
-            tick = stream.tick(self.target(time + k * TIMESTEP))
-            states.append(JointReference(tick.q, tick.v, tick.a))
-        q, v, a = (np.array(column) for column in zip(*states, strict=True))
-        return Trajectory(dt=TIMESTEP, q=q, v=v, a=a)
+        # The target at the start of each period: steady motion then has no lead or lag.
+        start = loop.sim.time + stream.lag
+        return stream.block([self.target(start + k * TIMESTEP) for k in range(TICK_ROWS)])

@@ -15,11 +15,12 @@ import numpy as np
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
+from robo47_qp.ik.stream.stream import StreamIk
 from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
+from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
@@ -29,6 +30,8 @@ from robo47_qp.run.loosening import Loosening
 _GAIN = 15.0
 """Rate at which a stream removes the remaining error [1/s]; the velocity of the target is fed
 forward. A higher rate would exceed the limits of the motors."""
+_SMOOTHED = 20
+"""Ticks of a stream whose mean is taken [-]: its acceleration may jump from bound to bound."""
 _LETTING_GO_ROWS = 2
 """Control periods between two looks at the force of fingers that let an item go."""
 _GRIP_STILL, _OPEN_STILL = 0.05, 0.02
@@ -158,7 +161,7 @@ class StepExecutor:
         return self._planned(self._planner, waypoints, q_start)
 
     @cached_property
-    def stream(self) -> StreamSolver:
+    def stream(self) -> SmoothStream:
         """Differential inverse kinematics within the loop's motion limits, as plans leave them."""
         settings = StreamIk(
             dt=TIMESTEP,
@@ -167,7 +170,7 @@ class StepExecutor:
             gain=_GAIN,
             margin=JOINT_MARGIN,
         )
-        return settings.build(self.loop.arm)
+        return SmoothStream(settings.build(self.loop.arm), _SMOOTHED)
 
     def planning_arm(self, q: Vector) -> Arm:
         """Return the arm with a margin at its joint limits, unless q or home is inside it."""

@@ -10,7 +10,7 @@ from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.steps import StepLike, Wait
+from robo47_qp.run.steps import Look, StepLike
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses, frames_needed
@@ -38,7 +38,7 @@ def watched(simulation: Simulation, program: Generator[StepLike, None, Seen]) ->
     try:
         while True:
             step = next(program)
-            assert isinstance(step, Wait)
+            assert isinstance(step, Look)
             waited += step.seconds
             for _ in range(round(step.seconds / 1e-3)):
                 simulation.step(simulation.data.qfrc_bias[:7].copy())
