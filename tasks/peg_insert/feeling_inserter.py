@@ -20,7 +20,7 @@ from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
-_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 6e-3, 30
+_FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
 """Force of a stiff arm that touches [N], above the drift of a sensor at the wrist; its speed
 without contact [m/s]; and how many readings are averaged."""
 _SEARCH, _FALLING, _CENTRE = 2.5, 3e-3, 1.0
