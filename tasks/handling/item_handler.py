@@ -35,6 +35,8 @@ presses it down is pushed aside by more than it errs while it is free."""
 _TIPS, _SLOWLY, _LANDED, _SHORT = 0.02, 0.05, 5.0, 3e-3
 """Height of the tool above an item below which fingers come slowly around it [m], how fast [m/s],
 the force that stops them [N], and how far from the grasp that is too early [m]."""
+_PADS, _WENT = 0.01, 4e-3
+"""Half the width of usual fingers, and how far an item goes that they squeeze out, at least [m]."""
 _SETTLE = 0.25
 """Time in which an arm comes back from where it was pushed [s]."""
 _AROUND = 0.001
@@ -77,26 +79,46 @@ class ItemHandler:
 
         An item that the fingers miss is grasped along its other sides, if it is slender enough: the
         camera errs by the same again, but fingers that close along that error centre the item.
+        They are brought to where it has gone when it was missed; see `_beside`.
         """
+        before = yield from self._look(self.resting, _TO_GRASP)
         try:
-            return (yield from self._pick())
+            return (yield from self._pick(before))
         except StepFailed as error:
             missed = error.failure.cause is Cause.GRASP and camera_errs(self.sensed)
             other = replace(self, across=0.5 * np.pi)
             if not missed or self.across or not other._fits():
                 raise
         yield from self.back_off()
+        seen = yield from self._look(self.resting, _TO_GRASP)
+        beside = self._beside(before, seen)
         try:
-            return (yield from other._pick())
+            return (yield from other._pick(beside @ seen))
         except StepFailed as error:
             if error.failure.cause not in UNPLANNED:
                 raise
         # The wrist does not turn so far that way.
         yield from self.back_off()
-        return (yield from replace(self, across=-other.across)._pick())
+        seen = yield from self._look(self.resting, _TO_GRASP)
+        return (yield from replace(self, across=-other.across)._pick(beside @ seen))
 
-    def _pick(self) -> Generator[StepLike, None, HeldItem]:
-        T_world_item = yield from self._look(self.resting, _TO_GRASP)
+    def _beside(self, before: SE3, after: SE3) -> SE3:
+        """Return the translation from where the camera sees an item that was missed to where it is.
+
+        What fingers squeeze out goes to the side on which it was, off the middle by at least half
+        their width.
+
+        Args:
+            before: Where it was seen when it was missed.
+            after: Where it is seen now.
+        """
+        along = self._grasp(before).rotation().as_matrix()[:, 0]
+        went = float(along.dot(after.translation() - before.translation()))
+        squeezed = _PADS * np.sign(went) if abs(went) > _WENT else 0.0
+        return SE3.from_translation(squeezed * along)
+
+    def _pick(self, T_world_item: SE3) -> Generator[StepLike, None, HeldItem]:
+        """Approach, grasp and lift the item at a pose."""
         approach, descend = self.approach(T_world_item)
         yield self._closing(approach, descend, T_world_item)
         yield from self._descend(descend, T_world_item)

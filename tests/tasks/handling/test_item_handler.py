@@ -105,3 +105,36 @@ def test_ways_down_are_foreseen_with_the_way_back_up() -> None:
             np.testing.assert_allclose(
                 foreseen.target.as_matrix(), later.target.as_matrix(), atol=1e-12
             )
+
+
+@pytest.mark.parametrize(("went", "shifted"), [(8e-3, 0.01), (-8e-3, -0.01), (1e-3, 0.0)])
+def test_what_was_squeezed_out_is_grasped_on_the_side_to_which_it_went(
+    went: float, shifted: float
+) -> None:
+    """The camera errs by the same again: the fingers had closed beside the item."""
+    erring, rng = Disturbance(pose_bias=1e-6), np.random.default_rng(0)
+    world = DisturbedSimulation(PANDA, PickPlace().build_scene, erring, rng)
+    item = PickPlace().item
+    hand = ItemHandler(sensed=live(world), item=item, above=0.2)
+    program, approaches = hand.pick(), list[SE3]()
+    step = as_step(next(program))
+    while len(approaches) < 2:
+        if isinstance(step, Move) and step.name == "approach":
+            target = step.waypoints[0].target
+            assert isinstance(target, SE3)
+            approaches.append(target)
+        if len(approaches) == 1 and step.name == "close gripper":
+            # Along the fingers, as they close.
+            along = approaches[0].rotation().as_matrix()[:, 0]
+            seen = world.object_pose(item.name)
+            moved = SE3.from_translation(went * along) @ seen
+            world.place_object(item.name, moved)
+            step = as_step(program.throw(_failed(Cause.GRASP)))
+        else:
+            step = as_step(next(program))
+    first, second = approaches
+    off = first.rotation().as_matrix().T @ (second.translation() - first.translation())
+    assert off[:2] == pytest.approx([went + shifted, 0.0], abs=2e-5)
+    # The other sides.
+    turn = (first.inverse() @ second).rotation().log()[2]
+    assert abs(turn) == pytest.approx(np.pi / 2, abs=1e-6)
