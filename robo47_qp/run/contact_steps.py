@@ -19,6 +19,8 @@ from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
 from robo47_qp.run.steps import Step, StepExecutor, place_of
 
+_RELIEF = 0.2
+"""Time in which an arm that no longer presses comes to rest [s]."""
 _TICK_ROWS = 2
 """Control periods between two checks of the world while contact is expected."""
 
@@ -42,7 +44,7 @@ class Guarded(Checked, Step):
     missing: Cause | None = Cause.TIMEOUT
     """Cause of the failure without contact up to the end; None if that is allowed."""
     after: tuple[Condition, ...] = ()
-    """Conditions that must hold where it has stopped."""
+    """Conditions that must hold where it has stopped; else it no longer presses."""
     tool: str | None = None
     """Name of the tool that is to touch something; None is the main one."""
 
@@ -82,6 +84,10 @@ class Guarded(Checked, Step):
         loop.begin(self.name, leg, compliant=True)
         if loop.track(leg.trajectory, touched, block=_TICK_ROWS):
             loop.halt()
+            if any(condition.against() is not None for condition in self.after):
+                # What follows would begin with a leap of an arm that presses.
+                executor.compliance.unload_stiff()
+                loop.hold(_RELIEF)
         elif self.missing is not None:
             evidence = f"nothing was touched on the way; {self.force:.1f} N were expected"
             raise StepFailed(Failure(cause=self.missing, evidence=evidence, step=self.name))
