@@ -40,7 +40,7 @@ PAYLOAD_RAMP = 0.02
 the torque rate of the motors."""
 
 CONTACT_FORCE = 4.0
-"""Force on the tool above which it counts as in contact, beside half of its payload's weight [N]."""
+"""Force on the tool above which it is in contact, beside half of its payload's weight [N]."""
 
 ZEROING = 3.0
 """Time constant with which the reading of a wrist that is not in contact becomes the zero of its

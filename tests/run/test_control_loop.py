@@ -1,5 +1,7 @@
 """The control loop: what the controller is told of payloads."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -65,13 +67,39 @@ def test_in_contact_is_what_feels_more_than_half_its_payload_and_four_newtons(
     class Pulled(Simulation):
         def felt_force(self, tool: int = 0) -> Vector:
             weight = np.array(LOAD.mass * self.model.opt.gravity)
-            return (1.0 + share) * weight + 4.0 * weight / np.linalg.norm(weight)
+            pulled = share * weight + 4.0 * weight / np.linalg.norm(weight)
+            return weight + (pulled if self.time > 0.03 else 0.0)
 
     observer = DisturbanceObserver()
     loop = ControlLoop(Arm(PANDA), JointImpedance(), Pulled(PANDA, no_objects), observer=observer)
     loop.set_payload(LOAD)
     loop.begin("hold")
-    loop.hold(0.05)
+    loop.hold(0.06)
+    assert loop.control.observed is not None
+    assert loop.control.observed.compensating is follows
+
+
+@pytest.mark.parametrize(
+    ("reads", "follows"),
+    [
+        (lambda time: 9.0, True),
+        (lambda time: 9.0 + time, True),
+        (lambda time: 9.0 + 4.5 * (time > 5.9), False),
+        (lambda time: 9.0 + 2.0 * max(0.0, time - 2.0), False),
+    ],
+    ids=["off from the start", "drifts", "leaps", "pushed ever harder"],
+)
+def test_a_free_wrist_that_drifts_touches_nothing(
+    reads: Callable[[float], float], follows: bool
+) -> None:
+    class Drifting(Simulation):
+        def felt_force(self, tool: int = 0) -> Vector:
+            return np.array([0.0, 0.0, reads(self.time)])
+
+    observer = DisturbanceObserver()
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), Drifting(PANDA, no_objects), observer=observer)
+    loop.begin("hold")
+    loop.hold(6.0)
     assert loop.control.observed is not None
     assert loop.control.observed.compensating is follows
 
