@@ -82,7 +82,7 @@ def test_in_contact_is_what_feels_more_than_half_its_payload_and_four_newtons(
 @pytest.mark.parametrize(
     ("reads", "follows"),
     [
-        (lambda time: 9.0, True),
+        (lambda time: 9.0 + 0.0 * time, True),
         (lambda time: 9.0 + time, True),
         (lambda time: 9.0 + 4.5 * (time > 5.9), False),
         (lambda time: 9.0 + 2.0 * max(0.0, time - 2.0), False),
