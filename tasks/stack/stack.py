@@ -39,6 +39,8 @@ _GOALS = ((0.40, 0.55), (-0.25, 0.25))
 _APART, _CLEAR = 0.11, 0.19
 """Least distance between random cubes, and from the goal: the hand is 0.2 m wide and must not reach
 over the tower during a pick [m]."""
+_GRID = 15
+"""Places for a cube that is put aside, along x and y [-]."""
 _START = ((0.40, 0.22), (0.52, 0.12), (0.40, 0.0))
 """Default positions of the cubes, x and y [m]."""
 _MASSES = (0.05, 0.2)
@@ -240,16 +242,34 @@ class Stack(Task):
     def _add(
         self, hand: ItemHandler, tower: Tower, seen: dict[str, SE3]
     ) -> Generator[StepLike, None, None]:
-        """Put a cube on the tower, or back where it was if the tower has changed meanwhile."""
+        """Put a cube on the tower, or back where it was if the tower has changed meanwhile.
+
+        Where another loose cube is in the way, this one, which may have been on top, goes aside.
+        """
         held = yield from hand.pick()
         before = tower.standing(seen)
         now = yield from estimate_poses(hand.sensed, before)
         goal = tower.level(len(before))
-        if tower.standing(now) != before:
+        if tower.taken(seen, hand.item.name):
+            goal = self._aside(tower, seen, hand.item.name)
+        elif tower.standing(now) != before:
             T_world_cube = hand.stood(seen[hand.item.name])
             x, y, _ = T_world_cube.translation()
             goal = upright([x, y, tower.height(tower.storey(T_world_cube))], heading(T_world_cube))
         yield from hand.place(goal, held)
+
+    def _aside(self, tower: Tower, seen: dict[str, SE3], name: str) -> SE3:
+        """Return a pose on the table for a cube: the nearest one clear of tower and cubes."""
+        goal = tower.T_world_goal.translation()[:2]
+        others = [T.translation()[:2] for cube, T in seen.items() if cube != name]
+        grid = np.array([(x, y) for x in _grid(*_AREA[0]) for y in _grid(*_AREA[1])])
+        away = np.linalg.norm(grid - goal, axis=1)
+        clear = away >= _CLEAR
+        for other in others:
+            clear &= np.linalg.norm(grid - other, axis=1) >= _APART
+        # Three cubes never fill the area.
+        x, y = grid[np.where(clear, away, np.inf).argmin()]
+        return upright([x, y, tower.height(0)], heading(seen[name]))
 
     def _hand(self, sensed: Sensed, tower: Tower, cube: Item, T_world_cube: SE3) -> ItemHandler:
         top = tower.height(len(self.cubes) - 1)
@@ -265,3 +285,7 @@ class Stack(Task):
 
     def _tower(self, T_world_goal: SE3) -> Tower:
         return Tower(edge=self.edge, T_world_goal=T_world_goal)
+
+
+def _grid(low: float, high: float) -> np.ndarray:
+    return np.linspace(low, high, _GRID)

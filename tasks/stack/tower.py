@@ -10,6 +10,9 @@ from robo47_qp.tasks.table import TABLE_TOP
 
 _IN_PLACE = 0.2
 """Largest error of a cube's position in the tower, relative to its edge [-]."""
+_IN_THE_WAY = 1.5
+"""Distance from the goal's vertical within which a loose cube is in the way, relative to its edge
+[-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +52,17 @@ class Tower:
                 break
             tower.append(nearest)
         return tower
+
+    def taken(self, seen: dict[str, SE3], name: str) -> bool:
+        """Return whether a loose cube other than the named one is where the tower is to grow."""
+        x, y, _ = self.T_world_goal.translation()
+
+        def off(cube: str) -> float:
+            at = seen[cube].translation()
+            return float(np.hypot(at[0] - x, at[1] - y))
+
+        others = (cube for cube in self.loose(seen) if cube != name)
+        return any(off(cube) < _IN_THE_WAY * self.edge for cube in others)
 
     def loose(self, seen: dict[str, SE3]) -> list[str]:
         """Return the other cubes in picking order: those on top first, then those in the way."""

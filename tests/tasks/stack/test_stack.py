@@ -100,6 +100,21 @@ def test_a_cube_on_its_side_is_stacked_too() -> None:
     assert names(run).count("close gripper") == 1
 
 
+def test_a_cube_on_one_that_is_in_the_way_goes_aside_first() -> None:
+    runner, simulation = make_runner(TWO)
+    beside = SE3.from_translation(np.array([0.014, 0.0, 0.0]))
+    for level, name in enumerate((GREEN, RED)):
+        simulation.place_object(name, beside @ on_goal(level))
+    run = runner.run()
+    assert run.failure is None
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+    red = run.rows[f"objects/{RED}"]
+    first = next(phase.start for phase in run.phases if phase.name == "retreat")
+    assert red[first, 2] == pytest.approx(0.02, abs=1e-3)
+    assert np.linalg.norm(red[first, :2] - GOAL[:2]) == pytest.approx(0.2, abs=0.02)
+    assert names(run).count("close gripper") == 3
+
+
 def test_a_cube_that_is_always_missed_is_reported() -> None:
     places = iter([(0.5, 0.0, 0.02), (0.52, 0.12, 0.02)] * 3)
 
