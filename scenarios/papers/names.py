@@ -1,9 +1,10 @@
 """The names under which evaluations are kept, told by what was evaluated."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import policy_settings
 from robo47_qp.files import plain
 from robo47_qp.stack import ClassicalStack
@@ -21,17 +22,53 @@ def _robots_name(result: Mapping[str, Any]) -> str:
     return f"robots_{robot}_{result['task']}" if _level(result) == "none" else "none of those"
 
 
+@dataclass(frozen=True)
+class Alone:
+    """A world that is wrong in one way."""
+
+    words: str
+    """What is wrong, for a table."""
+    wrong: Perturbation
+
+
+ALONE = {
+    "heavy_rubbing": Alone(
+        "links 5 % heavier, joints rub with 0.5 and 0.3 N·m",
+        Perturbation(link_mass=0.05, joint_friction=0.5),
+    ),
+    "noise": Alone("joint positions with noise of 1e-4 rad", Perturbation(noise_q=1e-4)),
+    "delay": Alone(
+        "5 ms of delay: 3 of the state, 2 of the torque",
+        Perturbation(state_delay=3e-3, torque_delay=2e-3),
+    ),
+}
+"""Worlds that are wrong in one way, by the names of their results."""
+
+
+def _alone_name(result: Mapping[str, Any]) -> str:
+    """Return the name of an evaluation with the defaults in a world that is wrong in one way."""
+    found = result["settings"]["perturbation"]
+    kinds = (name for name, one in ALONE.items() if plain(one.wrong) == found)
+    kind = next(kinds, None) if _by_default(result) else None
+    return "none of those" if kind is None else f"alone_{kind}_{result['task']}"
+
+
+def _by_default(result: Mapping[str, Any]) -> bool:
+    """Return whether the default stack was evaluated."""
+    return bool(result["settings"]["policy"] == policy_settings(ClassicalStack(), None))
+
+
 def _level(result: Mapping[str, Any]) -> str | None:
     """Return the level of an evaluation of the default stack; None for any other."""
-    settings = result["settings"]
-    if settings["policy"] != policy_settings(ClassicalStack(), None):
+    if not _by_default(result):
         return None
-    found = settings["perturbation"]
+    found = result["settings"]["perturbation"]
     return next((name for name, level in PRESETS.items() if plain(level) == found), None)
 
 
 OWN_NAMES: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "success": _success_name,
     "robots": _robots_name,
+    "alone": _alone_name,
 }
-"""What the kept evaluations of the tables `success` and `robots` are called, by their beginning."""
+"""What the kept evaluations of the tables of these names are called, by their beginning."""

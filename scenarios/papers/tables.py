@@ -11,6 +11,7 @@ from scenarios.papers.blocks import markdown_table
 from scenarios.papers.judges import franka, franka_clients, robosuite
 from scenarios.papers.kept import is_kept, kept, origin_line
 from scenarios.papers.mutants import mutants
+from scenarios.papers.names import ALONE
 
 Result = Mapping[str, Any]
 Cell = Callable[[Result], str]
@@ -59,6 +60,35 @@ def success() -> str:
         for name, found in results.items()
     ]
     return _with_origin(heads, rows, results, "success_*")
+
+
+def alone() -> str:
+    """The stack in worlds that are wrong in one way: a row for each and each task."""
+    results = {
+        name: kept(name)
+        for kind in ALONE
+        for task in task_names()
+        if is_kept(name := f"alone_{kind}_{task}")
+    }
+    if not results:
+        return NOTHING
+    heads = {
+        "wrong": "---",
+        "task": "---",
+        "succeeded": "--:",
+        "95 % interval": "--:",
+        "at the first attempt": "--:",
+        "causes of failure": "---",
+        "audits kept": "--:",
+        "median cycle": "--:",
+    }
+    rows = [
+        [ALONE[kind].words, f"`{found['task']}`", *_evaluation(found)]
+        for kind in ALONE
+        for name, found in results.items()
+        if name == f"alone_{kind}_{found['task']}"
+    ]
+    return _with_origin(heads, rows, results, "alone_*")
 
 
 def success_short() -> str:
@@ -371,6 +401,7 @@ def _law(name: str) -> str:
 
 TABLES: dict[str, Callable[..., str]] = {
     "success": success,
+    "alone": alone,
     "success_short": success_short,
     "robots": robots,
     "policies": policies,
