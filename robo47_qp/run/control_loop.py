@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import exp, inf
+from math import inf
 from time import perf_counter
 
 import numpy as np
@@ -23,6 +23,7 @@ from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import Recording
+from robo47_qp.run.touch_sense import TouchSense
 from robo47_qp.sim.compiled import CompiledWorld
 from robo47_qp.sim.sensed import Senses
 from robo47_qp.sim.signal import Signal
@@ -38,13 +39,6 @@ that a run does not depend on that."""
 PAYLOAD_RAMP = 0.02
 """Time over which the torque changes with the payload [s]: a step of a heavy load would exceed
 the torque rate of the motors."""
-
-CONTACT_FORCE = 4.0
-"""Force on the tool above which it is in contact, beside half of its payload's weight [N]."""
-
-ZEROING = 3.0
-"""Time constant with which the reading of a wrist that is not in contact becomes the zero of its
-sensor, which drifts [s]."""
 
 SETTLING = 0.3
 """Time after contact in which dry friction is not learned: the disturbance is that of the contact
@@ -119,7 +113,7 @@ class ControlLoop:
         self._check, self._yielding, self._insisting = check, False, False
         self._together: tuple[int, ...] = ()
         self._touched = -inf
-        self._zeros: Matrix | None = None
+        self._touch = TouchSense(simulation)
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self.rest(start)
@@ -229,7 +223,7 @@ class ControlLoop:
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             if not self._yielding and self.control.observed is not None:
-                touching = self._touching(count * TIMESTEP)
+                touching = self._touch.touching(self.control.arm, count * TIMESTEP)
                 if touching:
                     self._touched = self.sim.time
                 self.control.compensate(self._insisting or not touching, learn=self._learns)
@@ -378,31 +372,6 @@ class ControlLoop:
     def _learns(self) -> bool:
         """Whether dry friction may be learned: nothing is touched, and nothing was just before."""
         return not self._insisting and self.sim.time - self._touched >= SETTLING
-
-    def _touching(self, passed: float) -> bool:
-        """Return whether a tool is in contact with more than its payload.
-
-        What the sensors read where none is becomes their zero, as what they read first.
-
-        Args:
-            passed: Time since the last call [s].
-        """
-        tools = self.arm.robot.tools
-        forces, most = np.zeros((len(tools), 3)), np.full(len(tools), CONTACT_FORCE)
-        for i, tool in enumerate(tools):
-            payload = self.control.arm.payloads.get(tool.name)
-            forces[i] = self.sim.felt_force(i)
-            if payload is not None:
-                weight = payload.mass * self.arm.model.opt.gravity
-                forces[i] -= weight
-                most[i] += 0.5 * float(np.sqrt(weight.dot(weight)))
-        if self._zeros is None:
-            self._zeros = forces
-        off = forces - self._zeros
-        touches = bool((np.square(off).sum(axis=1) > most**2).any())
-        if not touches:
-            self._zeros += (1.0 - exp(-passed / ZEROING)) * off
-        return touches
 
     def _references(self, trajectory: Trajectory) -> Matrix:
         """Return the columns `signals.references` of every sample."""

@@ -1,0 +1,56 @@
+"""TouchSense: whether a tool touches something, by sensors at the wrists that drift."""
+
+from math import exp
+
+import numpy as np
+
+from robo47_qp.arrays import Matrix
+from robo47_qp.model.arm import Arm
+from robo47_qp.sim.simulation import Simulation
+
+CONTACT_FORCE = 4.0
+"""Force on the tool above which it is in contact, beside half of its payload's weight [N]."""
+
+_ZEROING = 3.0
+"""Time constant with which the reading of a wrist that is not in contact becomes its zero [s]."""
+
+
+class TouchSense:
+    """Tells contact from the drift of the sensors in one run.
+
+    What a sensor reads first, and then follows slowly while nothing is touched, is its zero. A
+    force that grows by less than `CONTACT_FORCE` within the time constant is taken for drift.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Start without zeros.
+
+        Args:
+            simulation: The world whose sensors are read.
+        """
+        self._sim = simulation
+        self._zeros: Matrix | None = None
+
+    def touching(self, arm: Arm, passed: float) -> bool:
+        """Return whether a tool is in contact with more than its payload.
+
+        Args:
+            arm: The arm with what its tools hold.
+            passed: Time since the last call [s].
+        """
+        tools = arm.robot.tools
+        forces, most = np.zeros((len(tools), 3)), np.full(len(tools), CONTACT_FORCE)
+        for i, tool in enumerate(tools):
+            payload = arm.payloads.get(tool.name)
+            forces[i] = self._sim.felt_force(i)
+            if payload is not None:
+                weight = payload.mass * arm.model.opt.gravity
+                forces[i] -= weight
+                most[i] += 0.5 * float(np.sqrt(weight.dot(weight)))
+        if self._zeros is None:
+            self._zeros = forces
+        off = forces - self._zeros
+        touches = bool((np.square(off).sum(axis=1) > most**2).any())
+        if not touches:
+            self._zeros += (1.0 - exp(-passed / _ZEROING)) * off
+        return touches
