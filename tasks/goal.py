@@ -18,7 +18,8 @@ from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import TABLE_TOP
 
 GREEN, YELLOW = (0.15, 0.55, 0.30, 1.0), (0.95, 0.75, 0.20, 1.0)
-_NAME = "goal"
+GOAL = "goal"
+"""Name of the marker."""
 _RIM = 0.005
 """Width of the marker's rim around the item [m]."""
 
@@ -27,10 +28,10 @@ def add_goal(
     spec: mujoco.MjSpec, item: Item, rgba: tuple[float, float, float, float] = GREEN
 ) -> None:
     """Add the marker of an item's goal to a scene."""
-    body = spec.worldbody.add_body(name=_NAME, mocap=True)
+    body = spec.worldbody.add_body(name=GOAL, mocap=True)
     x, y, _ = item.size
     body.add_geom(
-        name=_NAME,
+        name=GOAL,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[0.5 * x + _RIM, 0.5 * y + _RIM, 0.0005],
         rgba=rgba,
@@ -41,17 +42,17 @@ def add_goal(
 
 def place_goal(simulation: Simulation, where: Sequence[float] | np.ndarray, turn: float) -> None:
     """Put the marker at a position on the table, x and y [m], with a heading [rad]."""
-    simulation.place_marker(_NAME, upright([*where, TABLE_TOP], turn))
+    simulation.place_marker(GOAL, upright([*where, TABLE_TOP], turn))
 
 
 def marked_goal(simulation: Simulation) -> SE3:
     """Return T_world_goal of the marker, on the table."""
-    return simulation.marker_pose(_NAME)
+    return simulation.marker_pose(GOAL)
 
 
 def seen_goal(sensed: Sensed) -> SE3:
     """Return T_world_goal of the marker as the camera sees it now."""
-    return sensed.seen_pose(_NAME)
+    return sensed.seen_pose(GOAL)
 
 
 def goal_pose(sensed: Sensed, item: Item) -> SE3:
@@ -59,7 +60,7 @@ def goal_pose(sensed: Sensed, item: Item) -> SE3:
     return _standing(item, seen_goal(sensed))
 
 
-def estimate_goal(sensed: Sensed, marker: str = _NAME) -> Generator[StepLike, None, SE3]:
+def estimate_goal(sensed: Sensed, marker: str = GOAL) -> Generator[StepLike, None, SE3]:
     """Estimate T_world_goal of a marker on the table, at whose height it is, by the camera."""
     seen = yield from estimate_pose(sensed, marker)
     x, y, _ = seen.translation()

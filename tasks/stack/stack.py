@@ -16,7 +16,7 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import YELLOW, add_goal, estimate_goal, marked_goal, place_goal, seen_goal
+from robo47_qp.tasks.goal import GOAL, YELLOW, add_goal, marked_goal, place_goal, seen_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
 from robo47_qp.tasks.handling.place_criterion import (
     END,
@@ -25,7 +25,7 @@ from robo47_qp.tasks.handling.place_criterion import (
     told,
     unfinished,
 )
-from robo47_qp.tasks.handling.pose_estimate import estimate_poses
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses
 from robo47_qp.tasks.heading import face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
@@ -164,7 +164,7 @@ class Stack(Task):
 
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        tower = self._tower((yield from estimate_goal(sensed)))
+        tower = self._tower((yield from estimate_pose(sensed, GOAL)))
         left = len(self.cubes) + self.retries
         while left:
             seen = yield from estimate_poses(sensed, [cube.name for cube in self.cubes])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import Vector
 from robo47_qp.tasks.heading import heading, upright
 from robo47_qp.tasks.table import TABLE_TOP
 
@@ -22,12 +23,26 @@ class Tower:
     edge: float
     """Edge length of a cube [m]."""
     T_world_goal: SE3
-    """Pose of the tower's base, on the table with z up."""
+    """Pose of the tower's base on the table, as the camera sees it, with all that its calibration
+    errs. Cubes are seen with the same error: what counts is where they are in the base's frame."""
 
     def level(self, number: int) -> SE3:
-        """Return the pose of a cube in the tower, counted from 0."""
-        x, y, _ = self.T_world_goal.translation()
+        """Return the pose of a cube in the tower, counted from 0, upright.
+
+        Its x and y are those at which the camera would see it, its height is the data sheet's.
+        """
+        seen = self.T_world_goal @ SE3.from_translation(self._centre(number))
+        x, y, _ = seen.translation()
         return upright([x, y, self.height(number)], heading(self.T_world_goal))
+
+    def _centre(self, storey: float) -> Vector:
+        """Return the centre of a cube in the tower, in the frame of its base (3,) [m]."""
+        return np.array([0.0, 0.0, (storey + 0.5) * self.edge])
+
+    def _at(self, T_world_cube: SE3) -> Vector:
+        """Return where a cube is in the frame of the base (3,) [m]."""
+        at: Vector = (self.T_world_goal.inverse() @ T_world_cube).translation()
+        return at
 
     def height(self, storey: int) -> float:
         """Return the height of the centre of a cube with so many below it, in the world [m]."""
@@ -35,7 +50,7 @@ class Tower:
 
     def storey(self, T_world_cube: SE3) -> int:
         """Return how many cubes are below one, wherever it is."""
-        return round((float(T_world_cube.translation()[2]) - TABLE_TOP) / self.edge - 0.5)
+        return round(float(self._at(T_world_cube)[2]) / self.edge - 0.5)
 
     def standing(self, seen: dict[str, SE3]) -> list[str]:
         """Return the names of the cubes that stand in the tower, from below.
@@ -45,8 +60,8 @@ class Tower:
         """
         tower: list[str] = []
         for number in range(len(seen)):
-            at = self.level(number).translation()
-            away = {n: float(np.linalg.norm(T.translation() - at)) for n, T in seen.items()}
+            centre = self._centre(number)
+            away = {n: float(np.linalg.norm(self._at(T) - centre)) for n, T in seen.items()}
             nearest = min(away, key=lambda name: away[name])
             if away[nearest] > _IN_PLACE * self.edge:
                 break
@@ -55,22 +70,15 @@ class Tower:
 
     def taken(self, seen: dict[str, SE3], name: str) -> bool:
         """Return whether a loose cube other than the named one is where the tower is to grow."""
-        x, y, _ = self.T_world_goal.translation()
-
-        def off(cube: str) -> float:
-            at = seen[cube].translation()
-            return float(np.hypot(at[0] - x, at[1] - y))
-
-        others = (cube for cube in self.loose(seen) if cube != name)
-        return any(off(cube) < _IN_THE_WAY * self.edge for cube in others)
+        others = (self._at(seen[cube])[:2] for cube in self.loose(seen) if cube != name)
+        return any(np.linalg.norm(at) < _IN_THE_WAY * self.edge for at in others)
 
     def loose(self, seen: dict[str, SE3]) -> list[str]:
         """Return the other cubes in picking order: those on top first, then those in the way."""
         tower = self.standing(seen)
-        goal = self.T_world_goal.translation()
 
         def turn(name: str) -> tuple[float, float]:
             T = seen[name]
-            return -self.storey(T), float(np.linalg.norm(T.translation() - goal))
+            return -self.storey(T), float(np.linalg.norm(self._at(T)))
 
         return sorted((name for name in seen if name not in tower), key=turn)

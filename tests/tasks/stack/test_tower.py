@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.stack.tower import Tower
@@ -21,6 +21,21 @@ def test_levels_lie_on_top_of_each_other() -> None:
         np.testing.assert_allclose(T.translation(), [0.5, 0.1, 0.02 + 0.04 * number], atol=1e-12)
         assert TOWER.storey(T) == number
         np.testing.assert_allclose(T.rotation().wxyz, TOWER.T_world_goal.rotation().wxyz)
+
+
+def test_a_camera_whose_calibration_errs_sees_goal_and_cubes_with_the_same_error() -> None:
+    turn, shift = SO3.exp(np.array([0.05, -0.03, 0.02])), np.array([0.004, -0.003, 0.02])
+    T_bias = SE3.from_rotation_and_translation(turn, shift)
+    tower = Tower(edge=EDGE, T_world_goal=T_bias @ TOWER.T_world_goal)
+    cubes = {"c": TOWER.level(2), "a": TOWER.level(0), "b": TOWER.level(1)}
+    seen = {name: T_bias @ T for name, T in cubes.items()}
+    assert tower.standing(seen) == ["a", "b", "c"]
+    for number, name in enumerate(("a", "b", "c")):
+        level = tower.level(number)
+        np.testing.assert_allclose(level.translation()[:2], seen[name].translation()[:2])
+        # Heights are those of the data sheet.
+        assert level.translation()[2] == TOWER.height(number)
+    assert [tower.storey(T_bias @ at(0.3, -0.3, storey)) for storey in range(3)] == [0, 1, 2]
 
 
 @pytest.mark.parametrize(
