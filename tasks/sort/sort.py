@@ -24,7 +24,7 @@ from robo47_qp.tasks.handling.place_criterion import (
     told,
     unfinished,
 )
-from robo47_qp.tasks.handling.pose_estimate import estimate_poses
+from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, estimate_poses
 from robo47_qp.tasks.heading import face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
@@ -41,6 +41,8 @@ _SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
 """Sizes [m] and masses [kg] of random items."""
 _LET_GO = 0.02
 """Width by which the fingers open in a bin [m]."""
+_ROUGH = 2e-3
+"""Accepted standard deviation of a coordinate where an item is looked at once more later [m]."""
 _ON_TABLE = 0.01
 """Largest seen distance from the table of an item that stands on it [m]."""
 
@@ -165,9 +167,12 @@ class Sort(Task):
 
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        left = len(self.items) + self.retries
+        left, good_enough = len(self.items) + self.retries, GOOD_ENOUGH
         while left:
-            seen = yield from estimate_poses(sensed, [item.name for item in self.items])
+            names = [item.name for item in self.items]
+            seen = yield from estimate_poses(sensed, names, good_enough)
+            # What is still loose, and where there is room: each item is looked at again.
+            good_enough = _ROUGH
             loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
             if not loose:
                 break
@@ -226,7 +231,7 @@ class Sort(Task):
     ) -> Generator[StepLike, None, None]:
         """Pick an item and put it down in a free slot of its bin."""
         held = yield from hand.pick()
-        T_world_item = yield from hand.look_held(held)
+        T_world_item = yield from hand.look_held(held, _ROUGH)
         taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
         slot = self._bin(hand.item).free_slot(taken)
         goal = self._down(hand.item, slot, sensed.tool_pose(), T_world_item)
