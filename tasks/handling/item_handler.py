@@ -69,6 +69,8 @@ class ItemHandler:
     resting: float | None = None
     """Known height of the item's centre in the world before it is picked [m]; None takes the
     camera's, which may be noisy."""
+    good_enough: float = GOOD_ENOUGH
+    """Accepted standard deviation of a coordinate of the item beside its goal [m]."""
     across: float = 0.0
     """Turn from the sides of the item that suit the wrist to those that are grasped [rad]."""
     T_item_standing: SE3 | None = None
@@ -180,7 +182,7 @@ class ItemHandler:
         yield from hand._lowered(T_world_item, raised(T_world_goal, NEAR) if errs else T_world_goal)
         if errs:
             # Beside its goal, both are seen with the same error of the camera's calibration.
-            T_world_item = yield from self.look_held(held)
+            T_world_item = yield from self.look_held(held, self.good_enough)
             yield from hand._lowered(T_world_item, raised(T_world_goal, LET_GO))
         yield self.release()
         if errs:

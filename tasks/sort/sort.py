@@ -42,7 +42,7 @@ _SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
 _LET_GO = 0.02
 """Width by which the fingers open in a bin [m]."""
 _ROUGH = 2e-3
-"""Accepted standard deviation of a coordinate where an item is looked at once more later [m]."""
+"""Accepted standard deviation of a coordinate: bins have room, and items are looked at again [m]."""
 _ON_TABLE = 0.01
 """Largest seen distance from the table of an item that stands on it [m]."""
 
@@ -253,6 +253,7 @@ class Sort(Task):
             above=TABLE_TOP + self.above,
             force=item.grip_force(self.grip_force, sensed.sheet.acceleration),
             opening=_LET_GO,
+            good_enough=_ROUGH,
             resting=on_table if stands else None,
             T_item_standing=turn,
         )
