@@ -19,7 +19,7 @@ from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed, StepMonitor
 from robo47_qp.run.steps import Step, StepExecutor, place_of
 
-_RELIEF = 0.2
+_RELIEF = 0.4
 """Time in which an arm that no longer presses comes to rest [s]."""
 _TICK_ROWS = 2
 """Control periods between two checks of the world while contact is expected."""

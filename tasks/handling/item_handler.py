@@ -32,7 +32,7 @@ NEAR = 0.012
 LET_GO = 0.5e-3
 """Height above its goal at which an item is released where it is seen with errors [m]: an arm that
 presses it down is pushed aside by more than it errs while it is free."""
-_TIPS, _SLOWLY, _LANDED, _SHORT = 0.02, 0.035, 5.0, 3e-3
+_TIPS, _SLOWLY, _LANDED, _SHORT = 0.02, 0.025, 5.0, 3e-3
 """Height of the tool above an item below which fingers come slowly around it [m], how fast [m/s],
 the force that stops them [N], and how far from the grasp that is too early [m]."""
 _PADS, _WENT = 0.01, 4e-3

@@ -42,7 +42,7 @@ _SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
 _LET_GO = 0.02
 """Width by which the fingers open in a bin [m]."""
 _ROUGH = 2e-3
-"""Accepted standard deviation of a coordinate: bins have room, and items are looked at again [m]."""
+"""Accepted standard deviation of a coordinate: bins have room, items are looked at again [m]."""
 _ON_TABLE = 0.01
 """Largest seen distance from the table of an item that stands on it [m]."""
 
