@@ -223,7 +223,8 @@ class ControlLoop:
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             if not self._yielding and self.control.observed is not None:
-                touching = self._touch.touching(self.control.arm, count * TIMESTEP)
+                passed, free = count * TIMESTEP, not self._insisting
+                touching = self._touch.touching(self.control.arm, passed, free=free)
                 if touching:
                     self._touched = self.sim.time
                 self.control.compensate(self._insisting or not touching, learn=self._learns)

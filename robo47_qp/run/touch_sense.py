@@ -31,12 +31,13 @@ class TouchSense:
         self._sim = simulation
         self._zeros: Matrix | None = None
 
-    def touching(self, arm: Arm, passed: float) -> bool:
+    def touching(self, arm: Arm, passed: float, *, free: bool = True) -> bool:
         """Return whether a tool is in contact with more than its payload.
 
         Args:
             arm: The arm with what its tools hold.
             passed: Time since the last call [s].
+            free: Whether nothing is meant to be touched: what presses gently for long is no drift.
         """
         tools = arm.robot.tools
         forces, most = np.zeros((len(tools), 3)), np.full(len(tools), CONTACT_FORCE)
@@ -51,6 +52,6 @@ class TouchSense:
             self._zeros = forces
         off = forces - self._zeros
         touches = bool((np.square(off).sum(axis=1) > most**2).any())
-        if not touches:
+        if free and not touches:
             self._zeros += (1.0 - exp(-passed / _ZEROING)) * off
         return touches

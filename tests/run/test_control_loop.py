@@ -104,6 +104,26 @@ def test_a_free_wrist_that_drifts_touches_nothing(
     assert loop.control.observed.compensating is follows
 
 
+def test_what_a_tool_presses_with_for_long_is_no_drift() -> None:
+    class Pressed(Simulation):
+        def felt_force(self, tool: int = 0) -> Vector:
+            presses = 0.1 < self.time < 9.0
+            return np.array([0.0, 0.0, 3.5 if presses else 0.0 if self.time < 1.0 else -2.0])
+
+    observer = DisturbanceObserver()
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), Pressed(PANDA, no_objects), observer=observer)
+    loop.begin("free")
+    loop.hold(0.1)
+    loop.compensate(on=True, in_contact=True)
+    loop.begin("press")
+    loop.hold(8.9)
+    loop.compensate(on=True)
+    loop.begin("free again")
+    loop.hold(0.1)
+    assert loop.control.observed is not None
+    assert loop.control.observed.compensating
+
+
 @pytest.mark.parametrize("way", ["touching", "pressing", "yielding"])
 def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: str) -> None:
     class Felt(Simulation):
