@@ -15,9 +15,10 @@ from robo47_qp.files import plain
 from robo47_qp.stack import ClassicalStack
 from scenarios import keep, tables
 from scenarios.papers import kept as kept_module
-from scenarios.papers import tables as tables_
 from scenarios.papers.blocks import rendered
 from scenarios.papers.kept import ORIGIN, RESULTS, kept, to_keep
+from scenarios.papers.names import ALONE
+from scenarios.papers.rows import NOTHING
 from scenarios.papers.tables import TABLES
 
 ORIGIN_OF_TOY = {
@@ -95,7 +96,7 @@ def test_kept_evaluations_become_rows(results: Path) -> None:
 
 
 def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> None:
-    assert TABLES["success_short"]() == TABLES["success"]() == TABLES["robots"]() == tables_.NOTHING
+    assert TABLES["success_short"]() == TABLES["success"]() == TABLES["robots"]() == NOTHING
     told = to_keep(REPORT)
     for name in ("success_moderate_reach", "success_none_reach", "success_none_stack"):
         (results / f"{name}.json").write_text(json.dumps(told))
@@ -114,6 +115,22 @@ def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> Non
     assert robots[5] == f"{commits}; `docs/results/robots_*.json`."
 
 
+@pytest.mark.parametrize("kind", ALONE)
+def test_worlds_that_are_wrong_in_one_way_become_rows(
+    kind: str, results: Path, tmp_path: Path
+) -> None:
+    assert TABLES["alone"]() == NOTHING
+    wrong = {**REPORT["settings"], "perturbation": plain(ALONE[kind].wrong)}
+    report = tmp_path / "eval.report"
+    report.write_text(json.dumps({**REPORT, "settings": wrong}))
+    for name in ("alone_noise_stack", "success_none_reach"):
+        with pytest.raises(InvalidValueError, match="--name must be"):
+            keep.run(keep.KeepOptions(report=report, name=name), Console(quiet=True))
+    keep.run(keep.KeepOptions(report=report, name=f"alone_{kind}_reach"), Console(quiet=True))
+    row = f"| `reach` | {ALONE[kind].words} | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s |"
+    assert TABLES["alone"]().splitlines()[2] == row
+
+
 def test_policies_are_told_against_the_first(results: Path) -> None:
     one = {key: REPORT[key] for key in ("successes", "judged", "interval", "causes")}
     report = {
@@ -126,7 +143,7 @@ def test_policies_are_told_against_the_first(results: Path) -> None:
     rows = TABLES["policies"]("toy").splitlines()
     assert rows[2] == "| `classical:qp` | 1 of 2 | 9.5–90.5 % | ik 1 |  |"
     assert rows[3].endswith("| -50.0 points (-80.0 to +10.0), p = 0.2 |")
-    assert TABLES["policies"]("another") == tables_.NOTHING
+    assert TABLES["policies"]("another") == NOTHING
 
 
 @pytest.mark.parametrize(

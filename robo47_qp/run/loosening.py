@@ -2,16 +2,14 @@
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import PlanError
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.motion.trajectory import Trajectory, joined
 from robo47_qp.run.control_loop import ControlLoop
 
-_NOTHING = 1e-2
-"""Distance from home up to which an arm has not begun its work [rad]."""
+AT_HOME = 5e-3
+"""Distance from home within which an arm stands there [rad]."""
 
 
 class Loosening:
@@ -32,6 +30,9 @@ class Loosening:
         """
         self._loop, self._planner = loop, planner
         self._left, self._begun = loop.at_rest(0), False
+        observed = loop.control.observed
+        learned = None if observed is None else observed.settings.friction
+        self._swing = 0.0 if learned is None else learned.swing
 
     def spend(self, seconds: float, lasts: float) -> None:
         """Let time pass, in which the arm loosens its joints if it has to and can, or stands still.
@@ -49,35 +50,33 @@ class Loosening:
             # Something else was done in between.
             loop.halt()
             self._left = loop.at_rest(0)
-        if not self._begun:
-            whole = self._whole()
-            if whole is not None and whole.duration <= lasts:
-                self._left, self._begun = whole, True
+        if not self._begun and self._is_of_use():
+            self._begin(lasts)
         rows = round(seconds / TIMESTEP)
         now = min(rows, self._left.steps)
         loop.track(self._left.part(0, now))
         self._left = self._left.part(now, self._left.steps)
         loop.hold((rows - now) * TIMESTEP)
 
-    def _whole(self) -> Trajectory | None:
-        """Return the way there and back; None where it is of no use or not free."""
-        loop, observed = self._loop, self._loop.control.observed
-        learned = None if observed is None else observed.settings.friction
-        q, arm = loop.reference.q, loop.arm
-        off_home = float(np.abs(q - arm.home).max())
-        if learned is None or not learned.swing or not loop.resting or off_home > _NOTHING:
-            return None
-        inwards = np.sign(0.5 * (arm.q_low + arm.q_high) - q)
-        return self._free(q, q + learned.swing * np.where(inwards < 0.0, -1.0, 1.0))
+    def _is_of_use(self) -> bool:
+        loop = self._loop
+        off_home = float(np.abs(loop.reference.q - loop.arm.home).max())
+        return self._swing > 0.0 and loop.resting and off_home <= AT_HOME
 
-    def _free(self, q: Vector, there: Vector) -> Trajectory | None:
-        planner = self._planner
+    def _begin(self, lasts: float) -> None:
+        """Plan the way there and back, if there is time; where it is not free, there is none."""
+        arm, q, planner = self._loop.arm, self._loop.reference.q, self._planner
+        inwards = np.where(0.5 * (arm.q_low + arm.q_high) < q, -1.0, 1.0)
+        there = q + self._swing * inwards
         profile = planner.profile.slowed(planner.pace)
         way = plan_ptp(q, there, profile, TIMESTEP, planner.law)
-        try:
-            planner.check_collisions("loosening", way)
-            if planner.surroundings is not None:
-                planner.surroundings.check("loosening", way)
-        except PlanError:
-            return None
-        return joined([way, plan_ptp(there, q, profile, TIMESTEP, planner.law)])
+        back = plan_ptp(there, q, profile, TIMESTEP, planner.law)
+        if way.duration + back.duration > lasts:
+            return
+        self._begun = True
+        if self._is_free(way):
+            self._left = joined([way, back])
+
+    def _is_free(self, way: Trajectory) -> bool:
+        checks = (self._planner.collisions, self._planner.surroundings)
+        return all(check is None or check.first_hit(way.q, way.dt) is None for check in checks)

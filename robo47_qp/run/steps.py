@@ -25,7 +25,7 @@ from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import TICK_ROWS, ControlLoop
 from robo47_qp.run.failure import Condition, StepFailed, StepMonitor, refusal, require
-from robo47_qp.run.loosening import Loosening
+from robo47_qp.run.loosening import AT_HOME, Loosening
 
 _GAIN = 15.0
 """Rate at which a stream removes the remaining error [1/s]; the velocity of the target is fed
@@ -76,8 +76,8 @@ class Step(ABC):
         """
 
 
-_AT_HOME, _FIRST_PACE = 5e-3, 0.2
-"""Distance from home within which an arm stands there [rad], and the pace of its first way."""
+_FIRST_PACE = 0.2
+"""Pace of the first way home of an arm that does not stand there."""
 
 
 class StepExecutor:
@@ -129,7 +129,7 @@ class StepExecutor:
             PlanError: The plan is refused.
         """
         reference, home = self.loop.reference, self.loop.arm.home
-        if np.abs(reference.q - home).max() <= _AT_HOME:
+        if np.abs(reference.q - home).max() <= AT_HOME:
             return []
         slow = replace(self._planner, pace=min(self._planner.pace, _FIRST_PACE))
         return self._planned(

@@ -1,23 +1,14 @@
 """The tables that README and documentation hold, each made from kept results."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
-from robo47_qp.evaluation.perturbation import PRESETS
-from robo47_qp.model.robots import robot_names
-from robo47_qp.run.registry import task_names
-from scenarios.papers.blocks import markdown_table
+from scenarios.papers.evaluations import alone, policies, robots, success, success_short
 from scenarios.papers.judges import franka, franka_clients, robosuite
-from scenarios.papers.kept import is_kept, kept, origin_line
+from scenarios.papers.kept import is_kept, kept
 from scenarios.papers.mutants import mutants
-from scenarios.papers.names import ALONE
+from scenarios.papers.rows import NOTHING, Result, interval, table, with_origin
 
-Result = Mapping[str, Any]
-Cell = Callable[[Result], str]
-NOTHING = "No result of this kind is kept yet."
-LEVELS = tuple(PRESETS)
-ROBOT_TASKS = ("pick_place", "reach", "obstacle_reach")
 _LAWS = {
     "textbook": "DLS of textbooks, λ = 0.05, clipped",
     "by error": "λ² = 0.1 ‖e‖²",
@@ -35,107 +26,9 @@ _EFFECTS = {
 }
 
 
-def success() -> str:
-    """Success of the tasks: a row for each task and level of perturbation that is kept."""
-    results = {
-        name: kept(name)
-        for level in LEVELS
-        for task in task_names()
-        if is_kept(name := f"success_{level}_{task}")
-    }
-    if not results:
-        return NOTHING
-    heads = {
-        "task": "---",
-        "perturbation": "---",
-        "succeeded": "--:",
-        "95 % interval": "--:",
-        "at the first attempt": "--:",
-        "causes of failure": "---",
-        "audits kept": "--:",
-        "median cycle": "--:",
-    }
-    rows = [
-        [f"`{found['task']}`", name.split("_")[1], *_evaluation(found)]
-        for name, found in results.items()
-    ]
-    return _with_origin(heads, rows, results, "success_*")
-
-
-def alone() -> str:
-    """The stack in worlds that are wrong in one way: a row for each and each task."""
-    results = {
-        name: kept(name)
-        for kind in ALONE
-        for task in task_names()
-        if is_kept(name := f"alone_{kind}_{task}")
-    }
-    if not results:
-        return NOTHING
-    heads = {
-        "wrong": "---",
-        "task": "---",
-        "succeeded": "--:",
-        "95 % interval": "--:",
-        "at the first attempt": "--:",
-        "causes of failure": "---",
-        "audits kept": "--:",
-        "median cycle": "--:",
-    }
-    rows = [
-        [ALONE[kind].words, f"`{found['task']}`", *_evaluation(found)]
-        for kind in ALONE
-        for name, found in results.items()
-        if name == f"alone_{kind}_{found['task']}"
-    ]
-    return _with_origin(heads, rows, results, "alone_*")
-
-
-def success_short() -> str:
-    """Success of the tasks: a row for each task, a column for each level that is kept."""
-    return _matrix(
-        "task",
-        {task: {level: f"success_{level}_{task}" for level in LEVELS} for task in task_names()},
-        "success_*",
-    )
-
-
-def robots() -> str:
-    """Success of the robots: a row for each, a column for each task."""
-    return _matrix(
-        "robot",
-        {
-            robot: {task: f"robots_{robot}_{task}" for task in ROBOT_TASKS}
-            for robot in robot_names()
-        },
-        "robots_*",
-    )
-
-
-def policies(name: str) -> str:
-    """Policies on the same seeds, the first one as the baseline."""
-
-    def rows(found: Result) -> Iterator[Result]:
-        for one, against in zip(found["policies"], [None, *found["comparisons"]], strict=True):
-            yield {**one, "against": "" if against is None else _difference(against)}
-
-    return _table(
-        name,
-        rows,
-        {
-            "policy": lambda one: f"`{one['policy']}`",
-            "succeeded": _counts,
-            "95 % interval": _interval,
-            "causes of failure": _causes,
-            "against the first": lambda one: one["against"],
-        },
-        words=("policy", "causes of failure"),
-    )
-
-
 def solvers(name: str) -> str:
     """Inverse kinematics compared: a row for each solver and set of targets."""
-    return _table(
+    return table(
         name,
         lambda found: found["rows"],
         {
@@ -143,7 +36,7 @@ def solvers(name: str) -> str:
             "solver": lambda row: f"`{row['solver']}`",
             "of": lambda row: str(row["n"]),
             "reached": lambda row: f"{100 * row['success']:.1f} %",
-            "95 % interval": _interval,
+            "95 % interval": interval,
             "outside limits": lambda row: str(row["limit_violations"]),
             "median, p99": _times,
         },
@@ -167,7 +60,7 @@ def ablation() -> str:
         [_law(name), *(f"{100 * rates[targets, name + mark]:.1f} %" for targets, mark in columns)]
         for name in names
     ]
-    return _with_origin(heads, rows, {"ablate_ik": found})
+    return with_origin(heads, rows, {"ablate_ik": found})
 
 
 def ablation_effects() -> str:
@@ -181,18 +74,18 @@ def ablation_effects() -> str:
         [what, *(_points(effects[targets, *pair]) for targets in found["targets"])]
         for what, pair in _EFFECTS.items()
     ]
-    return _with_origin(heads, rows, {"ablate_ik": found})
+    return with_origin(heads, rows, {"ablate_ik": found})
 
 
 def free_axis(name: str) -> str:
     """Targets with the tool's angle fixed and free: a row for each solver."""
-    return _table(
+    return table(
         name,
         _named,
         {
             "solver": lambda one: one["name"],
             "reached": lambda one: f"{one['reached']} of {one['of']}",
-            "95 % interval": _interval,
+            "95 % interval": interval,
             "outside limits": lambda one: str(one["outside_limits"]),
             "median, p99": _times,
         },
@@ -208,7 +101,7 @@ def same_step() -> str:
         "from mink": "largest_from_mink_rad",
         "from mink, refined": "largest_from_mink_refined_rad",
     }
-    return _table(
+    return table(
         "same_step",
         lambda found: [{**one, "of": found["n"]} for one in _named(found)],
         {
@@ -224,7 +117,7 @@ def same_step() -> str:
 
 def streams() -> str:
     """DLS and the QP as streams on gliding targets: how often and how far each is too close."""
-    return _table(
+    return table(
         "compare_streams",
         lambda found: [
             {**one, "of": found["ticks"]} for one in found["figures"] if one["targets"] == "gentle"
@@ -247,7 +140,7 @@ def streams() -> str:
 
 def motions() -> str:
     """Random motions: what was planned, refused and broken, a row for each robot and kind."""
-    return _table(
+    return table(
         "check_motions",
         _named,
         {
@@ -267,7 +160,7 @@ def motions() -> str:
 
 def controllers(*conditions: str) -> str:
     """Errors of the controllers, a row for each under each condition; none named takes all."""
-    return _table(
+    return table(
         "compare_controllers",
         lambda found: [
             {**one, "condition": condition, "controller": name}
@@ -290,22 +183,6 @@ def controllers(*conditions: str) -> str:
     )
 
 
-def _table(
-    name: str,
-    rows: Callable[[Result], Iterable[Result]],
-    columns: Mapping[str, Cell],
-    *,
-    words: Collection[str],
-) -> str:
-    """A table of one kept result: `words` to the left, numbers to the right, the origin below."""
-    if not is_kept(name):
-        return NOTHING
-    found = kept(name)
-    heads = {head: "---" if head in words else "--:" for head in columns}
-    cells = [[cell(row) for cell in columns.values()] for row in rows(found)]
-    return _with_origin(heads, cells, {name: found})
-
-
 def _named(found: Result) -> list[Result]:
     """The figures of a result, each with its name."""
     return [{"name": name, **one} for name, one in found["figures"].items()]
@@ -317,75 +194,6 @@ def _times(row: Result) -> str:
 
 def _radians(kind: str, row: Result) -> str:
     return f"{row[kind]:.1e} rad"
-
-
-def _matrix(head: str, names: Mapping[str, Mapping[str, str]], files: str) -> str:
-    """Success by row and column; rows and columns without a kept result are left out."""
-    results = {name: kept(name) for row in names.values() for name in row.values() if is_kept(name)}
-    if not results:
-        return NOTHING
-    columns = list(
-        dict.fromkeys(
-            column for row in names.values() for column, name in row.items() if name in results
-        )
-    )
-    columns.sort(key=list(next(iter(names.values()))).index)
-    heads = {head: "---", **{f"`{column}`": "--:" for column in columns}}
-    rows = [
-        [f"`{row}`", *(_rate(results.get(of[column])) for column in columns)]
-        for row, of in names.items()
-        if any(of[column] in results for column in columns)
-    ]
-    return _with_origin(heads, rows, results, files)
-
-
-def _with_origin(
-    heads: Mapping[str, str],
-    rows: list[list[str]],
-    results: Mapping[str, Result],
-    files: str | None = None,
-) -> str:
-    return f"{markdown_table(heads, rows)}\n\n{origin_line(results, files)}"
-
-
-def _evaluation(result: Result) -> list[str]:
-    cycle = result["figures"].get("cycle_time_s", {}).get("median")
-    first = result["first_attempts"]
-    return [
-        _counts(result),
-        _interval(result),
-        "–" if first is None else str(first),
-        _causes(result),
-        str(result["judged"] - result["broken_audits"]),
-        "–" if cycle is None else f"{cycle:.1f} s",
-    ]
-
-
-def _rate(result: Result | None) -> str:
-    if result is None:
-        return "–"
-    told, broken = f"{_counts(result)} ({_interval(result)})", result["broken_audits"]
-    return f"{told}, audit kept in {result['judged'] - broken}" if broken else told
-
-
-def _counts(result: Result) -> str:
-    return f"{result['successes']} of {result['judged']}"
-
-
-def _interval(result: Result) -> str:
-    low, high = (100 * bound for bound in result["interval"])
-    return f"{low:.1f}–{high:.1f} %"
-
-
-def _causes(result: Result) -> str:
-    return ", ".join(f"{cause} {count}" for cause, count in result["causes"].items()) or "–"
-
-
-def _difference(comparison: Result) -> str:
-    """Return a paired difference of success; its p is corrected where several are compared."""
-    low, high = (100 * bound for bound in comparison["interval"])
-    p = comparison.get("p_holm", comparison["p"])
-    return f"{100 * comparison['difference']:+.1f} points ({low:+.1f} to {high:+.1f}), p = {p:.2g}"
 
 
 def _points(effect: Result) -> str:

@@ -116,6 +116,36 @@ def test_a_guarded_motion_stops_where_it_touches() -> None:
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
 
+def test_a_guarded_motion_that_has_stopped_where_it_should_not_presses_no_more() -> None:
+    pressed: list[float] = []
+
+    def program(sensed: Sensed) -> Program:
+        short = Condition(name="far enough", cause=Cause.GRASP, against=lambda: "too early")
+        down = line(sensed, [0, 0, -0.08])
+        for after in ((), (short,)):
+            try:
+                yield Guarded(waypoint=down, force=5.0, speed=0.05, missing=None, after=after)
+            except StepFailed:
+                pressed.append(float(sensed.felt_force()[2]))
+                yield line(sensed, [0, 0, 0.05], "back off")
+            else:
+                pressed.append(float(sensed.felt_force()[2]))
+                yield line(sensed, [0, 0, PLATE], "up")
+        return None
+
+    run = run_program(program)
+    assert run.failure is None
+    stays, eased = pressed
+    assert eased < 0.5 * stays
+
+    def strained(name: str) -> float:
+        """How far joints are from where they are to be when a motion starts [rad]."""
+        q_ref, q = (rows_of(run, name, f"joints/{signal}")[0] for signal in ("q_ref", "q"))
+        return float(np.abs(q_ref - q).max())
+
+    assert strained("back off") < 0.5 * strained("up")
+
+
 def test_a_guarded_motion_keeps_its_speed() -> None:
     steps = np.diff(rows_of(guarded(speed=0.01), "line", "tool/pose_ref")[:, 2]) / 1e-3
     assert 0.008 < -steps.min() <= 0.01 + 1e-6

@@ -105,21 +105,19 @@ def test_a_free_wrist_that_drifts_touches_nothing(
 
 
 def test_what_a_tool_presses_with_for_long_is_no_drift() -> None:
-    class Pressed(Simulation):
-        def felt_force(self, tool: int = 0) -> Vector:
-            presses = 0.1 < self.time < 9.0
-            return np.array([0.0, 0.0, 3.5 if presses else 0.0 if self.time < 1.0 else -2.0])
+    class Felt(Simulation):
+        force = 0.0
 
-    observer = DisturbanceObserver()
-    loop = ControlLoop(Arm(PANDA), JointImpedance(), Pressed(PANDA, no_objects), observer=observer)
-    loop.begin("free")
-    loop.hold(0.1)
-    loop.compensate(on=True, in_contact=True)
-    loop.begin("press")
-    loop.hold(8.9)
-    loop.compensate(on=True)
-    loop.begin("free again")
-    loop.hold(0.1)
+        def felt_force(self, tool: int = 0) -> Vector:
+            return np.array([0.0, 0.0, self.force])
+
+    world, observer = Felt(PANDA, no_objects), DisturbanceObserver()
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=observer)
+    loop.begin("all")
+    for force, seconds in ((0.0, 0.1), (3.5, 9.0), (-2.0, 0.1)):
+        world.force = force
+        loop.compensate(on=True, in_contact=force > 0.0)
+        loop.hold(seconds)
     assert loop.control.observed is not None
     assert loop.control.observed.compensating
 

@@ -267,6 +267,22 @@ def test_a_moving_target_is_followed_and_the_arm_comes_to_rest_after_it() -> Non
     assert not v[-1].any()
 
 
+def test_a_target_that_leaps_is_followed_without_a_leap_of_the_acceleration() -> None:
+    """The torque would leap with it, faster than motors can."""
+
+    def program(sensed: Sensed) -> Program:
+        aside = shifted(sensed.tool_pose(), np.array([0.0, 0.15, 0.0]))
+        yield Follow(target=lambda _: aside, until=at_time(sensed, 1.0), seconds=2.0)
+        return None
+
+    run = run_program(program)
+    a = run.rows["joints/a_ref"][: run.phases[1].start]
+    a_max = run.scenario.planner.profile.a_max
+    # It goes to its bounds, but within the 20 ticks of the mean.
+    assert (np.abs(a).max(axis=0) / a_max).max() > 0.9
+    assert (np.abs(np.diff(a, axis=0)) <= 2.0 * a_max / 20.0 + 1e-9).all()
+
+
 def test_following_in_vain_fails_in_time() -> None:
     def program(sensed: Sensed) -> Program:
         never = Told(["not there"], cause=Cause.TIMEOUT).condition()

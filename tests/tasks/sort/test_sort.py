@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Move, as_step
 from robo47_qp.sim.simulation import Simulation
@@ -63,6 +66,27 @@ def test_every_item_is_sorted() -> None:
     places = np.array([end[:2] for end in ends.values()])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(3)
     assert apart.min() > 0.05
+
+
+def test_items_that_are_looked_at_again_are_looked_at_less() -> None:
+    task = Sort(items=FEW.items[:2])
+    noisy = TaskEpisode(
+        robot=PANDA, task=task, perturbation=Perturbation(pose_noise=2e-3, pose_noise_time=0.3)
+    )
+    scenario = noisy.scenario(81000)
+    run = Runner(scenario, noisy.simulation(scenario, 81000, drawn=False)).run()
+    assert run.failure is None
+    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
+    took: dict[str, list[float]] = {}
+    for phase, end in zip(run.phases, ends, strict=True):
+        took.setdefault(phase.name, []).append(1e-3 * (end - phase.start))
+    # Once as well as the goals of other tasks are, and long enough to loosen the joints.
+    first, *later = took["look at red box, red cylinder"]
+    assert first > 2.5
+    assert len(later) == 2
+    assert max(later) < 1.0
+    beside = [*took["look at red box"], *took["look at red cylinder"]]
+    assert max(beside) < 1.5
 
 
 def test_an_item_that_falls_beside_its_bin_is_sorted_again() -> None:

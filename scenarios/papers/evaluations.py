@@ -1,0 +1,151 @@
+"""The tables of evaluations: how often tasks succeed, by world, robot and policy."""
+
+from collections.abc import Iterator, Mapping
+
+from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.model.robots import robot_names
+from robo47_qp.run.registry import task_names
+from scenarios.papers.kept import is_kept, kept
+from scenarios.papers.names import ALONE
+from scenarios.papers.rows import NOTHING, Result, interval, table, with_origin
+
+LEVELS = tuple(PRESETS)
+ROBOT_TASKS = ("pick_place", "reach", "obstacle_reach")
+
+
+def success() -> str:
+    """Success of the tasks: a row for each task and level of perturbation that is kept."""
+    names = {f"success_{level}_{task}": level for level in LEVELS for task in task_names()}
+    return _by_task("perturbation", names, "success_*")
+
+
+def alone() -> str:
+    """The stack in worlds that are wrong in one way: a row for each of them and each task."""
+    names = {
+        f"alone_{kind}_{task}": one.words for kind, one in ALONE.items() for task in task_names()
+    }
+    return _by_task("wrong", names, "alone_*")
+
+
+def success_short() -> str:
+    """Success of the tasks: a row for each task, a column for each level that is kept."""
+    return _matrix(
+        "task",
+        {task: {level: f"success_{level}_{task}" for level in LEVELS} for task in task_names()},
+        "success_*",
+    )
+
+
+def robots() -> str:
+    """Success of the robots: a row for each, a column for each task."""
+    return _matrix(
+        "robot",
+        {
+            robot: {task: f"robots_{robot}_{task}" for task in ROBOT_TASKS}
+            for robot in robot_names()
+        },
+        "robots_*",
+    )
+
+
+def policies(name: str) -> str:
+    """Policies on the same seeds, the first one as the baseline."""
+
+    def rows(found: Result) -> Iterator[Result]:
+        for one, against in zip(found["policies"], [None, *found["comparisons"]], strict=True):
+            yield {**one, "against": "" if against is None else _difference(against)}
+
+    return table(
+        name,
+        rows,
+        {
+            "policy": lambda one: f"`{one['policy']}`",
+            "succeeded": _counts,
+            "95 % interval": interval,
+            "causes of failure": _causes,
+            "against the first": lambda one: one["against"],
+        },
+        words=("policy", "causes of failure"),
+    )
+
+
+def _by_task(head: str, worlds: Mapping[str, str], files: str) -> str:
+    """A row for each kept evaluation: its task, and its world under `head`.
+
+    Args:
+        head: What the world is called.
+        worlds: The words for the world, by the name of the result.
+        files: Pattern of the files.
+    """
+    results = {name: kept(name) for name in worlds if is_kept(name)}
+    if not results:
+        return NOTHING
+    heads = {
+        "task": "---",
+        head: "---",
+        "succeeded": "--:",
+        "95 % interval": "--:",
+        "at the first attempt": "--:",
+        "causes of failure": "---",
+        "audits kept": "--:",
+        "median cycle": "--:",
+    }
+    rows = [
+        [f"`{found['task']}`", worlds[name], *_evaluation(found)] for name, found in results.items()
+    ]
+    return with_origin(heads, rows, results, files)
+
+
+def _matrix(head: str, names: Mapping[str, Mapping[str, str]], files: str) -> str:
+    """Success by row and column; rows and columns without a kept result are left out."""
+    results = {name: kept(name) for row in names.values() for name in row.values() if is_kept(name)}
+    if not results:
+        return NOTHING
+    columns = list(
+        dict.fromkeys(
+            column for row in names.values() for column, name in row.items() if name in results
+        )
+    )
+    columns.sort(key=list(next(iter(names.values()))).index)
+    heads = {head: "---", **{f"`{column}`": "--:" for column in columns}}
+    rows = [
+        [f"`{row}`", *(_rate(results.get(of[column])) for column in columns)]
+        for row, of in names.items()
+        if any(of[column] in results for column in columns)
+    ]
+    return with_origin(heads, rows, results, files)
+
+
+def _evaluation(result: Result) -> list[str]:
+    cycle = result["figures"].get("cycle_time_s", {}).get("median")
+    first = result["first_attempts"]
+    return [
+        _counts(result),
+        interval(result),
+        "–" if first is None else str(first),
+        _causes(result),
+        str(result["judged"] - result["broken_audits"]),
+        "–" if cycle is None else f"{cycle:.1f} s",
+    ]
+
+
+def _rate(result: Result | None) -> str:
+    if result is None:
+        return "–"
+    told, broken = f"{_counts(result)} ({interval(result)})", result["broken_audits"]
+    return f"{told}, audit kept in {result['judged'] - broken}" if broken else told
+
+
+def _counts(result: Result) -> str:
+    return f"{result['successes']} of {result['judged']}"
+
+
+def _causes(result: Result) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in result["causes"].items()) or "–"
+
+
+def _difference(comparison: Result) -> str:
+    """Return a paired difference of success; its p is corrected where several are compared."""
+    low, high = (100 * bound for bound in comparison["interval"])
+    p = comparison.get("p_holm", comparison["p"])
+    return f"{100 * comparison['difference']:+.1f} points ({low:+.1f} to {high:+.1f}), p = {p:.2g}"
