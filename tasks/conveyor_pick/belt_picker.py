@@ -35,6 +35,8 @@ _STOPS = 0.4
 """Time in which a tool that lifts the item comes to rest along the belt [s]."""
 _NEAR, _ALIGNED = 1.5e-3, 0.02
 """Errors of position [m] and orientation [rad] below which the tool is on its target."""
+_LIFTED = 0.4
+"""Part of the rise, and angle [rad], that a lift may lack where joints end: it is off the belt."""
 
 _CLOSING = 1.5
 """Longest time in which fingers close at their full speed [s]."""
@@ -90,7 +92,7 @@ class BeltPicker:
         meet = self.sensed.time + late
         waits = raised(self._kept(self.tracker.at(meet)), self.rise)
         above = Waypoint(name="meet", target=waits)
-        tracked = (self._tracked(),)
+        tracked = (self._tracked(self.tracker.update),)
         try:
             foreseen = replace(above, onward=self._onward(meet))
             yield Move(waypoints=(foreseen,), during=tracked)
@@ -102,9 +104,12 @@ class BeltPicker:
         yield Wait(name="wait", seconds=_LONGEST, until=self._comes(meet))
         start = self.sensed.time
         end = start + 2.0 * max(meet - start, _LEAD)
-        yield self._follow("follow", self._setting_out(waits, start, meet, end), end)
+        setting_out = self._setting_out(waits, start, meet, end)
+        follow = self._follow("follow", setting_out, end)
+        yield replace(follow, during=(self._tracked(self.tracker.collect),))
         end = self.sensed.time + _WAY
         descend = self._follow("descend", self._with_item(_eased(end, self.rise, 0.0)), end)
+        descend = replace(descend, during=(self._tracked(self.tracker.update_smoothly),))
         close, seconds = Grip(width=0.0, force=self.force), _CLOSING
         if camera_errs(self.sensed):
             T_world_item = self.tracker.at(self.sensed.time)
@@ -126,16 +131,27 @@ class BeltPicker:
         T_world_item = self.tracker.at(self.sensed.time)
         T_tcp_item = tool.inverse() @ T_world_item
         end = self.sensed.time + _WAY
-        lift = self._follow("lift", self._lifting(end), end)
+        lift = self._follow("lift", self._lifting(end), end, _LIFTED * self.rise, _LIFTED)
         held = (self._check.condition(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])
         return HeldItem(above=height, mass=self.item.mass)
 
-    def _follow(self, name: str, target: Target, end: float) -> Follow:
-        """Return a step that follows a target, whose motion is steady from `end` on [s]."""
+    def _follow(
+        self, name: str, target: Target, end: float, near: float = _NEAR, aligned: float = _ALIGNED
+    ) -> Follow:
+        """Return a step that follows a target, whose motion is steady from `end` on [s].
+
+        Args:
+            name: Name of the step.
+            target: T_world_tcp over time.
+            end: When it is there [s].
+            near: How near to the target it is then [m].
+            aligned: And how well turned [rad].
+        """
         seconds = end - self.sensed.time + _PATIENCE
-        return Follow(name=name, target=target, until=self._there(target, end), seconds=seconds)
+        until = self._there(target, end, near, aligned)
+        return Follow(name=name, target=target, until=until, seconds=seconds)
 
     def _tool(self) -> SE3:
         return self.sensed.tool_pose()
@@ -207,12 +223,16 @@ class BeltPicker:
 
         return target
 
-    def _tracked(self) -> Condition:
-        """Return a condition that always holds, and improves the prediction meanwhile."""
+    def _tracked(self, look: Callable[[], object]) -> Condition:
+        """Return a condition that always holds, and sees more of the item meanwhile."""
+
+        def against() -> None:
+            look()
+
         return Condition(
             name=f"the {self.item.name} is tracked",
             cause=Cause.TIMEOUT,
-            against=self.tracker.update,
+            against=against,
         )
 
     def _comes(self, meet: float) -> Condition:
@@ -223,7 +243,7 @@ class BeltPicker:
 
         return Condition(name="the item comes", cause=Cause.TIMEOUT, against=against)
 
-    def _there(self, target: Target, end: float) -> Condition:
+    def _there(self, target: Target, end: float, near: float, aligned: float) -> Condition:
         def against() -> str | None:
             left = end - self.sensed.time
             if left > 0.0:
@@ -231,7 +251,7 @@ class BeltPicker:
             T = target(self.sensed.time).inverse() @ self._tool()
             off = float(np.linalg.norm(T.translation()))
             turned = float(np.linalg.norm(T.rotation().log()))
-            if off <= _NEAR and turned <= _ALIGNED:
+            if off <= near and turned <= aligned:
                 return None
             return f"the tool is {1e3 * off:.1f} mm and {turned:.3f} rad from where it should be"
 

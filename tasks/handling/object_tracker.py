@@ -5,6 +5,7 @@ from collections.abc import Generator
 import numpy as np
 from mink import SE3, SO3
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
@@ -18,6 +19,8 @@ _FEWEST = 8
 """Least number of images before a prediction: a quarter of a second."""
 _GOOD_ENOUGH = 2e-3
 """Accepted standard deviation of a predicted position [m]."""
+_FADES = 0.4
+"""Time in which what new images change comes to what follows the object [s]."""
 _DEVIATIONS = 4.0
 """Standard deviations of the noise from the line beyond which an image is left out, per axis."""
 
@@ -39,6 +42,7 @@ class ObjectTracker:
         self._sensed, self._name, self._height = sensed, name, height
         self._times: list[float] = []
         self._seen: list[SE3] = []
+        self._fading: BPoly | None = None
 
     def watch(self) -> Generator[StepLike, None, None]:
         """Observe the object for as long as the camera's noise requires at least.
@@ -56,11 +60,34 @@ class ObjectTracker:
 
     def update(self) -> None:
         """Add the camera's image if it is new, as of the time at which it was taken."""
+        if self.collect():
+            self._fit_line()
+
+    def collect(self) -> bool:
+        """Keep the camera's image for the next update; return whether it is new."""
         taken = self._sensed.seen_time(self._name)
         if self._times and taken < self._times[-1] + 0.99 * _FRAME:
-            return
+            return False
         self._times.append(taken)
         self._seen.append(self._sensed.seen_pose(self._name))
+        return True
+
+    def update_smoothly(self) -> None:
+        """Add an image while something follows the object: its pose changes, but does not leap."""
+        if not self.collect():
+            return
+        now = self._sensed.time
+        before, speed, off = self.at(now), self._speed, self._left(now)
+        self._fit_line()
+        self._fading = None
+        here = self.at(now)
+        off[0, :3] = before.translation() - here.translation()
+        off[0, 3:] = (here.rotation().inverse() @ before.rotation()).log()
+        off[1, :3] += speed - self._speed
+        self._fading = BPoly.from_derivatives([now, now + _FADES], [off, np.zeros((3, 6))])
+
+    def _fit_line(self) -> None:
+        """Fit the line to all images but those that are far from it."""
         self._fit(np.ones(len(self._seen), bool))
         noise = _DEVIATIONS * self._sensed.camera_noise
         off = np.abs(self._positions() - self._line(np.array(self._times))).max(axis=1)
@@ -101,4 +128,19 @@ class ObjectTracker:
     def at(self, time: float) -> SE3:
         """Return T_world_object at a past or future time [s]."""
         position = self._centre + (time - self._middle) * self._speed
-        return SE3.from_rotation_and_translation(self._turn, position)
+        T = SE3.from_rotation_and_translation(self._turn, position)
+        if self._fading is None:
+            return T
+        off = self._left(time)[0]
+        turn = self._turn @ SO3.exp(off[3:])
+        return SE3.from_rotation_and_translation(turn, position + off[:3])
+
+    def _left(self, time: float) -> Matrix:
+        """Return what is left at a time of what images have changed, and its derivatives (3, 6).
+
+        Positions [m] and rotation vectors [rad].
+        """
+        if self._fading is None or time >= self._fading.x[-1]:
+            return np.zeros((3, 6))
+        left: Matrix = np.array([self._fading(time, k) for k in range(3)])
+        return left
