@@ -104,8 +104,7 @@ class BeltPicker:
         yield Wait(name="wait", seconds=_LONGEST, until=self._comes(meet))
         start = self.sensed.time
         end = start + 2.0 * max(meet - start, _LEAD)
-        setting_out = self._setting_out(waits, start, meet, end)
-        follow = self._follow("follow", setting_out, end)
+        follow = self._follow("follow", self._setting_out(waits, start, meet, end), end)
         yield replace(follow, during=(self._tracked(self.tracker.collect),))
         end = self.sensed.time + _WAY
         descend = self._follow("descend", self._with_item(_eased(end, self.rise, 0.0)), end)
@@ -127,6 +126,10 @@ class BeltPicker:
             during=(self._check.around(Cause.GRASP),),
             seconds=seconds,
         )
+        return (yield from self._lift())
+
+    def _lift(self) -> Generator[StepLike, None, HeldItem]:
+        """Lift the item that the fingers hold off the belt; fails with DROP or TIMEOUT."""
         tool = self._tool()
         T_world_item = self.tracker.at(self.sensed.time)
         T_tcp_item = tool.inverse() @ T_world_item

@@ -77,9 +77,9 @@ class OnFastestBelt(ObjectTracker):
         return SE3.from_translation(np.array([0.5, 0.2 * time, 0.1]))
 
 
-def picker() -> BeltPicker:
+def picker(simulation: Simulation | None = None) -> BeltPicker:
     task = ConveyorPick()
-    sensed = live(Simulation(PANDA, task.build_scene))
+    sensed = live(simulation or Simulation(PANDA, task.build_scene))
     return replace(task._picker(sensed), tracker=OnFastestBelt(sensed, "cube"))
 
 
@@ -127,6 +127,40 @@ def test_where_the_camera_errs_fingers_close_around_the_item_on_the_way_and_then
         assert close.seconds > 1.0 + (descend.grip.width - 0.04) / close.grip.speed
     else:
         assert descend.grip is None
+
+
+def test_the_cube_is_seen_until_fingers_close_on_it() -> None:
+    simulation = Simulation(PANDA, ConveyorPick().build_scene)
+    belt = picker(simulation)
+    belt.tracker.update()
+    *_, follow, descend, close = islice(belt.catch(-0.1), 5)
+    counts = []
+    for step in (follow, descend):
+        assert isinstance(step, Follow)
+        Holder(simulation).hold(34)
+        counts.append(len(belt.tracker._seen))
+        assert [condition.against() for condition in step.during] == [None]
+        assert len(belt.tracker._seen) == counts[-1] + 1, step.name
+    assert isinstance(close, Follow)
+
+
+@pytest.mark.parametrize(("lacks", "lifted"), [(0.039, True), (0.041, False)])
+def test_a_lift_may_end_below_its_height_where_joints_end(lacks: float, lifted: bool) -> None:
+    class Below(BeltPicker):
+        """Whose tool stays below where the lift ends."""
+
+        def _tool(self) -> SE3:
+            above = raised(self._kept(self.tracker.at(0.2)), self.rise)
+            return SE3.from_translation(np.array([0.0, 0.0, -lacks])) @ above
+
+    simulation = Simulation(PANDA, ConveyorPick().build_scene)
+    belt = picker(simulation)
+    below = Below(**{name: getattr(belt, name) for name in belt.__dataclass_fields__})
+    *_, lift = islice(below.catch(-0.1), 6)
+    assert isinstance(lift, Follow)
+    assert lift.name == "lift"
+    Holder(simulation).hold(801)
+    assert (lift.until.against() is None) == lifted
 
 
 def test_the_belt_takes_the_cube_along_by_friction() -> None:
@@ -224,6 +258,38 @@ def test_tracker_find_the_line_through_noise() -> None:
     predicted = tracker.at(later).translation()
     holder.hold(500)
     assert predicted == pytest.approx(simulation.object_pose("cube").translation(), abs=1e-4)
+
+
+def test_a_prediction_that_is_followed_changes_without_a_leap_and_as_far_as_any_other() -> None:
+    task, noisy = ConveyorPick(speed=0.1), Disturbance(pose_noise=4e-3, heading_noise=0.1)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, noisy, np.random.default_rng(5))
+    task.reset(simulation, None)
+    holder, sensed = Holder(simulation), live(simulation)
+    followed, other = (ObjectTracker(sensed, "cube") for _ in range(2))
+    for _ in range(10):
+        holder.hold(34)
+        followed.update()
+        other.update()
+
+    def around(time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pose, and its velocity, right after a time."""
+        start, end = followed.at(time), followed.at(time + 1e-4)
+        return (other.at(time).inverse() @ start).log(), (start.inverse() @ end).log() / 1e-4
+
+    leaps = []
+    for _ in range(10):
+        holder.hold(34)
+        now = simulation.time
+        before, then = followed.at(now), other.at(now)
+        _, speed = around(now)
+        followed.update_smoothly()
+        other.update()
+        leaps.append(np.linalg.norm((then.inverse() @ other.at(now)).translation()))
+        assert (before.inverse() @ followed.at(now)).log() == pytest.approx(np.zeros(6), abs=1e-9)
+        assert around(now)[1] == pytest.approx(speed, abs=1e-3)
+    assert max(leaps) > 0.2e-3
+    assert np.linalg.norm(around(simulation.time)[0]) > 0.2e-3
+    assert around(simulation.time + 0.4)[0] == pytest.approx(np.zeros(6), abs=1e-9)
 
 
 def test_images_that_come_late_are_of_when_they_were_taken_and_wrong_ones_are_left_out() -> None:
