@@ -123,9 +123,6 @@ class FeelingInserter(PegInserter):
                 continue
             yield from self._press_in(stiff, free)
             deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
-            if deep < _SINKS:
-                # A search that begins under load would leap.
-                yield from self._ease(stiff, free)
         for again in range(_PRESSES):
             if again:
                 yield from self._press_in(stiff, free)
