@@ -5,8 +5,10 @@ level differs from the controller's models in one thing; `robo47 evaluate --help
 """
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -94,31 +96,33 @@ def run(options: RobustnessOptions, console: Console) -> int:
     if not complete:
         return INTERRUPTED
     console.print(_table(curves))
-    title = f"{options.task}, {campaign.episodes} episodes a level from seed {options.seed}"
-    plot_robustness(curves, title, picture)
-    write_json(
-        options.report,
-        {
-            **made,
-            "task": options.task,
-            "robot": options.robot,
-            "episodes": campaign.episodes,
-            "seed": options.seed,
-            "units": {kind: kinds()[kind][0] for kind in chosen},
-            "curves": [
-                {
-                    "stack": curve.stack,
-                    "kind": curve.kind,
-                    "half_is_lost_at": curve.half,
-                    "points": [point.as_json() for point in curve.points],
-                }
-                for curve in curves
-            ],
-        },
-    )
+    report = {
+        **made,
+        "task": options.task,
+        "robot": options.robot,
+        "episodes": campaign.episodes,
+        "seed": options.seed,
+        "units": {kind: kinds()[kind][0] for kind in chosen},
+        "curves": [
+            {
+                "stack": curve.stack,
+                "kind": curve.kind,
+                "half_is_lost_at": curve.half,
+                "points": [point.as_json() for point in curve.points],
+            }
+            for curve in curves
+        ],
+    }
+    plot_robustness(curves, title_of(report), picture)
+    write_json(options.report, report)
     for path in (options.report, picture):
         console.print(f"{path}", soft_wrap=True)
     return OK
+
+
+def title_of(report: Mapping[str, Any]) -> str:
+    """Return the title of a report's picture."""
+    return f"{report['task']}, {report['episodes']} episodes a level from seed {report['seed']}"
 
 
 def _table(curves: list[Curve]) -> Table:
@@ -129,13 +133,8 @@ def _table(curves: list[Curve]) -> Table:
     for stack in stacks:
         table.add_column(stack, justify="right")
     for kind in dict.fromkeys(curve.kind for curve in curves):
-        unit, growth, _ = kinds()[kind]
-        cells = []
-        for curve in curves:
-            if curve.kind == kind:
-                last, beyond = curve.points[-1].value, ">" if growth.factor > 1.0 else "<"
-                told = "–" if last is None else f"{beyond} {last:.3g}"
-                cells.append(told if curve.half is None else f"{curve.half:.3g}")
+        unit = kinds()[kind][0]
+        cells = [curve.half_told for curve in curves if curve.kind == kind]
         table.add_row(kind + ("" if unit == "-" else f", {unit}"), *cells)
     return table
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
+from robo47_qp.evaluation.benchmarks.robustness.curves import Curve
 from robo47_qp.evaluation.perturbation import PRESETS
 from robo47_qp.model.robots import robot_names
 from robo47_qp.run.registry import task_names
@@ -46,6 +47,30 @@ def robots() -> str:
         },
         "robots_*",
     )
+
+
+def robustness(name: str) -> str:
+    """Where half of the episodes are lost: a row for each kind of wrongness, a column per stack."""
+    if not is_kept(name):
+        return NOTHING
+    found = kept(name)
+    curves = curves_of(name)
+    stacks = list(dict.fromkeys(curve.stack for curve in curves))
+    heads = {"alone": "---", **{f"`{stack}`": "--:" for stack in stacks}}
+    rows = {kind: [_with_unit(kind, unit)] for kind, unit in found["units"].items()}
+    for curve in curves:
+        rows[curve.kind].append(curve.half_told)
+    return with_origin(heads, list(rows.values()), {name: found})
+
+
+def curves_of(name: str) -> list[Curve]:
+    """Return the curves of a kept campaign of robustness."""
+    return [Curve.from_json(curve) for curve in kept(name)["curves"]]
+
+
+def _with_unit(kind: str, unit: str) -> str:
+    option = f"`--{kind.replace('_', '-')}`"
+    return option if unit == "-" else f"{option} [{unit}]"
 
 
 def policies(name: str) -> str:

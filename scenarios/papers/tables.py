@@ -3,7 +3,14 @@
 from collections.abc import Callable
 from functools import partial
 
-from scenarios.papers.evaluations import alone, policies, robots, success, success_short
+from scenarios.papers.evaluations import (
+    alone,
+    policies,
+    robots,
+    robustness,
+    success,
+    success_short,
+)
 from scenarios.papers.judges import franka, franka_clients, robosuite
 from scenarios.papers.kept import is_kept, kept
 from scenarios.papers.mutants import mutants
@@ -212,6 +219,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "alone": alone,
     "success_short": success_short,
     "robots": robots,
+    "robustness": robustness,
     "policies": policies,
     "solvers": solvers,
     "ablation": ablation,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from robo47_qp.arrays import Checked, Count, CountOrZero
 from robo47_qp.errors import UnknownNameError
@@ -85,6 +85,25 @@ class Curve:
     kind: str
     points: Sequence[Point]
     """From nothing wrong on."""
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Self:
+        """Return the curve that a report of `scenarios/robustness.py` holds."""
+        points = [
+            Point(**{key: value for key, value in point.items() if key != "interval"})
+            for point in content["points"]
+        ]
+        return cls(stack=content["stack"], kind=content["kind"], points=points)
+
+    @property
+    def half_told(self) -> str:
+        """Where half is lost, for a table; beyond the last level where that was not reached."""
+        if self.half is not None:
+            return f"{self.half:.3g}"
+        last = self.points[-1].value
+        if last is None:
+            return "–"
+        return f"{'>' if kinds()[self.kind][1].factor > 1.0 else '<'} {last:.3g}"
 
     @property
     def half(self) -> float | None:
