@@ -146,6 +146,57 @@ def test_policies_are_told_against_the_first(results: Path) -> None:
     assert TABLES["policies"]("another") == NOTHING
 
 
+CURVES: dict[str, Any] = {
+    **ORIGIN_OF_TOY,
+    "task": "reach",
+    "episodes": 4,
+    "seed": 7,
+    "units": {"pose_bias": "m", "link_mass": "-"},
+    "curves": [
+        {
+            "stack": stack,
+            "kind": kind,
+            "half_is_lost_at": None,
+            "points": [
+                {
+                    "value": value,
+                    "successes": successes,
+                    "episodes": 4,
+                    "causes": {},
+                    "audits_kept": 0,
+                    "interval": [0.0, 1.0],
+                }
+                for value, successes in ((None, 4), (0.1, last))
+            ],
+        }
+        for stack, last in (("stack", 3), ("dls", 0))
+        for kind in ("pose_bias", "link_mass")
+    ],
+}
+
+
+def test_curves_become_rows_and_a_picture(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert TABLES["robustness"]("toy") == NOTHING
+    (results / "toy.json").write_text(json.dumps(to_keep(CURVES)))
+    lines = TABLES["robustness"]("toy").splitlines()
+    assert lines[0] == "| alone | `stack` | `dls` |"
+    assert lines[2:4] == [
+        "| `--pose-bias` [m] | > 0.1 | 0.05 |",
+        "| `--link-mass` | > 0.1 | 0.05 |",
+    ]
+    monkeypatch.setattr(tables, "ROOT", tmp_path)
+    monkeypatch.setattr(tables, "ROBUSTNESS", "toy")
+    (tmp_path / "README.md").write_text("no table")
+    picture = tmp_path / "docs" / "toy.png"
+    picture.parent.mkdir()
+    assert tables.run(tables.TablesOptions(check=True), Console(quiet=True)) == 0
+    assert not picture.exists()
+    assert tables.run(tables.TablesOptions(), Console(quiet=True)) == 0
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

@@ -81,6 +81,13 @@ def test_half_is_lost_on_the_line_between_two_levels() -> None:
     assert curve("friction", (None, 1.0), (0.6, 0.3)).half == 0.6
 
 
+def test_what_a_table_tells_of_a_curve() -> None:
+    assert curve("pose_bias", (None, 1.0), (1.0, 0.9), (2.0, 0.0)).half_told == "1.44"
+    assert curve("pose_bias", (None, 1.0), (1.0, 0.9)).half_told == "> 1"
+    assert curve("friction", (None, 1.0), (0.6, 0.9)).half_told == "< 0.6"
+    assert curve("friction", (None, 0.0)).half_told == "–"
+
+
 @dataclass(frozen=True)
 class Fragile:
     """Succeeds while what is wrong is small: pose_bias below 3 mm."""
@@ -130,6 +137,9 @@ def test_a_campaign_ends_where_half_is_lost_and_is_continued(
     kept = by_name["dls", "friction"]
     assert kept["half_is_lost_at"] is None
     assert len(kept["points"]) == 6
+    assert [Curve.from_json(one).half for one in told["curves"]] == [
+        one["half_is_lost_at"] for one in told["curves"]
+    ]
     assert {"command", "commit", "date", "machine", "versions"} <= told.keys()
     assert out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     lines = screen.getvalue().splitlines()
