@@ -124,6 +124,11 @@ class FeelingInserter(PegInserter):
                 continue
             yield from self._press_in(stiff, free)
             deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
+            if deep < _SINKS:
+                # By a wrist that has drifted meanwhile, walls would be felt everywhere.
+                yield from self._ease(stiff, free)
+                yield self._lift_off(stiff, _OFF)
+                stiff, free = yield from self._touch()
         for again in range(_PRESSES):
             if again:
                 yield from self._press_in(stiff, free)
