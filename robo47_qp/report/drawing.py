@@ -28,6 +28,8 @@ _MARGINS = {
     "hspace": 0.32,
 }
 """Edges of the panels and spaces between them, as shares of the figure and of a panel."""
+_LETTER = 0.0105
+"""Width of a letter of a phase's name, as a share of the panel."""
 _BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
 
 
@@ -145,12 +147,16 @@ def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
 def _mark_phases(axes: "Axes", picture: Picture) -> None:
     t, starts = picture.numbers["time"], picture.numbers["starts"].tolist()
     axes.margins(y=0.35)
-    ends = [*starts[1:], len(t)]
+    place: Any = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
+    ends, edges = [*starts[1:], len(t)], [-np.inf] * 2
     for phase, start, end in zip(picture.words["phases"], starts, ends, strict=True):
         if end - start > 0.05 * len(t):
             middle = float(np.mean(t[[start, end - 1]]))
-            place: Any = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
-            axes.text(middle, 0.96, phase, fontsize=8, **place)
+            half = 0.5 * _LETTER * len(phase) * (t[-1] - t[0])
+            # One that would run into the last one goes below it.
+            below = int(middle - half < edges[0])
+            edges[below] = middle + half
+            axes.text(middle, 0.86 if below else 0.96, phase, fontsize=8, **place)
 
 
 def _nothing() -> Picture:

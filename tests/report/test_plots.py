@@ -57,6 +57,21 @@ def test_curves_have_the_units_of_their_labels() -> None:
         np.testing.assert_allclose(np.transpose(shown), expected, rtol=1e-12)
 
 
+def test_names_of_short_phases_do_not_run_into_each_other() -> None:
+    found = picture_of(picked_and_placed())
+    rows = len(found.numbers["time"])
+    names = ["descend", "follow", "descend", "follow", "descend", "a long way", "no", "home"]
+    starts = (np.array([0.0, 0.06, 0.12, 0.18, 0.24, 0.3, 0.7, 0.72]) * rows).astype(int)
+    figure = draw(
+        Picture({**found.words, "phases": names}, {**found.numbers, "starts": starts}),
+    )
+    axes = next(axes for axes in figure.axes if axes.get_ylabel() == "tool error [mm]")
+    figure.draw_without_rendering()
+    assert [text.get_text() for text in axes.texts] == [name for name in names if name != "no"]
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert [(i, j) for i, a in enumerate(boxes) for j in range(i) if a.overlaps(boxes[j])] == []
+
+
 def test_a_failure_is_drawn_too(tmp_path: Path) -> None:
     failure = Failure(cause=Cause.PLACE, evidence="far away")
     plot_run(replace(picked_and_placed(), failure=failure), tmp_path / "run.png")
