@@ -47,8 +47,8 @@ def plot_robustness(curves: Sequence[Curve], title: str, path: Path) -> None:
         panel.axhline(50.0, color="0.6", lw=0.7, ls=":")
         panel.set_xscale("log")
         values = [point.value for point in levels.values()]
-        labels = ["none" if value is None else f"{value:.2g}" for value in values]
-        panel.set_xticks(list(levels), labels, fontsize=8)
+        labels = ["none" if value is None else f"{value:.3g}" for value in values]
+        panel.set_xticks(list(levels), labels, fontsize=8, rotation=45, ha="right")
         panel.set_xticks([], minor=True)
         if growth.factor < 1.0:
             panel.invert_xaxis()
