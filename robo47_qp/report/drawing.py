@@ -77,7 +77,7 @@ def draw_curves(panels: Mapping[str, Mapping[str, tuple[Numbers, Numbers]]]) -> 
             axes.plot(t, values, lw=1.0, label=name)
         axes.set_ylabel(label)
         axes.grid(alpha=0.3, lw=0.5)
-    figure.axes[0].legend(frameon=False, ncols=4)
+    figure.axes[0].legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     figure.axes[-1].set_xlabel("time [s]")
     return figure
 

@@ -76,7 +76,7 @@ def _spread(axes: Axes, results: Sequence[EpisodeResult], metric: str, label: st
     if groups:
         colours = [_GOOD if name == "succeeded" else _BAD for name in groups]
         axes.hist(list(groups.values()), bins=30, stacked=True, color=colours, label=list(groups))
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel=label, ylabel="episodes")

@@ -58,7 +58,7 @@ def plot_robustness(curves: Sequence[Curve], title: str, path: Path) -> None:
     for panel in panels[len(names) :]:
         panel.set_axis_off()
     panels[0].set_ylabel("succeeded [%], 95 %")
-    panels[0].legend(frameon=False, fontsize=8)
+    panels[0].legend(frameon=False, fontsize=8, loc="lower left")
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:
