@@ -103,15 +103,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
         "episodes": campaign.episodes,
         "seed": options.seed,
         "units": {kind: kinds()[kind][0] for kind in chosen},
-        "curves": [
-            {
-                "stack": curve.stack,
-                "kind": curve.kind,
-                "half_is_lost_at": curve.half,
-                "points": [point.as_json() for point in curve.points],
-            }
-            for curve in curves
-        ],
+        "curves": [curve.as_json() for curve in curves],
     }
     plot_robustness(curves, title_of(report), picture)
     write_json(options.report, report)

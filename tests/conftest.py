@@ -49,6 +49,7 @@ LONGEST = (
     "test_command",
     "test_wheel",
     "test_peg_insert",
+    "test_feeling_inserter",
     "test_pick_place",
     "test_driven_faults",
     "test_ik_contract",

@@ -35,8 +35,9 @@ _STOPS = 0.4
 """Time in which a tool that lifts the item comes to rest along the belt [s]."""
 _NEAR, _ALIGNED = 1.5e-3, 0.02
 """Errors of position [m] and orientation [rad] below which the tool is on its target."""
-_LIFTED = 0.4
-"""Part of the rise, and angle [rad], that a lift may lack where joints end: it is off the belt."""
+_LACKS, _TURNS = 0.4, 0.4
+"""Part of the rise that a lift may lack where joints end, and angle by which it may end turned
+[rad]: the item is off the belt."""
 
 _CLOSING = 1.5
 """Longest time in which fingers close at their full speed [s]."""
@@ -134,7 +135,7 @@ class BeltPicker:
         T_world_item = self.tracker.at(self.sensed.time)
         T_tcp_item = tool.inverse() @ T_world_item
         end = self.sensed.time + _WAY
-        lift = self._follow("lift", self._lifting(end), end, _LIFTED * self.rise, _LIFTED)
+        lift = self._follow("lift", self._lifting(end), end, _LACKS * self.rise, _TURNS)
         held = (self._check.condition(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])

@@ -77,7 +77,8 @@ class ObjectTracker:
         if not self.collect():
             return
         now = self._sensed.time
-        before, speed, off = self.at(now), self._speed, self._left(now)
+        before, speed = self.at(now), self._speed
+        off = np.array([self._left(now, k) for k in range(3)])
         self._fit_line()
         self._fading = None
         here = self.at(now)
@@ -128,19 +129,16 @@ class ObjectTracker:
     def at(self, time: float) -> SE3:
         """Return T_world_object at a past or future time [s]."""
         position = self._centre + (time - self._middle) * self._speed
-        T = SE3.from_rotation_and_translation(self._turn, position)
-        if self._fading is None:
-            return T
-        off = self._left(time)[0]
+        off = self._left(time)
         turn = self._turn @ SO3.exp(off[3:])
         return SE3.from_rotation_and_translation(turn, position + off[:3])
 
-    def _left(self, time: float) -> Matrix:
-        """Return what is left at a time of what images have changed, and its derivatives (3, 6).
+    def _left(self, time: float, derivative: int = 0) -> Vector:
+        """Return what is left at a time of what images have changed, or a derivative of it (6,).
 
-        Positions [m] and rotation vectors [rad].
+        Position [m] and rotation vector [rad].
         """
-        if self._fading is None or time >= self._fading.x[-1]:
-            return np.zeros((3, 6))
-        left: Matrix = np.array([self._fading(time, k) for k in range(3)])
+        if self._fading is None:
+            return np.zeros(6)
+        left: Vector = self._fading(np.clip(time, *self._fading.x), derivative)
         return left

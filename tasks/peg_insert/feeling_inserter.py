@@ -23,10 +23,9 @@ from robo47_qp.tasks.peg_insert.sinking import Sinking
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
 """Force of a stiff arm that touches [N], above the drift of a sensor at the wrist; its speed
 without contact [m/s]; and how many readings are averaged."""
-_SEARCH, _FALLING, _INERT, _CENTRE = 1.5, 1.5e-3, 40.0, 1.0
-"""Force of the search [N]; speed at which it presses without contact: a peg that sticks, slips and
-hops knocks on the block [m/s]; its apparent mass, with which it does not follow every knock [kg];
-and force with which a peg is brought back to the hole's middle [N]."""
+_SEARCH, _FALLING, _CENTRE = 2.5, 3e-3, 1.0
+"""Force of the search [N]; speed at which it presses without contact: a peg that snaps off an edge
+knocks on the block [m/s]; and force with which a peg is brought back to the hole's middle [N]."""
 _FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
 drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
@@ -168,7 +167,6 @@ class FeelingInserter(PegInserter):
             name="search",
             waypoints=lanes,
             force=_SEARCH,
-            mass=_INERT,
             damping=_SEARCH / _FALLING,
             speed=_SEARCH_SPEED,
             seconds=0.0,

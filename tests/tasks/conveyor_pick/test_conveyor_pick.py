@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robots.panda import PANDA
@@ -129,34 +129,47 @@ def test_where_the_camera_errs_fingers_close_around_the_item_on_the_way_and_then
         assert descend.grip is None
 
 
-def test_the_cube_is_seen_until_fingers_close_on_it() -> None:
-    simulation = Simulation(PANDA, ConveyorPick().build_scene)
-    belt = picker(simulation)
-    belt.tracker.update()
-    *_, follow, descend, close = islice(belt.catch(-0.1), 5)
-    counts = []
-    for step in (follow, descend):
+def test_the_cube_is_seen_until_fingers_close_on_it_and_its_target_does_not_leap() -> None:
+    task, noisy = ConveyorPick(), Disturbance(pose_noise=4e-3)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, noisy, np.random.default_rng(7))
+    task.reset(simulation, None)
+    belt = task._picker(live(simulation))
+    tracker = belt.tracker
+    for _ in range(10):
+        Holder(simulation).hold(34)
+        tracker.update()
+    *_, follow, descend, _ = islice(belt.catch(-0.1), 5)
+    for step, changes in ((follow, False), (descend, True)):
         assert isinstance(step, Follow)
         Holder(simulation).hold(34)
-        counts.append(len(belt.tracker._seen))
+        count, now = len(tracker._seen), simulation.time
+        before, later = tracker.at(now), tracker.at(now + 0.5)
         assert [condition.against() for condition in step.during] == [None]
-        assert len(belt.tracker._seen) == counts[-1] + 1, step.name
-    assert isinstance(close, Follow)
+        assert len(tracker._seen) == count + 1
+        assert (before.inverse() @ tracker.at(now)).log() == pytest.approx(np.zeros(6), abs=1e-9)
+        changed = np.linalg.norm((later.inverse() @ tracker.at(now + 0.5)).translation()) > 1e-4
+        assert changed == changes, step.name
 
 
-@pytest.mark.parametrize(("lacks", "lifted"), [(0.039, True), (0.041, False)])
-def test_a_lift_may_end_below_its_height_where_joints_end(lacks: float, lifted: bool) -> None:
-    class Below(BeltPicker):
-        """Whose tool stays below where the lift ends."""
+@pytest.mark.parametrize(
+    ("lacks", "turned", "lifted"),
+    [(0.039, 0.39, True), (0.041, 0.0, False), (0.0, 0.41, False)],
+)
+def test_a_lift_may_end_short_of_its_pose_where_joints_end(
+    lacks: float, turned: float, lifted: bool
+) -> None:
+    class Short(BeltPicker):
+        """Whose tool stays below where the lift ends, and turned."""
 
         def _tool(self) -> SE3:
             above = raised(self._kept(self.tracker.at(0.2)), self.rise)
-            return SE3.from_translation(np.array([0.0, 0.0, -lacks])) @ above
+            off = SE3.from_translation(np.array([0.0, 0.0, -lacks]))
+            return off @ above @ SE3.from_rotation(SO3.from_x_radians(turned))
 
     simulation = Simulation(PANDA, ConveyorPick().build_scene)
     belt = picker(simulation)
-    below = Below(**{name: getattr(belt, name) for name in belt.__dataclass_fields__})
-    *_, lift = islice(below.catch(-0.1), 6)
+    short = Short(**{name: getattr(belt, name) for name in belt.__dataclass_fields__})
+    *_, lift = islice(short.catch(-0.1), 6)
     assert isinstance(lift, Follow)
     assert lift.name == "lift"
     Holder(simulation).hold(801)
@@ -271,24 +284,30 @@ def test_a_prediction_that_is_followed_changes_without_a_leap_and_as_far_as_any_
         followed.update()
         other.update()
 
-    def around(time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pose, and its velocity, right after a time."""
-        start, end = followed.at(time), followed.at(time + 1e-4)
-        return (other.at(time).inverse() @ start).log(), (start.inverse() @ end).log() / 1e-4
+    def around(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How far it is from the other, its velocity and its acceleration right after a time."""
+        start, end, last = (followed.at(time + k * 1e-4) for k in range(3))
+        places = np.array([T.translation() for T in (start, end, last)])
+        off, speed = (other.at(time).inverse() @ start).log(), (start.inverse() @ end).log() / 1e-4
+        return off, speed, np.diff(places, 2, axis=0)[0] / 1e-8
 
     leaps = []
     for _ in range(10):
         holder.hold(34)
         now = simulation.time
         before, then = followed.at(now), other.at(now)
-        _, speed = around(now)
+        _, speed, acceleration = around(now)
         followed.update_smoothly()
         other.update()
         leaps.append(np.linalg.norm((then.inverse() @ other.at(now)).translation()))
         assert (before.inverse() @ followed.at(now)).log() == pytest.approx(np.zeros(6), abs=1e-9)
         assert around(now)[1] == pytest.approx(speed, abs=1e-3)
+        assert around(now)[2] == pytest.approx(acceleration, abs=3e-3)
     assert max(leaps) > 0.2e-3
-    assert np.linalg.norm(around(simulation.time)[0]) > 0.2e-3
+    off = around(simulation.time)[0]
+    assert np.linalg.norm(off) > 0.2e-3
+    # What it was is told as it is known now.
+    assert around(simulation.time - 1.0)[0] == pytest.approx(off, abs=1e-9)
     assert around(simulation.time + 0.4)[0] == pytest.approx(np.zeros(6), abs=1e-9)
 
 

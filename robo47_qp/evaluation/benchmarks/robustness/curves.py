@@ -86,9 +86,18 @@ class Curve:
     points: Sequence[Point]
     """From nothing wrong on."""
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the curve as JSON."""
+        return {
+            "stack": self.stack,
+            "kind": self.kind,
+            "half_is_lost_at": self.half,
+            "points": [point.as_json() for point in self.points],
+        }
+
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Return the curve that a report of `scenarios/robustness.py` holds."""
+        """Return the curve of which `as_json` was made."""
         points = [
             Point(**{key: value for key, value in point.items() if key != "interval"})
             for point in content["points"]
