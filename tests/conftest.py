@@ -46,7 +46,9 @@ settings.load_profile("robo47")
 
 LONGEST = (
     "test_wipe",
+    "test_wiping",
     "test_command",
+    "test_broken_off",
     "test_wheel",
     "test_peg_insert",
     "test_feeling_inserter",
@@ -56,6 +58,7 @@ LONGEST = (
     "test_constraints",
     "test_carry_tray",
     "test_contact_steps",
+    "test_press",
     "test_evaluate",
     "test_compare_ik",
     "test_tasks",
@@ -75,6 +78,7 @@ LONGEST = (
     "test_stack",
     "test_sort",
     "test_runner",
+    "test_rows",
     "test_conveyor_pick",
     "test_policy_driver",
     "test_composed_motion",

@@ -2,16 +2,9 @@
 
 import json
 import os
-import runpy
-import signal
 import subprocess
-import sys
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
+from collections.abc import Sequence
 from pathlib import Path
-from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -19,111 +12,8 @@ import pytest
 from rerun.chunk import RrdReader
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from robo47_qp.__main__ import main as robo47
 from robo47_qp.cli import guarded
-from robo47_qp.errors import RecordingError
-from robo47_qp.files import claimed
-from robo47_qp.report.rerun.reading import read_recording
-
-SCRIPT = Path(__file__).resolve().parents[1] / "scenarios" / "pickplace.py"
-posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits of POSIX")
-
-
-def run_script(
-    *arguments: str,
-    cwd: Path,
-    script: Path = SCRIPT,
-    file_limit: int | None = None,
-    terminal: bool = False,
-) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "COLUMNS": "1000"}
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
-        environment.pop(name, None)
-    if terminal:
-        environment["FORCE_COLOR"] = "1"
-    limited: list[str] = []
-    if file_limit is not None:
-        limited = [
-            "-c",
-            "import resource, runpy, sys\n"
-            f"resource.setrlimit(resource.RLIMIT_FSIZE, ({file_limit}, {file_limit}))\n"
-            "del sys.argv[0]\n"
-            "runpy.run_path(sys.argv[0], run_name='__main__')",
-        ]
-    return subprocess.run(
-        [sys.executable, *limited, str(script), *arguments],
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-
-
-def run_here(
-    *arguments: str, cwd: Path, script: Path = SCRIPT, terminal: bool = False
-) -> subprocess.CompletedProcess[str]:
-    """The same in this process, which saves the imports: for what is no matter of a process."""
-    stdout, stderr = StringIO(), StringIO()
-    on_terminate = signal.getsignal(signal.SIGTERM)
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(stdout), redirect_stderr(stderr):
-        patch.chdir(cwd)
-        patch.setenv("COLUMNS", "1000")
-        for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
-            patch.delenv(name, raising=False)
-        if terminal:
-            patch.setenv("FORCE_COLOR", "1")
-        patch.setattr(sys, "argv", [str(script), *arguments])
-        with pytest.raises(SystemExit) as ended:
-            runpy.run_path(str(script), run_name="__main__")
-    signal.signal(signal.SIGTERM, on_terminate)
-    assert isinstance(ended.value.code, int)
-    return subprocess.CompletedProcess(
-        sys.argv, ended.value.code, stdout.getvalue(), stderr.getvalue()
-    )
-
-
-def recorded(path: Path) -> list[float]:
-    """Times of all rows of signals in a file, with or without its end [s]."""
-    times: list[float] = []
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="RRD file has no footer")
-        reader = RrdReader(_whole_messages(path))
-        for chunk in reader.stream():
-            if str(chunk.entity_path).strip("/") == "signals" and not chunk.is_static:
-                column = chunk.to_record_batch().column("time")
-                times += [time.total_seconds() for time in column.to_pylist()]
-    return sorted(times)
-
-
-def _whole_messages(path: Path) -> Path:
-    """A copy without what a kill cut in two: 12 bytes of header, then kind, length, payload."""
-    data = path.read_bytes()
-    assert data[:4] == b"RRF2"
-    end = 12
-    while end + 16 <= len(data):
-        length = int.from_bytes(data[end + 8 : end + 16], "little")
-        if end + 16 + length > len(data):
-            break
-        end += 16 + length
-    copy = path.with_suffix(".whole.rrd")
-    copy.write_bytes(data[:end])
-    return copy
-
-
-def assert_one_message(done: subprocess.CompletedProcess[str], *words: str) -> None:
-    """Bad input: exit code 2 and one message on the standard error."""
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout.strip() == ""
-    own, library = done.stderr.count("error:"), done.stderr.count("╭─")
-    assert own + library == 1, done.stderr
-    for word in words:
-        assert word in done.stderr
-
-
-# Success
+from tests.commands import assert_one_message, posix, recorded, run_here, run_script
 
 
 @pytest.fixture(scope="module")
@@ -184,9 +74,6 @@ def test_json_is_all_there_is_on_the_standard_output(tmp_path: Path) -> None:
     assert summary["seed"] == 1
     assert summary["settings"]["planner"]["ik"]["solver"]["class"] == "DlsIk"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["picture.png", "run.json", "run.rrd"]
-
-
-# Tried and failed
 
 
 STRICT = """
@@ -267,9 +154,6 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
     assert any(f"violation: {told}" in event and "ERROR" in event for event in events)
 
 
-# Bad input
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -347,163 +231,6 @@ def test_a_rehearsal_that_fails_does_not_touch_the_last_recording(tmp_path: Path
     for name, path in last.items():
         assert path.read_text() == f"the last {name}"
         assert path.stat().st_mtime == 1e9
-
-
-# Broken off
-
-
-ANNOUNCE = """
-import runpy, signal, sys
-from robo47_qp.run.observers import RealTime
-
-# Where tests run in the background, Ctrl-C is ignored unless asked for again.
-signal.signal(signal.SIGINT, signal.default_int_handler)
-tick = RealTime.tick
-
-def announced(self, simulation):
-    tick(self, simulation)
-    sys.stdout.write(f"at {simulation.time}\\n")
-    sys.stdout.flush()
-
-RealTime.tick = announced
-del sys.argv[0]
-runpy.run_path(sys.argv[0], run_name="__main__")
-"""
-"""Tells the time of a run, so that a test can end it at one."""
-
-
-def broken_off(folder: Path, how: signal.Signals, at: float) -> tuple[int, str, float]:
-    """Exit code, standard error, and last time told of a run that was ended."""
-    watcher = folder / "announce.py"
-    watcher.write_text(ANNOUNCE, encoding="utf-8")
-    log = str(folder / "run.rrd")
-    with subprocess.Popen(
-        [sys.executable, str(watcher), str(SCRIPT), "--realtime", "--log", log],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        guard = Timer(60.0, process.kill)
-        guard.start()
-        assert process.stdout is not None
-        last = 0.0
-        for time in _times(process.stdout):
-            last = time
-            if time >= at:
-                process.send_signal(how)
-                break
-        rest, stderr = process.communicate()
-        guard.cancel()
-    last = max([last, *_times(rest.splitlines())])
-    return process.returncode, stderr, last
-
-
-def _times(lines: Sequence[str] | Any) -> Iterator[float]:
-    for line in lines:
-        if line.startswith("at "):
-            yield float(line[3:])
-
-
-@posix
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
-def test_a_run_that_is_interrupted_leaves_all_that_was_recorded(how: str, tmp_path: Path) -> None:
-    for ending in (".json", ".png"):
-        (tmp_path / f"run{ending}").write_text("of an earlier run")
-    code, stderr, last = broken_off(tmp_path, signal.Signals[how], at=1.19)
-    assert code == 130
-    assert stderr.strip() == "interrupted; what was recorded so far is kept"
-    assert last < 5.0
-    times = recorded(tmp_path / "run.rrd")
-    np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
-    assert times[-1] > last - 0.0015
-    assert {path.name for path in tmp_path.glob("run.*")} == {"run.rrd", "run.whole.rrd"}
-
-
-@posix
-def test_a_run_that_is_killed_can_be_recovered(
-    success: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
-) -> None:
-    """As that which was not, up to there; and what an earlier run left says nothing of this one."""
-    for ending in (".json", ".png"):
-        (tmp_path / f"run{ending}").write_text("of an earlier run")
-    code, _, last = broken_off(tmp_path, signal.SIGKILL, at=1.19)
-    assert code == -signal.SIGKILL
-    assert {path.name for path in tmp_path.glob("run.*")} == {"run.lock", "run.rrd", "run.rows"}
-    with redirect_stdout(StringIO()) as said:
-        assert robo47(["recover", str(tmp_path / "run.rows")]) == 0
-    assert {path.name for path in tmp_path.glob("run.*")} == {"run.rrd"}
-    whole = read_recording(success[1] / "some" / "new" / "folder" / "cube.rrd")
-    left = read_recording(tmp_path / "run.rrd")
-    count = len(left.rows)
-    assert f"run.rrd holds {(count - 1) * 1e-3:.3f} s" in said.getvalue()
-    assert count * 1e-3 > last - 0.0015
-    assert left.rows.signals == whole.rows.signals
-    np.testing.assert_array_equal(left.rows.values, whole.rows.values[:count])
-    assert left.phases == whole.phases[: len(left.phases)]
-    assert len(left.phases) >= 1
-    notes = [note for note in whole.notes if note.time <= left.rows["time"][-1, 0]]
-    assert [note.time for note in left.notes[:-1]] == [note.time for note in notes]
-    assert left.notes[-1].text.endswith("made from the rows that it left")
-    assert left.summary is None
-
-
-@pytest.mark.parametrize("name", ["run.rows", "run.rrd", "other.rows"])
-def test_what_cannot_be_recovered_is_told(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "run.rows").write_bytes(b"something else")
-    assert robo47(["recover", str(tmp_path / name)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("error:") == 1
-    assert name in said.replace("\n", "")
-    assert [path.name for path in tmp_path.iterdir()] == ["run.rows"]
-
-
-# Two at once
-
-
-@pytest.mark.parametrize("command", ["run", "recover"])
-def test_two_cannot_write_the_same_files(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The second is refused before anything moves, and the files of the first stay."""
-    for name in ("run.rrd", "run.json", "run.png", "run.rows"):
-        (tmp_path / name).write_text(f"of the first: {name}")
-    with claimed(tmp_path / "run.rrd"):
-        if command == "run":
-            assert_one_message(
-                run_here("--log", "run.rrd", cwd=tmp_path),
-                "run.rrd is being written by another process",
-            )
-        else:
-            assert robo47(["recover", str(tmp_path / "run.rows")]) == 2
-            assert "is being written by another process" in " ".join(
-                capsys.readouterr().err.split()
-            )
-        for name in ("run.rrd", "run.json", "run.png", "run.rows"):
-            assert (tmp_path / name).read_text() == f"of the first: {name}"
-    assert not (tmp_path / "run.lock").exists()
-
-
-@posix
-def test_what_a_killed_process_has_claimed_is_free_again(tmp_path: Path) -> None:
-    program = (
-        "import os, signal, sys; from pathlib import Path\n"
-        "from robo47_qp.files import claimed\n"
-        "with claimed(Path(sys.argv[1])):\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    log = tmp_path / "run.rrd"
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", program, str(log)], cwd=SCRIPT.parents[1], check=False
-        )
-        assert done.returncode == -signal.SIGKILL
-    assert (tmp_path / "run.lock").exists()
-    with claimed(log), pytest.raises(RecordingError, match="another process"), claimed(log):
-        pass
-    assert not (tmp_path / "run.lock").exists()
 
 
 def test_a_command_takes_one_thread_for_linear_algebra_and_then_gives_them_back() -> None:

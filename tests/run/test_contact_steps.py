@@ -1,10 +1,8 @@
 """Guarded and compliant steps: they stop at contact, press as asked, and end as promised."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
-import mujoco
 import numpy as np
 import pytest
 from mink import SE3
@@ -13,80 +11,15 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.waypoint import Motion, Place, Waypoint
+from robo47_qp.motion.waypoint import Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.compliance import Compliance
-from robo47_qp.run.contact_steps import Comply, Guarded, Press
+from robo47_qp.run.contact_steps import Comply, Guarded
 from robo47_qp.run.failure import Cause, Condition, StepFailed
-from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensed import Sensed
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import ClassicalStack
-from tests.examples import shifted
-from tests.runs import Reach, carry_out
-
-PLATE = 0.05
-"""How far a soft plate is below the fingertips at home [m]."""
-DOWN = np.array([0.0, 0.0, -1.0])
-Writes = Callable[[Sensed], Program]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Bench(Reach):
-    """A plate under the tool at home, and a program of the test."""
-
-    writes: Writes
-    name: str = "bench"
-
-    @property
-    def fixed_force_max(self) -> float:
-        return 500.0
-
-    def build_scene(self, spec: mujoco.MjSpec) -> None:
-        plate = spec.worldbody.add_body(name="plate", mocap=True, pos=[0.55, 0.0, 0.0])
-        plate.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[0.0, 0.0, -0.05],
-            size=[0.2, 0.2, 0.05],
-            friction=[0.1, 0.005, 1e-4],
-            solref=[-200.0, -10.0],
-            solimp=[0.9, 0.9, 1e-3, 0.5, 2.0],
-            priority=1,
-        )
-
-    def reset(self, simulation: Simulation, rng: np.random.Generator | None) -> None:
-        fingertips = simulation.tool_pose().translation() - [0.0, 0.0, 0.009]
-        at = shifted(simulation.marker_pose("plate"), fingertips - [0.55, 0.0, PLATE])
-        simulation.place_marker("plate", at)
-
-    def preview(self, sensed: Sensed) -> Sequence[Waypoint]:
-        return []
-
-    def program(self, sensed: Sensed) -> Program:
-        return self.writes(sensed)
-
-
-def run_program(writes: Writes) -> Run:
-    return carry_out(Bench(writes=writes))
-
-
-def line(sensed: Sensed, by: Sequence[float], name: str = "line") -> Waypoint:
-    target = shifted(sensed.tool_pose(), np.array(by))
-    return Waypoint(name=name, target=target, motion=Motion.LIN)
-
-
-def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
-    """Rows of a signal in the phases of a name."""
-    ends = [phase.start for phase in run.phases[1:]] + [len(run.rows)]
-    spans = [
-        run.rows[signal][phase.start : end]
-        for phase, end in zip(run.phases, ends, strict=True)
-        if phase.name == name
-    ]
-    return np.concatenate(spans)
+from tests.run.bench import DOWN, PLATE, line, rows_of, run_program, touched
 
 
 def pressing(**changes: object) -> Compliance:
@@ -164,14 +97,6 @@ def test_where_nothing_is_touched_it_fails_as_asked(missing: Cause | None) -> No
     assert run.failure is not None
     assert (run.failure.cause, run.failure.step) == (missing, "line")
     assert "nothing was touched on the way; 2.0 N were expected" in run.failure.evidence
-
-
-def touched(sensed: Sensed, force: float, cause: Cause = Cause.TIMEOUT) -> Condition:
-    def against() -> str | None:
-        felt = float(sensed.felt_force()[2])
-        return None if felt >= force else f"{felt:.1f} N"
-
-    return Condition(name="touched", cause=cause, against=against)
 
 
 @cache
@@ -376,81 +301,3 @@ def test_what_makes_no_sense_is_refused(change: dict[str, object], message: str)
     good = Comply(waypoints=(), compliance=Compliance(), seconds=1.0)
     with pytest.raises(InvalidValueError, match=message):
         replace(good, **change)  # type: ignore[arg-type]
-
-
-def press(sensed: Sensed, **changes: object) -> Press:
-    settings = {
-        "axis": DOWN,
-        "force": 8.0,
-        "felt": lambda: float(sensed.felt_force()[2]),
-        "name": "press",
-    }
-    return Press(**(settings | changes))  # type: ignore[arg-type]
-
-
-@cache
-def slid(*, friction: float = 0.0) -> Run:
-    """Presses on the plate, slides over it and leaves it, with an arm whose joints rub."""
-
-    def program(sensed: Sensed) -> Program:
-        yield press(sensed, seconds=3.0)
-        way = (line(sensed, [0.0, 0.06, 0.0], "to"), line(sensed, [0.0, 0.0, 0.0], "fro"))
-        yield press(sensed, waypoints=way, speed=0.03)
-        yield press(sensed, waypoints=(line(sensed, [0, 0, 0.04], "off"),), force=0.0)
-        return None
-
-    bench = Bench(writes=program)
-    scenario = ClassicalStack().scenario(PANDA, bench, None)
-    world = Disturbance(link_mass_factor=1.05, dry_friction=friction)
-    return Runner(scenario, DisturbedSimulation(PANDA, bench.build_scene, world)).run()
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_stiff_tool_presses_evenly_though_links_are_heavier_and_joints_rub(
-    friction: float,
-) -> None:
-    run = slid(friction=friction)
-    assert run.failure is None
-    force = rows_of(run, "press", "contact/tool")[:, 2]
-    # The plate takes 4 N/mm: dry friction lets the tool stick and slip by 0.1 mm.
-    assert np.abs(force[-500:] - 8.0).max() < (0.6 if friction else 0.1)
-    sliding = np.concatenate([rows_of(run, name, "contact/tool")[:, 2] for name in ("to", "fro")])
-    assert np.abs(sliding - 8.0).max() < 2.0
-    assert np.sqrt(np.mean((sliding - 8.0) ** 2)) < 0.25
-    # An arm that yields would be 0.4 mm aside and 1.1 mm above what it refers to.
-    at, ref = (
-        np.concatenate([rows_of(run, name, f"tool/{pose}")[:, :3] for name in ("to", "fro")])
-        for pose in ("pose", "pose_ref")
-    )
-    assert np.sqrt(np.mean((at - ref) ** 2, axis=0)).max() < 0.15e-3
-    assert rows_of(run, "off", "contact/tool")[-1, 2] == 0.0
-    assert [finding.signal for finding in audit(run) if not finding.ok] == []
-
-
-def test_it_comes_down_at_force_over_damping() -> None:
-    z = rows_of(slid(), "press", "tool/pose")[:, 2]
-    assert 0.03 < -np.diff(z).min() / 1e-3 < 8.0 / 200.0 * 1.05
-
-
-def test_a_press_that_never_touches_fails_with_its_cause() -> None:
-    def program(sensed: Sensed) -> Program:
-        yield press(sensed, seconds=0.5, until=touched(sensed, 4.0))
-        return None
-
-    run = run_program(program)
-    assert run.failure is not None
-    assert (run.failure.cause, run.failure.step) == (Cause.TIMEOUT, "press")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"mass": 0.0, "seconds": 1.0}, "mass must be above 0"),
-        ({"force": -1.0, "seconds": 1.0}, "force must be"),
-        ({}, "waypoints, or a time to stay"),
-        ({"waypoints": (Waypoint(name="away", target=Place.HOME),)}, "waypoints reached by"),
-    ],
-)
-def test_a_press_that_makes_no_sense_is_refused(change: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidValueError, match=message):
-        Press(**({"axis": DOWN, "force": 1.0, "felt": lambda: 0.0} | change))  # type: ignore[arg-type]

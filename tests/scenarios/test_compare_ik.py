@@ -26,7 +26,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.tool_poses import Target
-from tests.test_command import assert_one_message, run_here, run_script
+from tests.commands import assert_one_message, run_here, run_script
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scenarios" / "compare_ik.py"
 SOLVERS = ("dls-position", "dls-clip", "lm", "fast")

@@ -15,7 +15,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.simulation import Simulation
 from tests.runs import no_objects
-from tests.sim.test_simulation import WEIGHT, cube_on_a_shelf, grasp
+from tests.sim.shelf import WEIGHT, cube_on_a_shelf, grasp
 from tests.small_robots import small_robot
 
 BALL, RADIUS = 0.7, 0.06

@@ -3,19 +3,18 @@
 import importlib
 import os
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from robo47_qp.errors import InvalidValueError, MissingExtraError, RenderingError
-from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
-from robo47_qp.run.failure import Cause, Failure
-from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver
 from robo47_qp.run.policy.policy import JointTarget, ToolTarget, Torques, vector_of
+from robo47_qp.run.registry import task_names
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
@@ -26,56 +25,21 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not instal
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from robo47_qp.evaluation.gym import register  # noqa: E402
-from robo47_qp.evaluation.gym.env import TaskEnv  # noqa: E402
 from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
     ActionScale,
     Mode,
     numbers_of,
     observation_space,
 )
-from robo47_qp.run.policy.drivers import StepwiseDriver  # noqa: E402
-from robo47_qp.run.registry import load_task, task_names  # noqa: E402
-
-NAMES = [name for name in register() if load_task(name[7:-3]).tools_needed == 1]
-
-
-ARM = Arm(PANDA)
-HOME = np.append(ARM.home, 0.08)
-TURNED = HOME + np.array([0.1, 0, 0, 0, 0, 0, 0, 0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Turn(Reach):
-    """Turn the first joint a little."""
-
-    def verdict(self, simulation: Simulation) -> Failure | None:
-        q = simulation.state().q[0]
-        return None if q > 0.09 else Failure(cause=Cause.PLACE, evidence=f"joint1 is at {q:.2f}")
-
-
-def env(seconds: float = 3.0, mode: Mode = "joints", **more: Any) -> TaskEnv:
-    return TaskEnv(
-        more.pop("task", Turn()), mode=mode, timing=PolicyTiming(seconds=seconds), **more
-    )
-
-
-def made_or_skip(name: str, **more: Any) -> Any:
-    return gymnasium.make(name, **more)
-
-
-def until_the_end(made: TaskEnv, action: Any) -> tuple[int, float, bool, bool, dict[str, Any]]:
-    rewards = 0.0
-    for steps in range(1, 1000):
-        seen, reward, terminated, truncated, info = made.step(action)
-        rewards += reward
-        assert made.observation_space.contains(seen)
-        if terminated or truncated:
-            return steps, rewards, terminated, truncated, info
-        assert info == {"success": False}
-    raise AssertionError("the episode does not end")
-
-
-# Found by looking
+from tests.evaluation.gym.environments import (  # noqa: E402
+    ARM,
+    HOME,
+    NAMES,
+    TURNED,
+    env,
+    made_or_skip,
+    until_the_end,
+)
 
 
 def test_every_task_is_an_environment() -> None:
@@ -118,9 +82,6 @@ def test_standing_still_is_no_success(name: str) -> None:
     _, reward, terminated, truncated, info = made.step(still)
     assert (reward, terminated, truncated) == (0.0, False, True)
     assert info["cause"] in {cause.value for cause in Cause}
-
-
-# Episodes
 
 
 def test_success_is_rewarded_once_it_lasts() -> None:
@@ -248,9 +209,6 @@ def test_home_without_the_poses_is_no_success() -> None:
     assert "1 of 1 poses are left, pose 1 the first" in info["evidence"]
 
 
-# Worlds
-
-
 def test_the_seed_is_that_of_the_world_everywhere() -> None:
     made = gymnasium.make("robo47/pick_place-v0")
     seen, info = made.reset(seed=5)
@@ -299,9 +257,6 @@ def test_scenes_vary_if_they_are_to() -> None:
         task = PickPlace().variant(np.random.default_rng([seed, 2]))
         assert heights[-1] == pytest.approx(0.5 * task.item.height, abs=1e-6)
     assert len(set(heights)) == 3
-
-
-# Spaces
 
 
 @pytest.mark.parametrize("mode", ["joints", "tool", "torques"])

@@ -1,0 +1,98 @@
+"""Pressing with a stiff tool: evenly, though links are heavier and joints rub."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Place, Waypoint
+from robo47_qp.report.audit.audit import audit
+from robo47_qp.run.contact_steps import Press
+from robo47_qp.run.failure import Cause
+from robo47_qp.run.runner import Runner
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.task import Program
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
+from robo47_qp.sim.sensed import Sensed
+from robo47_qp.stack import ClassicalStack
+from tests.run.bench import DOWN, Bench, line, rows_of, run_program, touched
+
+
+def press(sensed: Sensed, **changes: object) -> Press:
+    settings = {
+        "axis": DOWN,
+        "force": 8.0,
+        "felt": lambda: float(sensed.felt_force()[2]),
+        "name": "press",
+    }
+    return Press(**(settings | changes))  # type: ignore[arg-type]
+
+
+@cache
+def slid(*, friction: float = 0.0) -> Run:
+    """Presses on the plate, slides over it and leaves it, with an arm whose joints rub."""
+
+    def program(sensed: Sensed) -> Program:
+        yield press(sensed, seconds=3.0)
+        way = (line(sensed, [0.0, 0.06, 0.0], "to"), line(sensed, [0.0, 0.0, 0.0], "fro"))
+        yield press(sensed, waypoints=way, speed=0.03)
+        yield press(sensed, waypoints=(line(sensed, [0, 0, 0.04], "off"),), force=0.0)
+        return None
+
+    bench = Bench(writes=program)
+    scenario = ClassicalStack().scenario(PANDA, bench, None)
+    world = Disturbance(link_mass_factor=1.05, dry_friction=friction)
+    return Runner(scenario, DisturbedSimulation(PANDA, bench.build_scene, world)).run()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_stiff_tool_presses_evenly_though_links_are_heavier_and_joints_rub(
+    friction: float,
+) -> None:
+    run = slid(friction=friction)
+    assert run.failure is None
+    force = rows_of(run, "press", "contact/tool")[:, 2]
+    # The plate takes 4 N/mm: dry friction lets the tool stick and slip by 0.1 mm.
+    assert np.abs(force[-500:] - 8.0).max() < (0.6 if friction else 0.1)
+    sliding = np.concatenate([rows_of(run, name, "contact/tool")[:, 2] for name in ("to", "fro")])
+    assert np.abs(sliding - 8.0).max() < 2.0
+    assert np.sqrt(np.mean((sliding - 8.0) ** 2)) < 0.25
+    # An arm that yields would be 0.4 mm aside and 1.1 mm above what it refers to.
+    at, ref = (
+        np.concatenate([rows_of(run, name, f"tool/{pose}")[:, :3] for name in ("to", "fro")])
+        for pose in ("pose", "pose_ref")
+    )
+    assert np.sqrt(np.mean((at - ref) ** 2, axis=0)).max() < 0.15e-3
+    assert rows_of(run, "off", "contact/tool")[-1, 2] == 0.0
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
+
+
+def test_it_comes_down_at_force_over_damping() -> None:
+    z = rows_of(slid(), "press", "tool/pose")[:, 2]
+    assert 0.03 < -np.diff(z).min() / 1e-3 < 8.0 / 200.0 * 1.05
+
+
+def test_a_press_that_never_touches_fails_with_its_cause() -> None:
+    def program(sensed: Sensed) -> Program:
+        yield press(sensed, seconds=0.5, until=touched(sensed, 4.0))
+        return None
+
+    run = run_program(program)
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.TIMEOUT, "press")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 0.0, "seconds": 1.0}, "mass must be above 0"),
+        ({"force": -1.0, "seconds": 1.0}, "force must be"),
+        ({}, "waypoints, or a time to stay"),
+        ({"waypoints": (Waypoint(name="away", target=Place.HOME),)}, "waypoints reached by"),
+    ],
+)
+def test_a_press_that_makes_no_sense_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        Press(**({"axis": DOWN, "force": 1.0, "felt": lambda: 0.0} | change))  # type: ignore[arg-type]
