@@ -12,8 +12,7 @@ _NUMBERS = count(1)
 
 def address() -> str:
     """An address of this machine that no other test has: libfranka's ports are fixed."""
-    number = (os.getpid() << 4) + next(_NUMBERS)
-    return f"127.{1 + (number >> 16) % 250}.{(number >> 8) % 256}.{1 + number % 250}"
+    return f"127.{1 + (os.getpid() >> 8) % 254}.{os.getpid() % 256}.{1 + next(_NUMBERS) % 254}"
 
 
 @contextmanager
