@@ -1,18 +1,19 @@
 """Steps that seek contact or keep it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Annotated, ClassVar
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from robo47_qp.arrays import Checked, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.planner import Leg
-from robo47_qp.motion.trajectory import Trajectory, hold
+from robo47_qp.motion.trajectory import Trajectory, along, hold
 from robo47_qp.motion.waypoint import PRESCRIBED, Waypoint
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.control_loop import ControlLoop
@@ -27,6 +28,8 @@ _TICK_ROWS = 2
 _PRESS_ROWS = 10
 """The same while a stiff tool presses: often enough for an admittance of a few hertz."""
 
+_PACE = 100.0
+"""Rate at which a path that waits slows down and goes on [1/s]."""
 _SHARE = 0.3
 """Share of the accelerations allowed for the joints that a stiff tool that presses may use."""
 
@@ -216,6 +219,10 @@ class Press(ContactMotion):
     """d [N·s/m]."""
     jerk: Positive = 30.0
     """j [m/s³]."""
+    pace: Callable[[], float] | None = None
+    """Returns the part of its speed at which the tool goes along the waypoints [-], 0 where it
+    waits; called every few control periods. None: it always goes at its speed. A tool that has left
+    the surface so comes down where it is, and may do so slowly."""
     name: str = "press"
 
     def carry_out(self, executor: StepExecutor) -> None:
@@ -267,22 +274,41 @@ class _Depth(_Tracker):
     def track(self, path: Trajectory) -> bool:
         """See `_Tracker.track`."""
         loop = self._loop
-        for first in range(0, path.steps, _PRESS_ROWS):
-            rows = slice(first, min(first + _PRESS_ROWS, path.steps) + 1)
-            moved = self._moved(path, rows, loop.reference.q)
-            if loop.track(moved, self._monitor, block=_PRESS_ROWS):
+        pace = self._step.pace
+        for part in self._parts(path) if pace is None else self._paced(path, pace):
+            if loop.track(self._moved(part, loop.reference.q), self._monitor, block=_PRESS_ROWS):
                 return True
         return False
 
-    def _moved(self, path: Trajectory, rows: slice, q: Vector) -> Trajectory:
-        """Return some periods of a path with the displacement, that in q (n,) the first."""
+    def _parts(self, path: Trajectory) -> Iterator[Trajectory]:
+        for first in range(0, path.steps, _PRESS_ROWS):
+            yield path.part(first, min(first + _PRESS_ROWS, path.steps))
+
+    def _paced(self, path: Trajectory, pace: Callable[[], float]) -> Iterator[Trajectory]:
+        if path.steps == 0:
+            return
+        times = np.linspace(0.0, path.duration, path.steps + 1)
+        curve, row = CubicHermiteSpline(times, path.q, path.v), (0.0, 1.0, 0.0)
+        while row[0] < path.duration:
+            goal, rows = pace(), [row]
+            for _ in range(_PRESS_ROWS):
+                time, rate, change = row
+                bend = _PACE * (_PACE * (goal - rate) - 2.0 * change)
+                time += TIMESTEP * (rate + 0.5 * TIMESTEP * change)
+                rate += TIMESTEP * (change + 0.5 * TIMESTEP * bend)
+                row = (min(time, path.duration), rate, change + TIMESTEP * bend)
+                rows.append(row)
+            yield along(curve, np.array(rows), path.dt)
+
+    def _moved(self, part: Trajectory, q: Vector) -> Trajectory:
+        """Return a part of a path with the displacement, that in q (n,) its first."""
         step, axis = self._step, np.zeros(6)
         axis[:3] = self._arm.pose(q).rotation().as_matrix().T @ step.axis
         way = np.linalg.lstsq(self._arm.jacobian(q), axis)[0]
         asked = step.force - step.felt() if step.force else 0.0
         largest = _SHARE * float((self._a_max / np.maximum(np.abs(way), 1e-9)).min())
         states = [(self.q, self._speed * way, self._acceleration * way)]
-        for _ in range(rows.start + 1, rows.stop):
+        for _ in range(part.steps):
             wanted = (asked - step.damping * self._speed) / step.mass if step.force else 0.0
             wanted = min(max(wanted, -largest), largest)
             most = step.jerk * TIMESTEP
@@ -291,7 +317,7 @@ class _Depth(_Tracker):
             self.q = self.q + TIMESTEP * self._speed * way
             states.append((self.q, self._speed * way, self._acceleration * way))
         q, v, a = (np.array(column) for column in zip(*states, strict=True))
-        return Trajectory(dt=path.dt, q=path.q[rows] + q, v=path.v[rows] + v, a=path.a[rows] + a)
+        return Trajectory(dt=part.dt, q=part.q + q, v=part.v + v, a=part.a + a)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,19 +23,20 @@ from robo47_qp.tasks.peg_insert.sinking import Sinking
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
 """Force of a stiff arm that touches [N], above the drift of a sensor at the wrist; its speed
 without contact [m/s]; and how many readings are averaged."""
-_SEARCH, _FALLING, _CENTRE = 2.5, 3e-3, 1.0
-"""Force of the search [N]; speed at which it presses without contact: a peg that snaps off an edge
-knocks on the block [m/s]; and force with which a peg is brought back to the hole's middle [N]."""
+_SEARCH, _WAITS, _FALLING, _CENTRE = 1.5, 0.5, 1.5e-3, 1.0
+"""Force of the search, and below which it waits until the block is felt again [N]; speed at which
+it presses without contact: a peg that snaps off an edge knocks on the block [m/s]; and force with
+which a peg is brought back to the hole's middle [N]."""
 _FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
 drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.005, 0.004
+_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.005, 0.007
 """Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it is
-pressed in and searches: while it sinks, the search tilts it between the fingers [m/s]."""
-_STOPPED, _MU_MOST, _STUCK_FOR = 3.0, 0.9, 4
-"""Where a wall, and not friction, stops the peg, the force aside is above a part of that on the
-block, which is the largest coefficient of friction, by so much [N], in how many readings. The arm
-springs back by what it was pushed: the earlier it is noticed, the less."""
+pressed in and searches [m/s]."""
+_MU_MOST, _MEETS, _SLOW, _STOPPED, _STUCK_FOR = 0.9, 1.5, 0.3, 3.0, 4
+"""Largest coefficient of friction [-]. A force aside beyond that part of the force on the block is
+of a wall: from so much on [N] the search goes on at a part of its speed [-], from so much on [N] in
+so many readings the wall has stopped the peg. The arm springs back by what it was pushed."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
@@ -168,6 +169,7 @@ class FeelingInserter(PegInserter):
             waypoints=lanes,
             force=_SEARCH,
             damping=_SEARCH / _FALLING,
+            pace=lambda: self._pace(free),
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -181,7 +183,13 @@ class FeelingInserter(PegInserter):
         back = SE3.from_translation(-self._depth(caught) * self._axis) @ caught
         way = (self._line("centre", back),)
         yield replace(
-            searching, name="centre", waypoints=way, force=_CENTRE, observe=None, until=None
+            searching,
+            name="centre",
+            waypoints=way,
+            force=_CENTRE,
+            pace=None,
+            observe=None,
+            until=None,
         )
         return caught
 
@@ -336,20 +344,31 @@ class FeelingInserter(PegInserter):
 
     def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
         """Return the condition that the peg has sunk, or is stopped."""
-        readings: deque[np.ndarray] = deque(maxlen=_STUCK_FOR)
+        readings: deque[float] = deque(maxlen=_STUCK_FOR)
 
         def against() -> str | None:
-            readings.append(self.sensed.felt_force() - free.force)
-            force = np.mean(readings, axis=0)
-            along = float(force.dot(self._axis))
-            aside = float(np.linalg.norm(force - along * self._axis))
-            stopped = aside >= _STOPPED + _MU_MOST * max(along, 0.0)
+            readings.append(self._felt(free)[1])
+            stopped = float(np.mean(readings)) >= _STOPPED
             if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
                 return None
             sunk = 1e3 * sinking.sunk
             return f"the peg has sunk by {sunk:.1f} mm; {1e3 * _SINKS:.1f} mm are the hole"
 
         return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
+
+    def _pace(self, free: FreeWrist) -> float:
+        """Return the pace of the search: it waits for the block, and meets walls slowly."""
+        along, beyond = self._felt(free)
+        if along < _WAITS:
+            return 0.0
+        return _SLOW if beyond >= _MEETS else 1.0
+
+    def _felt(self, free: FreeWrist) -> tuple[float, float]:
+        """Return the force on the block, and that aside beyond what friction can be [N]."""
+        force = self.sensed.felt_force() - free.force
+        along = float(force.dot(self._axis))
+        aside = float(np.linalg.norm(force - along * self._axis))
+        return along, aside - _MU_MOST * max(along, 0.0)
 
     def draw_out(self) -> Generator[StepLike, None, bool]:
         """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""

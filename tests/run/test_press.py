@@ -1,5 +1,6 @@
 """Pressing with a stiff tool: evenly, though links are heavier and joints rub."""
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -72,6 +73,45 @@ def test_a_stiff_tool_presses_evenly_though_links_are_heavier_and_joints_rub(
 def test_it_comes_down_at_force_over_damping() -> None:
     z = rows_of(slid(), "press", "tool/pose")[:, 2]
     assert 0.03 < -np.diff(z).min() / 1e-3 < 8.0 / 200.0 * 1.05
+
+
+def along(pace: Callable[[float], float] | None) -> Run:
+    """Presses on the plate and slides over it, at a pace over the time since that began."""
+
+    def program(sensed: Sensed) -> Program:
+        yield press(sensed, seconds=2.0)
+        way, start = (line(sensed, [0.0, 0.06, 0.0], "to"),), sensed.time
+        paced = None if pace is None else lambda: pace(sensed.time - start)
+        yield press(sensed, waypoints=way, speed=0.03, pace=paced)
+        return None
+
+    return run_program(program)
+
+
+def test_at_full_pace_it_goes_as_without_one() -> None:
+    plain, paced = (rows_of(along(pace), "to", "joints/q_ref") for pace in (None, lambda _: 1.0))
+    assert 0 <= len(paced) - len(plain) <= 10
+    np.testing.assert_allclose(paced[: len(plain)], plain, atol=1e-9)
+
+
+def test_a_path_waits_and_goes_on_smoothly_while_it_is_pressed_on() -> None:
+    """Half a second each of waiting and of a third of the speed; v and a integrate to q and v."""
+    paces = ((0.5, 1.0, 0.0), (1.0, 1.5, 1.0 / 3.0))
+    run = along(lambda time: next((pace for a, b, pace in paces if a <= time < b), 1.0))
+    y = rows_of(run, "to", "tool/pose_ref")[:, 1]
+    speed = np.gradient(y) / 1e-3
+    assert np.abs(speed[600:1000]).max() < 1e-3
+    np.testing.assert_allclose(speed[1150:1450], 0.01, atol=1e-3)
+    np.testing.assert_allclose(speed[1650:1800], 0.03, atol=1e-3)
+    late = len(y) - len(rows_of(along(None), "to", "tool/pose_ref"))
+    assert 500 + 333 - 20 <= late <= 500 + 333 + 20
+    assert np.abs(rows_of(run, "to", "contact/tool")[:, 2] - 8.0).max() < 2.0
+    q, v, a = (rows_of(run, "to", f"joints/{name}_ref") for name in "qva")
+    for x, dx in ((q, v), (v, a)):
+        gone = np.cumsum(0.5e-3 * (dx[1:] + dx[:-1]), axis=0)
+        np.testing.assert_allclose(x[1:] - x[0], gone, atol=1e-4)
+    assert np.abs(np.diff(a, axis=0)).max() < 0.6
+    assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
 
 def test_a_press_that_never_touches_fails_with_its_cause() -> None:
