@@ -1,6 +1,7 @@
 """Pressing with a stiff tool: evenly, though links are heavier and joints rub."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -80,18 +81,22 @@ def along(pace: Callable[[float], float] | None) -> Run:
 
     def program(sensed: Sensed) -> Program:
         yield press(sensed, seconds=2.0)
-        way, start = (line(sensed, [0.0, 0.06, 0.0], "to"),), sensed.time
+        to, start = line(sensed, [0.0, 0.06, 0.0], "to"), sensed.time
         paced = None if pace is None else lambda: pace(sensed.time - start)
-        yield press(sensed, waypoints=way, speed=0.03, pace=paced)
+        # The second way has no length.
+        yield press(sensed, waypoints=(to, replace(to, name="there")), speed=0.03, pace=paced)
         return None
 
     return run_program(program)
 
 
 def test_at_full_pace_it_goes_as_without_one() -> None:
-    plain, paced = (rows_of(along(pace), "to", "joints/q_ref") for pace in (None, lambda _: 1.0))
+    runs = along(None), along(lambda _: 1.0)
+    plain, paced = (rows_of(run, "to", "joints/q_ref") for run in runs)
     assert 0 <= len(paced) - len(plain) <= 10
     np.testing.assert_allclose(paced[: len(plain)], plain, atol=1e-9)
+    y = rows_of(runs[1], "to", "tool/pose_ref")[len(plain) - 1 :, 1]
+    np.testing.assert_allclose(y, y[0], atol=1e-9)
 
 
 def test_a_path_waits_and_goes_on_smoothly_while_it_is_pressed_on() -> None:

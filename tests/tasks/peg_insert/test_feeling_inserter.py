@@ -158,6 +158,8 @@ def test_a_peg_that_a_wall_stops_beside_the_hole_is_searched_with_on_the_lanes_b
             step.observe()
             assert step.until is not None
             tool.felt = np.array([0.0, -6.0, 3.0])
+            assert step.pace is not None
+            assert step.pace() < 1.0
             for _ in range(3):
                 assert step.until.against() is not None
             assert step.until.against() is None
