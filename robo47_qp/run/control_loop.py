@@ -114,6 +114,8 @@ class ControlLoop:
         self._together: tuple[int, ...] = ()
         self._touched = -inf
         self._touch = TouchSense(simulation)
+        self.untouched = False
+        """True while it is known that the tools touch nothing."""
         self._columns = signals.Columns(simulation, extra)
         self._extra = np.zeros((1, self._columns.extra.stop - self._columns.extra.start))
         self.rest(start)
@@ -223,8 +225,12 @@ class ControlLoop:
                 trajectory.q[done].copy(), trajectory.v[done].copy(), trajectory.a[done].copy()
             )
             if not self._yielding and self.control.observed is not None:
-                passed, free = count * TIMESTEP, not self._insisting
-                touching = self._touch.touching(self.control.arm, passed, free=free)
+                touching = self._touch.touching(
+                    self.control.arm,
+                    count * TIMESTEP,
+                    free=not self._insisting,
+                    untouched=self.untouched,
+                )
                 if touching:
                     self._touched = self.sim.time
                 self.control.compensate(self._insisting or not touching, learn=self._learns)

@@ -316,10 +316,19 @@ class Wait(Step):
     """How long at most; the whole time where `until` is None [s]."""
     until: Condition | None = None
     """What is waited for; the step fails with its cause if it does not hold in time."""
+    untouched: bool = False
+    """Whether tools are known to touch nothing: what the wrists read is then their zero."""
     name: str = "wait"
 
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
+        executor.loop.untouched = self.untouched
+        try:
+            self._wait(executor)
+        finally:
+            executor.loop.untouched = False
+
+    def _wait(self, executor: StepExecutor) -> None:
         until, waited = self.until, 0.0
         while until is None or until.against() is not None:
             if waited >= self.seconds - 0.5 * TIMESTEP:

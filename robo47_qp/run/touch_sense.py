@@ -14,6 +14,9 @@ CONTACT_FORCE = 4.0
 _ZEROING = 3.0
 """Time constant with which the reading of a wrist that is not in contact becomes its zero [s]."""
 
+_TOLD = 0.05
+"""The same where a program tells that nothing is touched [s]."""
+
 
 class TouchSense:
     """Tells contact from the drift of the sensors in one run.
@@ -31,13 +34,16 @@ class TouchSense:
         self._sim = simulation
         self._zeros: Matrix | None = None
 
-    def touching(self, arm: Arm, passed: float, *, free: bool = True) -> bool:
+    def touching(
+        self, arm: Arm, passed: float, *, free: bool = True, untouched: bool = False
+    ) -> bool:
         """Return whether a tool is in contact with more than its payload.
 
         Args:
             arm: The arm with what its tools hold.
             passed: Time since the last call [s].
             free: Whether nothing is meant to be touched: what presses gently for long is no drift.
+            untouched: Whether it is known that nothing is touched.
         """
         tools = arm.robot.tools
         forces, most = np.zeros((len(tools), 3)), np.full(len(tools), CONTACT_FORCE)
@@ -52,6 +58,6 @@ class TouchSense:
             self._zeros = forces
         off = forces - self._zeros
         touches = bool((np.square(off).sum(axis=1) > most**2).any())
-        if free and not touches:
-            self._zeros += (1.0 - exp(-passed / _ZEROING)) * off
+        if untouched or (free and not touches):
+            self._zeros += (1.0 - exp(-passed / (_TOLD if untouched else _ZEROING))) * off
         return touches

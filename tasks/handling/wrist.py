@@ -43,10 +43,17 @@ def wrist_errs(sensed: Sensed) -> bool:
     return any(sensed.sheet.noise[name] for name in ("noise_force", "force_drift"))
 
 
-def read_free_wrist(sensed: Sensed) -> Generator[StepLike, None, FreeWrist]:
-    """Read the sensor at the wrist while the tool touches nothing and is at rest."""
+def read_free_wrist(
+    sensed: Sensed, *, untouched: bool = False
+) -> Generator[StepLike, None, FreeWrist]:
+    """Read the sensor at the wrist while the tool touches nothing and is at rest.
+
+    Args:
+        sensed: What is sensed.
+        untouched: Whether what it reads also becomes the zero of the run's sense of contact.
+    """
     readings = []
     for _ in range(_READINGS):
-        yield Wait(name="tare", seconds=_PERIOD)
+        yield Wait(name="tare", seconds=_PERIOD, untouched=untouched)
         readings.append(sensed.felt_force())
     return FreeWrist(force=np.mean(readings, axis=0), time=sensed.time)

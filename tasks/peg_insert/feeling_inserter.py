@@ -40,8 +40,11 @@ so many readings the wall has stopped the peg. The arm springs back by what it w
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
+_LEANS, _RIGHTED, _RIGHT_DAMPING = 0.4, 0.02, 800.0
+"""Force aside from a peg that leans between the fingers and on the ground, and of one that no
+longer does [N]; damping of the arm that rights it [N·s/m]."""
 _PRESSES = 6
-"""How often a peg that sticks is eased aside and pressed again."""
+"""How often a peg that is not deep is eased aside and pressed again."""
 _STUCK = 8e-3
 """Depth from which on a peg that sticks stands in the hole without fingers [m]."""
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
@@ -51,8 +54,9 @@ _PULL, _PULL_SPEED, _LOWERING = 15.0, 0.03, 0.03
 """Force that draws a peg out at most [N], and speeds at which it comes out and is lowered [m/s]."""
 _IN_HOLE = 8e-3
 """Height of a peg above where it stood that means that it stands in the hole [m]."""
-_FIRM_INSERT = 10.0
-"""Force on the peg during insertion, above friction in the joints [N]."""
+_TRIED, _FIRM_INSERT = 4.0, 10.0
+"""Force on a peg that seems to be in the hole, and during insertion, above friction in the joints
+[N]: a peg that a wall has stopped beside the hole leaps off it when it is eased."""
 _GUARD = 5.0
 """Force that stops a peg that is lowered [N]."""
 _AROUND = 22e-3
@@ -122,16 +126,16 @@ class FeelingInserter(PegInserter):
                 stiff, free = yield from self._touch()
                 lanes = lanes[_FRESH:]
                 continue
-            yield from self._press_in(stiff, free)
+            yield from self._press_in(stiff, free, _TRIED)
             deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
             if deep < _SINKS:
                 # By a wrist that has drifted meanwhile, walls would be felt everywhere.
                 yield from self._ease(stiff, free)
                 yield self._lift_off(stiff, _OFF)
                 stiff, free = yield from self._touch()
-        for again in range(_PRESSES):
+        for again in range(_PRESSES + 1):
             if again:
-                yield from self._press_in(stiff, free)
+                yield from self._press_in(stiff, free, _FIRM_INSERT)
             if self._depth(touched) >= _DEEP:
                 # Fingers that open under load would let the arm leap.
                 yield from self._ease(stiff, free)
@@ -193,14 +197,16 @@ class FeelingInserter(PegInserter):
         )
         return caught
 
-    def _press_in(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
-        """Ease the peg, and press it until it sinks no more."""
+    def _press_in(
+        self, stiff: Press, free: FreeWrist, force: float
+    ) -> Generator[StepLike, None, None]:
+        """Ease the peg, and press it with a force [N] until it sinks no more."""
         yield from self._ease(stiff, free)
         yield replace(
             stiff,
             name="insert",
-            force=_FIRM_INSERT,
-            damping=_FIRM_INSERT / _SINK_SPEED,
+            force=force,
+            damping=force / _SINK_SPEED,
             seconds=15.0,
             until=self._rests(),
         )
@@ -208,21 +214,23 @@ class FeelingInserter(PegInserter):
     def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Press hardly any more, and give way to what pushes the peg aside."""
         yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
+        aside = replace(stiff, name="ease aside", force=_EASED, damping=_ASIDE_DAMPING)
+        yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
+
+    def _give_way(
+        self, step: Press, free: FreeWrist, least: float
+    ) -> Generator[StepLike, None, None]:
+        """Go with a step to where something pushes the tool aside, if with a least force [N]."""
         felt = yield from read_free_wrist(self.sensed)
         side = felt.force - free.force
         side -= side.dot(self._axis) * self._axis
         size = float(np.linalg.norm(side))
-        if size > _ASIDE:
+        if size > least:
             way = side / size
             yield replace(
-                stiff,
-                name="ease aside",
+                step,
                 axis=way,
-                force=_EASED,
-                damping=_ASIDE_DAMPING,
                 felt=lambda: float((free.force - self.sensed.felt_force()).dot(way)),
-                seconds=0.5,
-                until=None,
             )
 
     def _push(self, touched: SE3, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
@@ -256,7 +264,7 @@ class FeelingInserter(PegInserter):
         Returns:
             The step that did it, and what the free wrist read before it.
         """
-        free = yield from read_free_wrist(self.sensed)
+        free = yield from read_free_wrist(self.sensed, untouched=True)
         readings: deque[float] = deque(maxlen=_MEAN)
 
         def felt() -> float:
@@ -403,6 +411,20 @@ class FeelingInserter(PegInserter):
         if self.resting is not None and height > self.resting + _IN_HOLE:
             hand = replace(self, resting=None)
         return (yield from ItemHandler.pick(hand))
+
+    def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
+        """See `ItemHandler._weighed`; a peg that leans is righted first, as it would leap."""
+        right = Press(
+            name="right",
+            axis=self._axis,
+            force=_RIGHTED,
+            damping=_RIGHT_DAMPING,
+            felt=lambda: 0.0,
+            seconds=0.6,
+            during=(self._held(Cause.GRASP),),
+        )
+        yield from self._give_way(right, free, _LEANS)
+        return (yield from PegInserter._weighed(self, free))
 
     def back_off(self) -> Generator[StepLike, None, None]:
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
