@@ -414,6 +414,10 @@ class FeelingInserter(PegInserter):
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
         """See `ItemHandler._weighed`; a peg that leans is righted first, as it would leap."""
+        yield from self._right(free)
+        return (yield from PegInserter._weighed(self, free))
+
+    def _right(self, free: FreeWrist) -> Generator[StepLike, None, None]:
         right = Press(
             name="right",
             axis=self._axis,
@@ -424,7 +428,6 @@ class FeelingInserter(PegInserter):
             during=(self._held(Cause.GRASP),),
         )
         yield from self._give_way(right, free, _LEANS)
-        return (yield from PegInserter._weighed(self, free))
 
     def back_off(self) -> Generator[StepLike, None, None]:
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""

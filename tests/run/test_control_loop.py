@@ -1,6 +1,8 @@
 """The control loop: what the controller is told of payloads."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import SETTLING, ControlLoop
+from robo47_qp.run.failure import Cause, Condition, StepFailed
+from robo47_qp.run.steps import Wait
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from tests.controlled import LOAD
@@ -122,6 +126,31 @@ def test_what_a_tool_presses_with_for_long_is_no_drift() -> None:
     assert loop.control.observed.compensating
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_what_a_wrist_reads_where_nothing_is_known_to_be_touched_is_its_zero(told: bool) -> None:
+    class Felt(Simulation):
+        force = 0.0
+
+        def felt_force(self, tool: int = 0) -> Vector:
+            return np.array([0.0, 0.0, self.force])
+
+    world, observer = Felt(PANDA, no_objects), DisturbanceObserver()
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=observer)
+    loop.begin("all")
+    loop.hold(0.1)
+    # It drifted while the tool pressed.
+    world.force, loop.untouched = 6.0, told
+    loop.hold(0.2)
+    loop.untouched = False
+    loop.hold(0.1)
+    observed = loop.control.observed
+    assert observed is not None
+    assert observed.compensating is told
+    world.force = 0.0
+    loop.hold(0.1)
+    assert observed.compensating is not told
+
+
 @pytest.mark.parametrize("way", ["touching", "pressing", "yielding"])
 def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: str) -> None:
     class Felt(Simulation):
@@ -157,3 +186,22 @@ def test_what_one_hand_lets_go_the_other_keeps() -> None:
     loop.set_payload({"left": LOAD, "right": LOAD})
     loop.let_go(1)
     assert [*loop.control.arm.payloads] == ["left"]
+
+
+@pytest.mark.parametrize("untouched", [True, False])
+def test_only_as_long_as_it_waits_nothing_is_known_to_be_touched(untouched: bool) -> None:
+    class Loop:
+        untouched = False
+        begin = staticmethod(lambda *_, **__: None)
+        held: ClassVar[list[bool]] = []
+
+        def hold(self, _: float) -> None:
+            self.held.append(self.untouched)
+
+    executor: Any = SimpleNamespace(loop=Loop())
+    Wait(seconds=0.05, untouched=untouched).carry_out(executor)
+    never = Condition(name="never", cause=Cause.TIMEOUT, against=lambda: "not yet")
+    with pytest.raises(StepFailed):
+        Wait(seconds=0.05, until=never, untouched=untouched).carry_out(executor)
+    assert set(Loop.held) == {untouched}
+    assert not executor.loop.untouched
