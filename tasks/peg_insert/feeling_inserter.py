@@ -15,6 +15,7 @@ from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.peg_insert.hole_sense import SINKS, HoleSense
 from robo47_qp.tasks.peg_insert.lanes import across, end_of, lanes_beyond, search_lanes
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
@@ -23,20 +24,14 @@ from robo47_qp.tasks.peg_insert.sinking import Sinking
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
 """Force of a stiff arm that touches [N], above the drift of a sensor at the wrist; its speed
 without contact [m/s]; and how many readings are averaged."""
-_SEARCH, _WAITS, _FALLING, _CENTRE = 1.5, 0.5, 1.5e-3, 1.0
-"""Force of the search, and below which it waits until the block is felt again [N]; speed at which
-it presses without contact: a peg that snaps off an edge knocks on the block [m/s]; and force with
-which a peg is brought back to the hole's middle [N]."""
+_SEARCH, _FALLING, _CENTRE = 1.5, 1.5e-3, 1.0
+"""Force of the search [N]; speed at which it presses without contact: a peg that snaps off an edge
+knocks on the block [m/s]; and force with which a peg is brought back to the hole's middle [N]."""
 _FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
 drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
-_SINKS, _SINK_SPEED, _SEARCH_SPEED = 0.8e-3, 0.005, 0.007
-"""Descent of a peg upright on the block that means it is in the hole [m]; speeds at which it is
-pressed in and searches [m/s]."""
-_MU_MOST, _MEETS, _SLOW, _STOPPED, _STUCK_FOR = 0.9, 1.5, 0.3, 3.0, 4
-"""Largest coefficient of friction [-]. A force aside beyond that part of the force on the block is
-of a wall: from so much on [N] the search goes on at a part of its speed [-], from so much on [N] in
-so many readings the wall has stopped the peg. The arm springs back by what it was pushed."""
+_SINK_SPEED, _SEARCH_SPEED = 0.005, 0.007
+"""Speeds at which a peg is pressed in and searches [m/s]."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
@@ -118,7 +113,7 @@ class FeelingInserter(PegInserter):
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
         lanes, deep = search_lanes(touched, self._axis, radius, pitch), 0.0
-        while lanes and deep < _SINKS:
+        while lanes and deep < SINKS:
             last = len(lanes) <= _FRESH
             caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
@@ -128,7 +123,7 @@ class FeelingInserter(PegInserter):
                 continue
             yield from self._press_in(stiff, free, _TRIED)
             deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
-            if deep < _SINKS:
+            if deep < SINKS:
                 # By a wrist that has drifted meanwhile, walls would be felt everywhere.
                 yield from self._ease(stiff, free)
                 yield self._lift_off(stiff, _OFF)
@@ -156,7 +151,8 @@ class FeelingInserter(PegInserter):
         Returns None where nothing was found; fails with TIMEOUT if these were the last lanes.
         """
         sinking = Sinking(self.sensed, self._axis)
-        found, end, caught_it = self._found(sinking, free), end_of(lanes[-1]), False
+        hole = HoleSense(sensed=self.sensed, axis=self._axis, free=free, sinking=sinking)
+        found, end, caught_it = hole.found(), end_of(lanes[-1]), False
 
         def against() -> str | None:
             # Kept, as the arm is no longer pushed once it has stopped.
@@ -173,7 +169,7 @@ class FeelingInserter(PegInserter):
             waypoints=lanes,
             force=_SEARCH,
             damping=_SEARCH / _FALLING,
-            pace=lambda: self._pace(free),
+            pace=hole.pace,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -350,34 +346,6 @@ class FeelingInserter(PegInserter):
         """Return by how much the tool is below a pose along the hole's axis [m]."""
         return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
 
-    def _found(self, sinking: Sinking, free: FreeWrist) -> Condition:
-        """Return the condition that the peg has sunk, or is stopped."""
-        readings: deque[float] = deque(maxlen=_STUCK_FOR)
-
-        def against() -> str | None:
-            readings.append(self._felt(free)[1])
-            stopped = float(np.mean(readings)) >= _STOPPED
-            if sinking.sunk >= _SINKS or (stopped and len(readings) == _STUCK_FOR):
-                return None
-            sunk = 1e3 * sinking.sunk
-            return f"the peg has sunk by {sunk:.1f} mm; {1e3 * _SINKS:.1f} mm are the hole"
-
-        return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=against)
-
-    def _pace(self, free: FreeWrist) -> float:
-        """Return the pace of the search: it waits for the block, and meets walls slowly."""
-        along, beyond = self._felt(free)
-        if along < _WAITS:
-            return 0.0
-        return _SLOW if beyond >= _MEETS else 1.0
-
-    def _felt(self, free: FreeWrist) -> tuple[float, float]:
-        """Return the force on the block, and that aside beyond what friction can be [N]."""
-        force = self.sensed.felt_force() - free.force
-        along = float(force.dot(self._axis))
-        aside = float(np.linalg.norm(force - along * self._axis))
-        return along, aside - _MU_MOST * max(along, 0.0)
-
     def draw_out(self) -> Generator[StepLike, None, bool]:
         """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""
         start, weight = self.sensed.tool_pose(), 9.81 * self.item.mass
@@ -414,10 +382,6 @@ class FeelingInserter(PegInserter):
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
         """See `ItemHandler._weighed`; a peg that leans is righted first, as it would leap."""
-        yield from self._right(free)
-        return (yield from PegInserter._weighed(self, free))
-
-    def _right(self, free: FreeWrist) -> Generator[StepLike, None, None]:
         right = Press(
             name="right",
             axis=self._axis,
@@ -428,6 +392,7 @@ class FeelingInserter(PegInserter):
             during=(self._held(Cause.GRASP),),
         )
         yield from self._give_way(right, free, _LEANS)
+        return (yield from PegInserter._weighed(self, free))
 
     def back_off(self) -> Generator[StepLike, None, None]:
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""

@@ -108,13 +108,16 @@ def test_a_free_wrist_that_drifts_touches_nothing(
     assert loop.control.observed.compensating is follows
 
 
+class Felt(Simulation):
+    """A wrist that feels a force of the test."""
+
+    force = 0.0
+
+    def felt_force(self, tool: int = 0) -> Vector:
+        return np.array([0.0, 0.0, self.force])
+
+
 def test_what_a_tool_presses_with_for_long_is_no_drift() -> None:
-    class Felt(Simulation):
-        force = 0.0
-
-        def felt_force(self, tool: int = 0) -> Vector:
-            return np.array([0.0, 0.0, self.force])
-
     world, observer = Felt(PANDA, no_objects), DisturbanceObserver()
     loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=observer)
     loop.begin("all")
@@ -128,12 +131,6 @@ def test_what_a_tool_presses_with_for_long_is_no_drift() -> None:
 
 @pytest.mark.parametrize("told", [True, False])
 def test_what_a_wrist_reads_where_nothing_is_known_to_be_touched_is_its_zero(told: bool) -> None:
-    class Felt(Simulation):
-        force = 0.0
-
-        def felt_force(self, tool: int = 0) -> Vector:
-            return np.array([0.0, 0.0, self.force])
-
     world, observer = Felt(PANDA, no_objects), DisturbanceObserver()
     loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=observer)
     loop.begin("all")
@@ -153,12 +150,6 @@ def test_what_a_wrist_reads_where_nothing_is_known_to_be_touched_is_its_zero(tol
 
 @pytest.mark.parametrize("way", ["touching", "pressing", "yielding"])
 def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: str) -> None:
-    class Felt(Simulation):
-        force = 0.0
-
-        def felt_force(self, tool: int = 0) -> Vector:
-            return np.array([0.0, 0.0, self.force])
-
     world = Felt(PANDA, no_objects)
     loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=DisturbanceObserver())
     observed = loop.control.observed

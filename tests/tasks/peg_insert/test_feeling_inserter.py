@@ -16,6 +16,7 @@ from robo47_qp.run.steps import Release, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
+from robo47_qp.tasks.peg_insert.hole_sense import HoleSense
 from robo47_qp.tasks.peg_insert.peg import DEPTH
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.peg_insert.sinking import Sinking
@@ -99,6 +100,13 @@ def feeling(tool: Tool) -> FeelingInserter:
     )
 
 
+def hole_sense(tool: Tool, free: np.ndarray) -> HoleSense:
+    """Return what is felt of a hole below, with a free wrist's reading (3,) [N]."""
+    up = np.array([0.0, 0.0, 1.0])
+    wrist = FreeWrist(force=free, time=0.0)
+    return HoleSense(sensed=tool, axis=up, free=wrist, sinking=Sinking(tool, up))
+
+
 def lanes_of(step: Press) -> np.ndarray:
     """Return the ends of the lanes of a search (n, 3)."""
     targets = [waypoint.target for waypoint in step.waypoints]
@@ -114,10 +122,9 @@ def test_a_wall_of_the_hole_stops_a_peg_and_friction_does_not(
 ) -> None:
     """In every direction; friction is at most 0.9 times what presses."""
     tool = Tool()
-    hand = feeling(tool)
     free = np.array([1.0, 8.0, 2.0])
     for angle in np.linspace(0.0, 2.0 * np.pi, 7):
-        condition = hand._found(Sinking(tool, hand._axis), FreeWrist(force=free, time=0.0))
+        condition = hole_sense(tool, free).found()
         push = [aside * np.cos(angle), aside * np.sin(angle), pressing]
         tool.felt = free + np.array(push)
         said = [condition.against() for _ in range(4)]
@@ -135,8 +142,7 @@ def test_the_search_waits_for_the_block_and_meets_walls_slowly(
     """Friction is at most 0.9 times what presses; 1.5 N beyond that are of a wall."""
     tool = Tool()
     tool.felt = np.array([1.0 - aside, 8.0, 2.0 + pressing])
-    free = FreeWrist(force=np.array([1.0, 8.0, 2.0]), time=0.0)
-    assert feeling(tool)._pace(free) == pace
+    assert hole_sense(tool, np.array([1.0, 8.0, 2.0])).pace() == pace
 
 
 @pytest.mark.parametrize("sinks", [False, True])
