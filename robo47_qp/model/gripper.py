@@ -14,7 +14,7 @@ class Gripper:
     joints: tuple[str, str]
     """Finger joints; the opening width is the sum of their positions."""
     fingers: tuple[str, str]
-    """Bodies of the two fingers, in the order of `joints`."""
+    """Bodies of the two fingers, in the order of `joints`, that on the tool's y side first."""
     actuator: str
     """Position servo on the opening width [m], with a force limit."""
     width_max: float

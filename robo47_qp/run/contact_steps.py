@@ -11,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from robo47_qp.arrays import Checked, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.trajectory import Trajectory, along, hold
@@ -223,6 +224,8 @@ class Press(ContactMotion):
     """Returns the part of its speed at which the tool goes along the waypoints [-], 0 where it
     waits; called every few control periods. None: it always goes at its speed. A tool that has left
     the surface so comes down where it is, and may do so slowly."""
+    meanwhile: Grip | None = None
+    """What the main gripper does; it is not waited for."""
     name: str = "press"
 
     def carry_out(self, executor: StepExecutor) -> None:
@@ -230,6 +233,8 @@ class Press(ContactMotion):
         loop, yielding = executor.loop, executor.loop.yielding
         monitor, legs = self._monitor(), self._legs(executor)
         loop.compensate(on=True, in_contact=True)
+        if self.meanwhile is not None:
+            loop.sim.command_grip(self.meanwhile)
         try:
             self._follow(loop, legs, _Depth(self, loop, monitor))
             loop.halt()

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from mink import SE3
@@ -57,6 +57,9 @@ class HeldItem:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ItemHandler:
     """Picks and places one item, with the tool pointing down."""
+
+    tips: ClassVar[bool] = False
+    """Whether the item tips over easily; see `compliant_grasp`."""
 
     sensed: Sensed
     item: Item
@@ -128,7 +131,7 @@ class ItemHandler:
         free = None if known else (yield from read_free_wrist(self.sensed))
         held = (self._held(Cause.GRASP),)
         grasp = Grasp(name="close gripper", force=self.force, after=held)
-        yield from compliant_grasp(self.sensed, self.item, T_world_item, grasp)
+        yield from compliant_grasp(self.sensed, self.item, T_world_item, grasp, tips=self.tips)
         height = float(self.sensed.tool_pose().translation()[2])
         hand = self if free is None else (yield from self._weighed(free))
         yield hand.lift(self.sensed.tool_pose(), self._seen())

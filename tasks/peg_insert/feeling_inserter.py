@@ -35,9 +35,9 @@ _SINK_SPEED, _SEARCH_SPEED = 0.005, 0.007
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
-_LEANS, _RIGHTED, _RIGHT_DAMPING = 0.4, 0.02, 800.0
-"""Force aside from a peg that leans between the fingers and on the ground, and of one that no
-longer does [N]; damping of the arm that rights it [N·s/m]."""
+_LEANS, _RIGHTED, _RIGHT_DAMPING, _RIGHTINGS = 0.4, 0.02, 800.0, 3
+"""Force of a peg that leans between the fingers and on the ground, or is pressed on it, and of one
+that no longer does [N]; damping of the arm that rights it [N·s/m], and how often it does so."""
 _PRESSES = 6
 """How often a peg that is not deep is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -45,8 +45,8 @@ _STUCK = 8e-3
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
 """Distance of the fingers' ends below the tool point, and of closed fingers from the top of a peg
 before they push it [m], and at what speed they come [m/s]."""
-_PULL, _PULL_SPEED, _LOWERING = 15.0, 0.03, 0.03
-"""Force that draws a peg out at most [N], and speeds at which it comes out and is lowered [m/s]."""
+_PULL, _PULL_SPEED, _LOWERING = 15.0, 0.01, 0.03
+"""Largest force that draws a peg out [N], and speeds at which it comes out and is lowered [m/s]."""
 _IN_HOLE = 8e-3
 """Height of a peg above where it stood that means that it stands in the hole [m]."""
 _TRIED, _FIRM_INSERT = 4.0, 10.0
@@ -214,15 +214,15 @@ class FeelingInserter(PegInserter):
         yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
 
     def _give_way(
-        self, step: Press, free: FreeWrist, least: float
+        self, step: Press, free: FreeWrist, least: float, *, aside: bool = True
     ) -> Generator[StepLike, None, None]:
-        """Go with a step to where something pushes the tool aside, if with a least force [N]."""
+        """Go with a step to where something pushes, or pushes aside, if with a least force [N]."""
         felt = yield from read_free_wrist(self.sensed)
-        side = felt.force - free.force
-        side -= side.dot(self._axis) * self._axis
-        size = float(np.linalg.norm(side))
+        push = felt.force - free.force
+        push -= float(aside) * push.dot(self._axis) * self._axis
+        size = float(np.linalg.norm(push))
         if size > least:
-            way = side / size
+            way = push / size
             yield replace(
                 step,
                 axis=way,
@@ -375,23 +375,23 @@ class FeelingInserter(PegInserter):
     def pick(self) -> Generator[StepLike, None, HeldItem]:
         """See `ItemHandler.pick`; a peg that stands in the hole is higher than before."""
         height = float(self.sensed.seen_pose(self.item.name).translation()[2])
-        hand: ItemHandler = self
-        if self.resting is not None and height > self.resting + _IN_HOLE:
-            hand = replace(self, resting=None)
+        on_table = self.resting is None or height <= self.resting + _IN_HOLE
+        hand = self if on_table else replace(self, resting=None)
         return (yield from ItemHandler.pick(hand))
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
-        """See `ItemHandler._weighed`; a peg that leans is righted first, as it would leap."""
+        """See `ItemHandler._weighed`; a peg is righted and let stand first, as it would leap."""
         right = Press(
             name="right",
             axis=self._axis,
             force=_RIGHTED,
             damping=_RIGHT_DAMPING,
             felt=lambda: 0.0,
-            seconds=0.6,
+            seconds=0.4,
             during=(self._held(Cause.GRASP),),
         )
-        yield from self._give_way(right, free, _LEANS)
+        for _ in range(_RIGHTINGS):
+            yield from self._give_way(right, free, _LEANS, aside=False)
         return (yield from PegInserter._weighed(self, free))
 
     def back_off(self) -> Generator[StepLike, None, None]:

@@ -34,6 +34,7 @@ angular error descends by 1 mm at the edge."""
 class PegInserter(ItemHandler):
     """Handles the peg, and inserts it into the hole."""
 
+    tips: ClassVar[bool] = True
     let_down: ClassVar[float] = 5e-3
     """Height above the block from which the peg is let down on it [m]."""
 

@@ -34,13 +34,13 @@ def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_onc
         pose_bias=2e-3, rotation_bias=0.0087, pose_noise=2e-3, noise_force=0.3, force_drift=1.0
     )
     episode = TaskEpisode(robot=PANDA, task=PegInsert(), perturbation=erring)
-    scenario = episode.scenario(80059)
+    scenario = episode.scenario(80086)
     # Another one of the same seed: looking draws noise.
-    simulation = episode.simulation(scenario, 80059)
+    simulation = episode.simulation(scenario, 80086)
     off = simulation.seen_marker("hole seen").inverse() @ simulation.marker_pose("hole")
     assert np.linalg.norm(off.translation()) > 4e-3
     assert np.degrees(np.linalg.norm(off.rotation().log())) > 1.0
-    run = Runner(scenario, episode.simulation(scenario, 80059)).run()
+    run = Runner(scenario, episode.simulation(scenario, 80086)).run()
     assert run.failure is None
     names = [phase.name for phase in run.phases]
     assert names.count("insert") == 1
@@ -271,22 +271,26 @@ def test_a_wrist_that_has_drifted_is_no_wall_after_a_press_in_vain() -> None:
 
 
 @pytest.mark.parametrize(
-    ("aside", "rights"), [((0.3, 0.0), False), ((0.0, 0.9), True), ((-0.6, 0.3), True)]
+    ("push", "rights"),
+    [((0.3, 0.0, 0.1), 0), ((0.0, 0.9, 0.0), 3), ((-0.6, 0.3, 0.0), 3), ((0.1, 0.0, 2.3), 3)],
 )
-def test_a_peg_that_leans_is_righted_before_it_is_lifted(
-    aside: tuple[float, float], rights: bool
+def test_a_peg_that_leans_or_is_pressed_is_let_stand_before_it_is_lifted(
+    push: tuple[float, float, float], rights: int
 ) -> None:
-    """The tool goes to where what pushes it aside goes, until that pushes no more."""
-    tool, free = Tool(), np.array([1.0, 8.0, 2.0])
-    tool.felt = free + np.array([*aside, -1.5])
-    weighed = feeling(tool)._weighed(FreeWrist(force=free, time=0.0))
-    # The wrist is read twenty times.
-    steps = list(islice(weighed, 20 + rights))
-    pressed = [step for step in steps if isinstance(step, Press)]
-    assert [step.name for step in pressed] == (["right"] if rights else [])
-    for step in pressed:
-        np.testing.assert_allclose(step.axis, [*np.array(aside) / np.hypot(*aside), 0.0])
-        assert step.felt() == pytest.approx(-np.hypot(*aside))
-        assert 0.0 < step.force <= 0.05
-        tool.felt = free
-        assert step.felt() == pytest.approx(0.0)
+    """The tool goes to where what pushes it goes, until that pushes no more."""
+    tool, free, size = Tool(), np.array([1.0, 8.0, 2.0]), np.linalg.norm(push)
+    pressed = []
+    tool.felt = free + push
+    # The wrist is read twenty times before each.
+    for step in islice(feeling(tool)._weighed(FreeWrist(force=free, time=0.0)), 60 + rights):
+        if isinstance(step, Press):
+            pressed.append(step)
+            np.testing.assert_allclose(step.axis, np.array(push) / size)
+            assert step.felt() == pytest.approx(-size)
+            assert 0.0 < step.force <= 0.05
+    assert [step.name for step in pressed] == ["right"] * rights
+    tool.felt = free
+    assert [step.felt() for step in pressed] == pytest.approx([0.0] * rights)
+    # It stands: nothing is left to do.
+    steps = feeling(tool)._weighed(FreeWrist(force=free, time=0.0))
+    assert not any(isinstance(step, Press) for step in islice(steps, 60))
