@@ -6,6 +6,7 @@ from math import ceil, exp
 import numpy as np
 from mink import SE3, SO3
 from scipy.spatial.transform import Rotation
+from scipy.special import bdtrc
 
 from robo47_qp.run.steps import Look, StepLike
 from robo47_qp.sim.sensed import Sensed
@@ -14,6 +15,9 @@ GOOD_ENOUGH = 0.9e-3
 """Accepted standard deviation of a position [m]."""
 _DEVIATIONS = 4.0
 """Standard deviations from the median beyond which an image is left out, per axis."""
+_UNLUCKY, _MOST = 1e-4, 300
+"""Accepted probability that the median is of images that are wrong altogether, and how many images
+are taken for it at most."""
 _LATE = 1.0
 """Time beyond the expected one in which images have to arrive [s]."""
 
@@ -87,13 +91,17 @@ def frames_needed(sensed: Sensed, good_enough: float) -> int:
 
     Errors σ of successive images have the correlation φ = exp(-T / τ), so that the mean of n has
     the variance σ²/n (1 + φ)/(1 - φ), for many (Priestley, Spectral Analysis and Time Series,
-    1981, sec. 5.3.2).
+    1981, sec. 5.3.2). In more than half of the images, the object has to be where it is.
     """
     noise = sensed.sheet.noise
     tau = float(noise["pose_noise_time"])
     kept = exp(-1.0 / (float(noise["camera_rate"]) * tau)) if tau else 0.0
     alike = (1.0 + kept) / (1.0 - kept)
-    return max(1, ceil(alike * (sensed.camera_noise / good_enough) ** 2))
+    frames = max(1, ceil(alike * (sensed.camera_noise / good_enough) ** 2))
+    wrong = float(noise["outliers"])
+    while frames < _MOST and bdtrc((frames - 1) // 2, frames, wrong) > _UNLUCKY:
+        frames += 1
+    return frames
 
 
 def _mean(poses: Sequence[SE3], noise: float) -> SE3:

@@ -24,6 +24,11 @@ def build(spec: mujoco.MjSpec) -> None:
     CUBE.add(spec, (0.4, 0.1, 0.02))
 
 
+def at_rest(spec: mujoco.MjSpec) -> None:
+    build(spec)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1.0, 1.0, 0.1], pos=[0, 0, -0.1])
+
+
 Seen = TypeVar("Seen")
 
 
@@ -115,14 +120,14 @@ def test_images_that_are_wrong_altogether_are_left_out() -> None:
     wrong = Disturbance(pose_noise=2e-3, outliers=0.2, outlier_size=0.1)
     errors = []
     for seed in range(5):
-        simulation = DisturbedSimulation(PANDA, build, wrong, np.random.default_rng(seed))
+        simulation = DisturbedSimulation(PANDA, at_rest, wrong, np.random.default_rng(seed))
         errors.append(abs(off(simulation, looked(simulation)[0])[:2]).max())
     assert max(errors) < 3e-3  # one of five with 0.1 m would make 20 mm
 
 
 def test_images_of_where_it_was_are_not_used() -> None:
     wrong = Disturbance(camera_latency=0.1, dropped_frames=0.3)
-    simulation = DisturbedSimulation(PANDA, build, wrong, np.random.default_rng(2))
+    simulation = DisturbedSimulation(PANDA, at_rest, wrong, np.random.default_rng(2))
     for _ in range(50):
         simulation.step(simulation.data.qfrc_bias[:7].copy())
     address = simulation.model.jnt_qposadr[simulation.model.body("cube").jntadr[0]]
@@ -145,3 +150,17 @@ def test_of_what_is_hidden_the_last_image_is_known(monkeypatch: pytest.MonkeyPat
     seen, waited = looked(simulation)
     np.testing.assert_array_equal(seen.wxyz_xyz, before.wxyz_xyz)
     assert waited < 3.0
+
+
+@pytest.mark.parametrize(("share", "fewest"), [(0.01, 3), (0.05, 5), (0.24, 31)])
+def test_without_noise_as_many_are_taken_as_outvote_the_wrong_ones(
+    share: float, fewest: int
+) -> None:
+    """By a count of a million draws."""
+    wrong = Disturbance(outliers=share, outlier_size=0.03)
+    simulation = DisturbedSimulation(PANDA, at_rest, wrong, np.random.default_rng(0))
+    n = frames_needed(live(simulation), 1e-3)
+    assert n >= fewest
+    lost = 2 * np.random.default_rng(1).binomial(n, share, 1_000_000) >= n
+    assert lost.mean() < 1.3e-4
+    np.testing.assert_allclose(off(simulation, looked(simulation)[0]), 0.0, atol=1e-4)
