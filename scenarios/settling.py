@@ -66,7 +66,8 @@ def step_response(simulation: Simulation, arm: Arm, offset: Vector, seconds: flo
     """Let the reference jump from home by an offset (n,) [rad], and record the response."""
     simulation.reset()
     loop = ControlLoop(arm, JointImpedance(), simulation)
-    loop.rest(arm.home + offset)
+    still = np.zeros(arm.n)
+    loop.take_over(JointReference(arm.home + offset, still, still))
     loop.hold(seconds)
     rows = loop.recording.rows()
     q = np.vstack([rows["joints/q"], simulation.state().q])

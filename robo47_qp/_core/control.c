@@ -169,6 +169,8 @@ static void update_friction(r47_control *c, const double *q_ref) {
   friction->data = c->arm->data;
   r47_factor(c->arm);
   memcpy(friction->given, q_ref, bytes);
+  friction->free = c->free;
+  memcpy(friction->held, c->estimate + 2 * c->n, bytes);
   c->turning = r47_friction_change(friction);
   /* All at once, a torque that turns within a few periods would be a step. */
   if (c->turning)

@@ -50,9 +50,10 @@ typedef struct {
   double *tracked;       /* positions of the reference as the law had them last */
   int turning;           /* whether d changes by `turned` in every period */
   double *turned;
-  /* Friction is updated after every `periods`, next in `until` of them; never where that is 0. */
+  /* Friction is updated after every `periods`, next in `until` of them; never where that is 0.
+     It is not learned soon after a contact, and in one, it is not what holds joints at rest. */
   r47_friction *friction;
-  int periods, until, learns;
+  int periods, until, learns, free;
   /* Tools hold one body: of what is beyond `base`, `shares` (n, n) are compensated. */
   int closed;
   double *base;

@@ -5,23 +5,37 @@
 typedef void (*solve_mass)(const void *model, void *data, double *x, const double *y, int rows);
 typedef void (*times_mass)(const void *model, const void *data, double *product, const double *x);
 
+/* Finds out by the disturbance how friction holds joints at rest. */
+static void hold(r47_friction *c) {
+  double product[R47_MAX_N];
+  ((times_mass)c->mass)(c->model, c->data, product, c->held);
+  for (int i = 0; i < c->n; i++) {
+    const double f = c->f[i], z = c->z[i];
+    const double turned = z + f / (f * f + c->R[i]) * (-product[i] - c->b[i] - f * z);
+    c->z[i] = least(largest(turned, -1.0), 1.0);
+  }
+}
+
 int r47_friction_change(r47_friction *c) {
   const int n = c->n;
   double torque[R47_MAX_N];
   const int starts = *c->moving < c->settling;
+  const double per_displacement = starts ? c->per_start : c->per_displacement;
   int turned = 0, moved = 0, slow[R47_MAX_N];
   if (!c->started) {
     c->started = 1;
     memcpy(c->q, c->given, (size_t)n * sizeof(double));
     return 0;
   }
+  for (int i = 0; i < n && !moved; i++) moved = c->given[i] != c->q[i];
+  *c->rested += c->per_update;
+  if (c->free && *c->rested > c->settling) hold(c);
   for (int i = 0; i < n; i++) {
     c->since[i] += c->per_update;
     const double step = c->given[i] - c->q[i];
-    double z = step * c->per_displacement + c->z[i];
+    double z = step * per_displacement + c->z[i];
     z = largest(least(z, 1.0), -1.0);
     const double turn = z - c->z[i];
-    if (step != 0.0) moved = 1;
     slow[i] = turn != 0.0 || fabs(step) < c->slow;
     c->q[i] = c->given[i];
     c->z[i] = z;
@@ -30,7 +44,7 @@ int r47_friction_change(r47_friction *c) {
   }
   for (int i = 0; i < n && moved; i++)
     if (slow[i]) c->since[i] = 0.0;
-  *c->rested = moved ? 0.0 : *c->rested + c->per_update;
+  if (moved) *c->rested = 0.0;
   *c->moving = moved ? *c->moving + c->per_update : 0.0;
   if (turned) ((solve_mass)c->solve)(c->model, c->data, c->change, torque, 1);
   return turned;
@@ -46,14 +60,7 @@ void r47_friction_learn(r47_friction *c) {
     c->borne[i] = c->bears[i];
     c->P_bb[i] = off * off + c->Q_bb[i];
     c->P_ff[i] += c->Q_ff[i];
-    if (*c->rested > 0.0) {
-      /* At rest, friction has any direction. */
-      if (*c->rested < c->settling) continue;
-      const double f = c->f[i];
-      const double turned = z + f / (f * f + c->R[i]) * (-product[i] - c->b[i] - f * z);
-      c->z[i] = least(largest(turned, -1.0), 1.0);
-      continue;
-    }
+    if (*c->rested > 0.0) continue;
     /* What is not to be learned from is infinitely noisy. */
     if (c->since[i] < c->settling) continue;
     const double c_b = c->P_bb[i] + z * c->P_bf[i], c_f = c->P_bf[i] + z * c->P_ff[i];

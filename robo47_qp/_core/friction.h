@@ -9,7 +9,8 @@ typedef struct {
   int n;
   void *model, *data; /* the arm's, with the mass matrix of its last inverse dynamics */
   void *solve, *mass; /* mj_solveM, mj_mulM */
-  double per_update, per_displacement, settling;
+  double per_update, settling;
+  double per_displacement, per_start; /* of z; the latter where joints start from rest */
   double slow;   /* displacement in an update, below which a joint may stick */
   double creeps; /* that below which a reversal is partly left to the observer */
   int started;
@@ -27,6 +28,8 @@ typedef struct {
   double *P_bb, *P_bf, *P_ff;
   const double *Q_bb, *Q_ff, *R;
   double *given;  /* the reference, or the disturbance, of this call */
+  int free;       /* whether friction is what holds joints at rest */
+  double *held;   /* the disturbance, if so */
   double *change; /* change of the joints' acceleration */
 } r47_friction;
 

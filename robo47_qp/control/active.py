@@ -95,10 +95,10 @@ class ActiveController:
             )
         self._change(self.controller, arm, seconds)
 
-    def compensate(self, on: bool, *, learn: bool = True) -> None:
-        """Compensate disturbances, or hold the compensation; see `DisturbanceObserver`."""
+    def compensate(self, on: bool, *, learn: bool = True, touching: bool = False) -> None:
+        """Compensate disturbances, or hold the compensation; see `ObservedJoints.compensate`."""
         if self.observed is not None:
-            self.observed.compensate(on, learn=learn)
+            self.observed.compensate(on, learn=learn, touching=touching)
 
     def close(self, tools: Sequence[int], q: Vector) -> None:
         """Compensate, while it is held, as far as tools that hold one body may.
@@ -110,10 +110,10 @@ class ActiveController:
         if self.observed is not None:
             self.observed.close(ClosedChain.of(self.arm, tools, q))
 
-    def stick(self) -> None:
-        """Continue where something else has held the joints; see `ObservedJoints.stick`."""
+    def jump(self, q_ref: Vector) -> None:
+        """Continue from another reference (n,) [rad], to which the joints do not move."""
         if self.observed is not None:
-            self.observed.stick(self.arm)
+            self.observed.jump(q_ref)
 
     def tune(self, reference: JointReference, periods: int) -> None:
         """Let the observer follow noisy positions as fast as is quiet at a reference.

@@ -50,6 +50,9 @@ class FrictionLearning(Checked):
 
     displacement: Positive = 1e-4
     """δ [rad]."""
+    start: Positive = 1e-6
+    """δ of joints that start from rest: until friction turns, they stick, and are left behind
+    [rad]."""
     most: NotNegative = 0.1
     """Largest f [-]."""
     expected: Positive = 0.01
@@ -75,11 +78,11 @@ class LearnedFriction:
         """Start with what is expected of the robot's joints."""
         n, scale = arm.n, arm.robot.tau_max
         self._settings, self._per_update = settings, PERIODS * dt
-        self._per_displacement = 1.0 / settings.displacement
+        self._per_displacement, self._per_start = 1.0 / settings.displacement, 1.0 / settings.start
         self._slow = _SLOW * self._per_update
         told = arm.robot.dry_friction is not None
         self._creeps = self._slow if told else _CREEPS * self._slow
-        self._q: Vector | None = None
+        self._q, self._started = np.zeros(n), False
         self._z, self._since = np.zeros(n), np.zeros(n)
         self._rested, self._moving = np.zeros(1), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
@@ -104,22 +107,29 @@ class LearnedFriction:
         """What was learned of f (n,) [N·m]."""
         return self._f.copy()
 
-    def change(self, arm: Arm, q_ref: Vector) -> Vector | None:
+    def change(self, arm: Arm, q_ref: Vector, disturbance: Vector | None = None) -> Vector | None:
         """Return the change of the joints' acceleration since the last call (n,); None for none.
 
         Args:
             arm: With the mass matrix of the last inverse dynamics in its scratch.
             q_ref: The reference now (n,) [rad].
+            disturbance: By it, friction is told that holds joints at rest (n,) [rad/s²]; None
+                where a contact may be what does.
         """
         if self.core is not None:
             self._give(self.core, arm, q_ref)
+            self.core.pointer.free = disturbance is not None
+            if disturbance is not None:
+                self._held[:] = disturbance
             turns = functions().r47_friction_change(self.core.pointer)
             return self._change if turns else None
-        if self._q is None:
-            self._q = q_ref.copy()
+        if not self._started:
+            self._q[:], self._started = q_ref, True
             return None
         self._since += self._per_update
         self._rested += self._per_update
+        if disturbance is not None and self._rested[0] > _SETTLING:
+            self._hold(arm, disturbance)
         if q_ref.tobytes() == self._q.tobytes():
             self._moving[0] = 0.0
             return None
@@ -127,7 +137,7 @@ class LearnedFriction:
         self._moving += self._per_update
         self._rested[0] = 0.0
         step = q_ref - self._q
-        z = step * self._per_displacement
+        z = step * (self._per_start if starts else self._per_displacement)
         z += self._z
         np.minimum(z, 1.0, out=z)
         np.maximum(z, -1.0, out=z)
@@ -162,49 +172,46 @@ class LearnedFriction:
         self._count += 1
         if self._count % _LEARNING:
             return
-        product, d = self._rows[:, 0]
-        d[:] = disturbance
-        mujoco.mj_mulM(arm.model, arm.scratch, product, d)
         z = self._z
         change = np.abs(self._bears - self._borne)
         self._borne[:] = self._bears
         self._P_bb[:] = (np.sqrt(self._P_bb) + self._settings.bias * change) ** 2 + self._Q_bb
         self._P_ff += self._Q_ff
         if self._rested[0] > 0.0:
-            if self._rested[0] >= _SETTLING:
-                self._stick(product)
             return
         # What is not to be learned from is infinitely noisy.
         R = np.where(self._since < _SETTLING, np.inf, self._R)
         c_b, c_f = self._P_bb + z * self._P_bf, self._P_bf + z * self._P_ff
         S = c_b + z * c_f + R
         k_b, k_f = c_b / S, c_f / S
-        error = -product - self._b - self._f * z
+        error = self._unexplained(arm, disturbance) - self._b - self._f * z
         self._b += k_b * error
         np.clip(self._f + k_f * error, 0.0, self._most, out=self._f)
         self._P_bb -= k_b * c_b
         self._P_bf -= k_b * c_f
         self._P_ff -= k_f * c_f
 
-    def stick(self, arm: Arm, disturbance: Vector) -> None:
-        """Take in that something else holds the joints, from the disturbance (n,) [rad/s²].
+    def jump(self, q_ref: Vector) -> None:
+        """Take in that the reference goes on from elsewhere (n,) [rad], and joints do not turn."""
+        self._q[:] = q_ref
 
-        What is commanded without moving them tells z, as in `learn` at rest.
-        """
+    def _hold(self, arm: Arm, disturbance: Vector) -> None:
+        """Find out how friction holds joints at rest: that tells z."""
+        z, f = self._z, self._f
+        z += f / (f * f + self._R) * (self._unexplained(arm, disturbance) - self._b - f * z)
+        np.clip(z, -1.0, 1.0, out=z)
+
+    def _unexplained(self, arm: Arm, disturbance: Vector) -> Vector:
+        """Y of a disturbance (n,) [N·m]."""
         product, d = self._rows[:, 0]
         d[:] = disturbance
         mujoco.mj_mulM(arm.model, arm.scratch, product, d)
-        self._moving[0] = 0.0
-        self._stick(product)
-
-    def _stick(self, product: Vector) -> None:
-        z, f = self._z, self._f
-        z += f / (f * f + self._R) * (-product - self._b - f * z)
-        np.clip(z, -1.0, 1.0, out=z)
+        y: Vector = -product
+        return y
 
     def _build_core(self, n: int) -> None:
         """Let the compiled core work on the arrays of this object, which keep their place."""
-        self._given, self._change = np.zeros(n), np.zeros(n)
+        self._given, self._held, self._change = np.zeros((3, n))
         self.core = Structure(
             "r47_friction",
             n=n,
@@ -212,11 +219,12 @@ class LearnedFriction:
             mass=function("mj_mulM"),
             per_update=self._per_update,
             per_displacement=self._per_displacement,
+            per_start=self._per_start,
             slow=self._slow,
             creeps=self._creeps,
             settling=_SETTLING,
             learning=_LEARNING,
-            q=np.zeros(n),
+            q=self._q,
             z=self._z,
             since=self._since,
             rested=self._rested,
@@ -234,6 +242,7 @@ class LearnedFriction:
             Q_ff=self._Q_ff,
             R=self._R,
             given=self._given,
+            held=self._held,
             change=self._change,
         )
 

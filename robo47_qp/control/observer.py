@@ -125,7 +125,7 @@ class ObservedJoints:
         self._high = settings.torque_share * arm.robot.tau_max / lightest
         self._least = float(self._high.min()) ** 2
         self._special = arm.has_dry_friction or self._delayed
-        self._started, self._on, self._learns = False, True, True
+        self._started, self._on, self._learns, self._free = False, True, True, True
         self._compensation, self._offset = np.zeros(n), np.zeros(n)
         self._left = self._fade = 0
         self._chain: ClosedChain | None = None
@@ -181,9 +181,15 @@ class ObservedJoints:
         """True while the compensation follows the estimate."""
         return self._on
 
-    def compensate(self, on: bool, *, learn: bool = True) -> None:
-        """Follow the estimate, or hold the compensation; `learn` dry friction, but in contact."""
-        self._learns, self._chain = learn, None
+    def compensate(self, on: bool, *, learn: bool = True, touching: bool = False) -> None:
+        """Follow the estimate, or hold the compensation.
+
+        Args:
+            on: Whether to follow it.
+            learn: Whether dry friction is learned meanwhile: not in contact, nor soon after one.
+            touching: Whether it is followed in contact: friction is not what holds joints then.
+        """
+        self._learns, self._free, self._chain = learn, not touching, None
         if on is self._on:
             return
         if on:
@@ -315,7 +321,7 @@ class ObservedJoints:
             self._turning[:] = self._turned
         if self._friction is None:
             return MANY
-        c.learns = self._on and self._learns
+        c.learns, c.free = self._on and self._learns, self._on and self._free
         c.until = self._count if self._chain is None else 0
         return MANY if c.until else self._count
 
@@ -333,10 +339,10 @@ class ObservedJoints:
             if self._friction is not None:
                 self._turn(self._friction, arm, self._tracked)
 
-    def stick(self, arm: Arm) -> None:
-        """Take in that something else has held the joints, and given them back where they stick."""
-        if self._started and self._friction is not None:
-            self._friction.stick(arm, self._now.d)
+    def jump(self, q_ref: Vector) -> None:
+        """Take in that the reference goes on from elsewhere (n,) [rad]."""
+        if self._friction is not None:
+            self._friction.jump(q_ref)
 
     def ahead(self, measured: JointState) -> JointState:
         """Return the state expected one period after the last estimate; before it, `measured`."""
@@ -347,14 +353,24 @@ class ObservedJoints:
 
     def _turn(self, friction: LearnedFriction, arm: Arm, q_ref: Vector) -> None:
         """Change the disturbance where joints reverse, and learn from it."""
-        change = friction.change(arm, q_ref)
+        held = None
+        if self._on and self._free:
+            held = self._now.d
+        elif self._chain is not None:
+            held = self._along(self._chain, friction, arm)
+        change = friction.change(arm, q_ref, held)
         # All at once, a torque that turns within a few periods would be a step.
         self._turned = None if change is None else change / PERIODS
         if self._on and self._learns:
             friction.learn(arm, self._now.d)
         elif self._chain is not None:
-            expected = friction.expected(arm)
-            friction.learn(arm, expected + self._chain.along @ (self._now.d - expected))
+            friction.learn(arm, self._along(self._chain, friction, arm))
+
+    def _along(self, chain: ClosedChain, friction: LearnedFriction, arm: Arm) -> Vector:
+        """The disturbance (n,) without that by which tools press at each other."""
+        expected = friction.expected(arm)
+        along: Vector = expected + chain.along @ (self._now.d - expected)
+        return along
 
     def _come_back(self) -> None:
         """Begin to follow the estimate, from what is compensated now."""

@@ -62,9 +62,9 @@ def robot_from_mjcf(
         ratings: Known ratings.
 
     Raises:
-        UnknownNameError: The file lacks the site, the body or a joint.
-        InvalidValueError: A vector is not of n finite numbers, home is outside the limits, or no
-            joint is named, or one twice.
+        UnknownNameError: The file lacks the site, a body or a joint.
+        InvalidValueError: A vector is not of n finite numbers, home is outside the limits, no joint
+            is named, or one twice, or the fingers do not open along the tool's y axis.
         ModelError: The file does not exist, MuJoCo cannot read it, or it holds no arm.
     """
     path = Path(mjcf)
@@ -97,6 +97,8 @@ def robot_from_mjcf(
         hand=hand,
     )
     model, arm = compiled(spec, path), Arm(draft)
+    if gripper is not None:
+        _check_fingers(gripper, model, arm)
     return _rated(draft, arm, _file_torques(model, chain), ratings)
 
 
@@ -120,6 +122,31 @@ def robot_from_menagerie(
         file, tcp=tcp, home=home, joints=joints, gripper=gripper, ratings=ratings
     )
     return replace(robot, menagerie=model)
+
+
+def _check_fingers(gripper: Gripper, model: mujoco.MjModel, arm: Arm) -> None:
+    """Check that open fingers are apart along the tool's y axis, the first on its side."""
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    bodies = [model.body(i).name for i in range(model.nbody)]
+    for kind, names, known in (
+        ("joint", gripper.joints, joints),
+        ("body", gripper.fingers, bodies),
+    ):
+        for name in names:
+            if name not in known:
+                raise UnknownNameError(kind, name, known)
+    data = mujoco.MjData(model)
+    for joint in arm.robot.joints:
+        data.joint(joint).qpos = 0.0
+    for joint in gripper.joints:
+        data.joint(joint).qpos = 0.5 * gripper.width_max
+    mujoco.mj_kinematics(model, data)
+    first, second = (data.body(finger).xpos for finger in gripper.fingers)
+    apart = arm.pose(np.zeros(arm.n)).rotation().inverse().apply(first - second)
+    if apart[1] <= 0.9 * np.linalg.norm(apart):
+        found = f"open, the first is at {apart.round(4).tolist()} m from the second, in the tool"
+        expected = "apart along the tool's y axis, that on the side of y first"
+        raise InvalidValueError(f"fingers {gripper.fingers}", found, expected)
 
 
 def _named(joints: Sequence[str]) -> tuple[str, ...]:

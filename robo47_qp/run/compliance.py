@@ -85,10 +85,11 @@ class CompliantMode:
             return
         loop, stiff = self._loop, self._stiff
         self._stiff = self._compliance = None
-        speed = loop.state().v
+        speed = loop.state().v.copy()
         self._restart(stiff)
         loop.compensate(on=True)
-        if np.abs(speed).max() > _AT_REST:
+        speed[np.abs(speed) < _AT_REST] = 0.0
+        if speed.any():
             loop.take_over(JointReference(loop.reference.q, speed, np.zeros(loop.arm.n)))
             loop.halt()
 

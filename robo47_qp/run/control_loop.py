@@ -130,9 +130,10 @@ class ControlLoop:
         self._reference = reference
 
     def rest(self, q: Vector) -> None:
-        """Continue at rest from joint positions q (n,) [rad]."""
+        """Continue at rest from joint positions q (n,) [rad], which the joints have."""
         still = np.zeros(self.arm.n)
         self.take_over(JointReference(q, still, still))
+        self.control.jump(q)
 
     def state(self) -> JointState:
         """Return the joints' state now: as the controller estimates it, if it does."""
@@ -149,7 +150,7 @@ class ControlLoop:
         if self._insisting or self._yielding:
             self._touched = self.sim.time
         self._yielding, self._insisting, self._together = not on, in_contact, ()
-        self.control.compensate(on, learn=self._learns)
+        self.control.compensate(on, learn=self._learns, touching=in_contact)
 
     def hold_together(self, tools: Sequence[str]) -> None:
         """Let tools that hold one body compensate what does not press them at each other.
@@ -233,7 +234,9 @@ class ControlLoop:
                 )
                 if touching:
                     self._touched = self.sim.time
-                self.control.compensate(self._insisting or not touching, learn=self._learns)
+                self.control.compensate(
+                    self._insisting or not touching, learn=self._learns, touching=self._insisting
+                )
             self.control.tune(self._reference, count)
             if self._together:
                 self.control.close(self._together, self._reference.q)
@@ -266,7 +269,6 @@ class ControlLoop:
     def pause(self) -> None:
         """Let a real arm be held by its robot while nothing is to move, and read all anew."""
         if self.resting and self.sim.stand_by():
-            self.control.stick()
             self.senses.read()
 
     def set_payload(self, load: Load) -> None:

@@ -210,7 +210,10 @@ def learned(backend: str) -> Matrix:
             moving = k - min(max(k - 900, 0), 300)
             q = arm.home + 0.2 * np.sin(moving * 0.01 * np.arange(7))
             arm.inverse_dynamics(q, np.zeros(7), np.zeros(7))
-            change = friction.change(arm, q)
+            if k == 1100:
+                friction.jump(q - 0.01)
+            held = rng.normal(0.1, 0.3, 7) if k % 2 else None
+            change = friction.change(arm, q, held)
             turn = np.zeros(7) if change is None else change.copy()
             friction.learn(arm, rng.normal(0.3, 1.0, 7))
             answers.append(np.concatenate([turn, friction.friction]))

@@ -8,7 +8,7 @@ from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
 from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.controller import Controller, dry_friction_torque
-from robo47_qp.control.friction import FrictionLearning, LearnedFriction
+from robo47_qp.control.friction import FrictionLearning
 from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
@@ -136,37 +136,6 @@ def test_friction_is_learned_and_later_reversals_are_met_with_it() -> None:
             # A torque that turned at once would change by twice the friction: by 1 N m in 1 ms.
             assert (np.abs(np.diff(asked, axis=0)) < 0.5 * PANDA.tau_rate_max * DT).all()
     assert errors["learned"] < 0.6 * errors["not"]
-
-
-def test_friction_at_rest_is_where_the_joints_are_and_turns_from_there() -> None:
-    """Joints that were pushed back while they rested start again the way they went before."""
-    arm = Arm(PANDA)
-    friction = LearnedFriction(FrictionLearning(), arm, DT)
-    q, truth = arm.home.copy(), np.full(7, 0.4)
-
-    def go(speed: float, direction: float, updates: int) -> Vector:
-        """The torque by which the friction turned, with friction in a direction; 10 ms each."""
-        nonlocal q
-        turned = np.zeros(7)
-        for _ in range(updates):
-            q = q + 0.01 * speed
-            arm.inverse_dynamics(q, np.zeros(7), np.zeros(7))
-            change = friction.change(arm, q)
-            if change is not None:
-                turned -= arm.mass_matrix(q) @ change
-            pulled = np.linalg.solve(arm.mass_matrix(q), direction * truth)
-            friction.learn(arm, -pulled.astype(np.float64))
-        return turned
-
-    for direction in (1.0, -1.0, 1.0):
-        go(0.1 * direction, direction, 100)
-    known = friction.friction
-    assert known == pytest.approx(truth, rel=0.1)
-    go(0.0, -1.0, 100)
-    np.testing.assert_array_equal(friction.friction, known)
-    assert go(0.1, 1.0, 20) == pytest.approx(2.0 * known, rel=0.1)
-    go(0.0, 1.0, 100)
-    assert np.abs(go(0.1, 1.0, 20)).max() < 0.1
 
 
 def turns_at_once(sim: DisturbedSimulation, active: ActiveController, asked: list[Vector]) -> None:

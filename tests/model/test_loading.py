@@ -1,18 +1,20 @@
 """An arm from a file with only a tool frame and a home."""
 
 import os
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from math import pi
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.loading import Ratings, robot_from_menagerie, robot_from_mjcf
-from robo47_qp.model.robot import MotionProfile, ToolFrame
+from robo47_qp.model.robot import Gripper, MotionProfile, ToolFrame
 from robo47_qp.sim.simulation import Simulation
 from tests.robots import MODELS, hinge6, robot_named, slider6
 from tests.runs import no_objects
@@ -49,6 +51,15 @@ HAND = """
   <keyframe><key name="home" qpos="0 0.1 0.02 0.02"/></keyframe>
 </mujoco>
 """
+CLAW = Gripper(
+    joints=("l", "r"),
+    fingers=("left", "right"),
+    actuator="c",
+    width_max=0.08,
+    speed_max=0.1,
+    force_max=20.0,
+    force_gain=1.0,
+)
 
 
 @pytest.fixture
@@ -221,3 +232,31 @@ def test_an_arm_of_menagerie_needs_only_a_tool_and_a_home(
     own = mujoco.MjModel.from_xml_path(str(robot.mjcf))
     ranges = [own.joint(joint).range for joint in robot.joints]
     np.testing.assert_array_equal(np.column_stack([arm.q_min, arm.q_max]), ranges)
+
+
+@pytest.mark.parametrize(
+    ("gripper", "turn", "outcome"),
+    [
+        (CLAW, 0.0, nullcontext()),
+        (replace(CLAW, fingers=("right", "left")), pi, nullcontext()),
+        (
+            replace(CLAW, fingers=("right", "left")),
+            0.0,
+            pytest.raises(InvalidValueError, match="of y first"),
+        ),
+        (CLAW, 0.5 * pi, pytest.raises(InvalidValueError, match="along the tool's y")),
+        (
+            replace(CLAW, fingers=("left", "thumb")),
+            0.0,
+            pytest.raises(UnknownNameError, match="thumb"),
+        ),
+        (replace(CLAW, joints=("l", "m")), 0.0, pytest.raises(UnknownNameError, match="'m'")),
+    ],
+)
+def test_fingers_open_along_the_tools_y_axis(
+    hand: Path, gripper: Gripper, turn: float, outcome: AbstractContextManager[object]
+) -> None:
+    T_body_tcp = SE3.from_rotation(SO3.from_z_radians(turn))
+    tool = ToolFrame(body="slide", T_body_tcp=T_body_tcp)
+    with outcome:
+        robot_from_mjcf(hand, tcp=tool, home=[0.0, 0.1], gripper=gripper)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from robo47_qp.arrays import Vector
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.pressing import Presser
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.run.compliance import Compliance, CompliantMode
 from robo47_qp.run.control_loop import SETTLING, ControlLoop
 from robo47_qp.run.failure import Cause, Condition, StepFailed
@@ -169,6 +171,27 @@ def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: st
     loop.compensate(on=True)
     assert not learns(SETTLING - 0.05)
     assert learns(0.1)
+
+
+def test_a_compliant_arm_that_becomes_stiff_turns_no_friction() -> None:
+    world = DisturbedSimulation(PANDA, no_objects, Disturbance(dry_friction=0.5))
+    observer = DisturbanceObserver(noise_q=0.0)
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=observer)
+    loop.begin("all")
+    mode = CompliantMode(loop)
+    mode.soften(Compliance(stiffness=np.ones(6)))
+    way = plan_ptp(PANDA.home, PANDA.home + 0.1, PANDA.profile, TIMESTEP)
+    loop.track(way)
+    loop.hold(0.3)
+    assert np.abs(loop.reference.q - loop.state().q).min() > 0.1e-3, "joints follow"
+    observed = loop.control.observed
+    assert observed is not None
+    assert observed._friction is not None
+    turned = observed._friction._z.copy()
+    assert np.abs(turned).min() > 0.1
+    mode.stiffen()
+    loop.hold(0.03)
+    np.testing.assert_array_equal(observed._friction._z, turned)
 
 
 def test_what_one_hand_lets_go_the_other_keeps() -> None:
