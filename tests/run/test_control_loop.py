@@ -167,6 +167,7 @@ def test_friction_is_learned_only_when_contact_has_been_over_for_a_while(way: st
     if way != "touching":
         loop.compensate(on=way == "pressing", in_contact=way == "pressing")
     assert not learns(0.1)
+    assert observed._free is (way != "pressing")
     world.force = 0.0
     loop.compensate(on=True)
     assert not learns(SETTLING - 0.05)
@@ -192,6 +193,23 @@ def test_a_compliant_arm_that_becomes_stiff_turns_no_friction() -> None:
     mode.stiffen()
     loop.hold(0.03)
     np.testing.assert_array_equal(observed._friction._z, turned)
+
+
+def test_only_joints_that_move_are_brought_to_rest_when_an_arm_becomes_stiff() -> None:
+    wrong = Disturbance(noise_q=5e-5)
+    world = DisturbedSimulation(PANDA, no_objects, wrong, np.random.default_rng(3))
+    loop = ControlLoop(Arm(PANDA), JointImpedance(), world, observer=DisturbanceObserver())
+    loop.begin("all")
+    mode = CompliantMode(loop)
+    mode.soften(Compliance(stiffness=np.ones(6)))
+    loop.hold(0.1)
+    world.data.qvel[0] = 0.1
+    loop.hold(0.02)
+    mode.stiffen()
+    assert loop.phases[-1].name == "stop"
+    moved = np.ptp(loop.recording.rows()["joints/q_ref"][loop.phases[-1].start :], axis=0)
+    assert moved[0] > 0.0
+    assert (moved == 0.0).sum() >= 2
 
 
 def test_what_one_hand_lets_go_the_other_keeps() -> None:
