@@ -23,7 +23,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
 from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
 from robo47_qp.files import check_writable
-from robo47_qp.model.arm import Arm
+from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.simulation import Simulation

@@ -11,7 +11,7 @@ typedef struct {
   void *solve, *mass; /* mj_solveM, mj_mulM */
   double per_update, settling;
   double per_displacement, per_start; /* of z; the latter where joints start from rest */
-  double slow;   /* displacement in an update, below which a joint may stick */
+  double slow;                        /* displacement in an update, below which a joint may stick */
   double creeps; /* that below which a reversal is partly left to the observer */
   int started;
   int count, learning; /* updates until now, and how many there are to each step of learning */

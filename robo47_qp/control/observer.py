@@ -66,12 +66,7 @@ class DisturbanceObserver(Checked):
     """Standard deviation of the time by which the state is late, likewise [s]; see `Jitter`."""
 
     def in_cell(
-        self,
-        noise_q: float,
-        state_delay: float,
-        command_delay: float,
-        jitter: float,
-        dt: float,
+        self, noise_q: float, state_delay: float, command_delay: float, jitter: float, dt: float
     ) -> Self:
         """Return the settings with what a cell's data sheet says, where they say nothing.
 

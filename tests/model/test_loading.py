@@ -13,8 +13,9 @@ from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.loading import Ratings, robot_from_menagerie, robot_from_mjcf
-from robo47_qp.model.robot import Gripper, MotionProfile, ToolFrame
+from robo47_qp.model.robot import MotionProfile, ToolFrame
 from robo47_qp.sim.simulation import Simulation
 from tests.robots import MODELS, hinge6, robot_named, slider6
 from tests.runs import no_objects
