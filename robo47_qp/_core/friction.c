@@ -19,7 +19,7 @@ static void hold(r47_friction *c) {
 int r47_friction_change(r47_friction *c) {
   const int n = c->n;
   double torque[R47_MAX_N];
-  const int starts = *c->moving < c->settling;
+  const int starts = c->free && *c->moving < c->settling;
   const double per_displacement = starts ? c->per_start : c->per_displacement;
   int turned = 0, moved = 0, slow[R47_MAX_N];
   if (!c->started) {

@@ -51,8 +51,8 @@ class FrictionLearning(Checked):
     displacement: Positive = 1e-4
     """δ [rad]."""
     start: Positive = 1e-6
-    """δ of joints that start from rest: until friction turns, they stick, and are left behind
-    [rad]."""
+    """δ of joints that start from rest: until friction turns, they stick, and are left behind. Not
+    in contact, where it is not told how friction held them [rad]."""
     most: NotNegative = 0.1
     """Largest f [-]."""
     expected: Positive = 0.01
@@ -133,7 +133,7 @@ class LearnedFriction:
         if q_ref.tobytes() == self._q.tobytes():
             self._moving[0] = 0.0
             return None
-        starts = self._moving[0] < _SETTLING
+        starts = disturbance is not None and self._moving[0] < _SETTLING
         self._moving += self._per_update
         self._rested[0] = 0.0
         step = q_ref - self._q

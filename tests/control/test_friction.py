@@ -147,6 +147,17 @@ def test_friction_turns_at_once_where_joints_start_from_rest(compiled: bool) -> 
     assert go(-1e-4, TRUTH, 2) == pytest.approx(-2.0 * friction.friction, rel=0.05)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_in_contact_it_turns_over_the_displacement(compiled: bool) -> None:
+    friction, go = learning(Arm(PANDA), compiled=compiled)
+    for direction in (1.0, -1.0, 1.0):
+        go(0.1 * direction, direction * TRUTH, 100)
+    go(0.0, TRUTH, 50)
+    turned = go(-1e-4, TRUTH, 2, free=False)
+    assert (turned <= 0.0).all()
+    assert (turned > -0.1 * friction.friction).all()
+
+
 def first_error(robot: Robot) -> float:
     """The largest error of a first motion of joints with dry friction [rad]."""
     arm = Arm(robot)
