@@ -44,8 +44,8 @@ class FrictionLearning(Checked):
     there that the friction turns at the next start.
 
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
-    have to find out about it. Where a joint creeps, but for the start from rest, it finds most out
-    by itself: the joint may have stuck, and turned before its reference did.
+    have to find out about it. Where a joint creeps, but for the start from rest while nothing is
+    touched, it finds most out by itself: the joint may have stuck, and turned before its reference.
     """
 
     displacement: Positive = 1e-4
