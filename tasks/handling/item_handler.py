@@ -8,6 +8,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.model.gripper import Grip
+from robo47_qp.model.payload import Payload
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause, Condition, StepFailed
@@ -217,10 +218,10 @@ class ItemHandler:
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
         """Return the handler with the measured mass of the item."""
-        sensed = self.sensed
-        payload = self.item.payload(sensed.tool_pose().inverse() @ self._seen())
-        held = self._held(Cause.GRASP)
-        mass = yield from measure_mass(sensed, self.item.name, payload, held, free)
+        sensed, held = self.sensed, self._held(Cause.GRASP)
+        mass = yield from measure_mass(sensed, self.item.name, self._carried(), held, free)
+        # Friction holds the joints of a springy arm anyhow; at rest, the observer finds out how.
+        yield Wait(name="settle", seconds=_SETTLE)
         return self.holding(HeldItem(above=None, mass=mass))
 
     def _look(self, height: float | None, good_enough: float) -> Generator[StepLike, None, SE3]:
@@ -346,6 +347,10 @@ class ItemHandler:
         if self.T_item_standing is None:
             return T_world_item
         return T_world_item @ self.T_item_standing
+
+    def _carried(self) -> Payload:
+        """Return the payload of the held item, where it is seen."""
+        return self.item.payload(self.sensed.tool_pose().inverse() @ self._seen())
 
     def _seen(self) -> SE3:
         return self.stood(self.sensed.seen_pose(self.item.name))

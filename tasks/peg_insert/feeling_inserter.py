@@ -30,7 +30,7 @@ knocks on the block [m/s]; and force with which a peg is brought back to the hol
 _FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
 drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
-_SINK_SPEED, _SEARCH_SPEED = 0.005, 0.007
+_SINK_SPEED, _SEARCH_SPEED = 0.0035, 0.007
 """Speeds at which a peg is pressed in and searches [m/s]."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
@@ -40,15 +40,14 @@ _LEANS, _RIGHTED, _RIGHT_DAMPING, _RIGHTINGS = 0.4, 0.02, 800.0, 3
 that no longer does [N]; damping of the arm that rights it [N·s/m], and how often it does so."""
 _PRESSES = 6
 """How often a peg that is not deep is eased aside and pressed again."""
-_STUCK = 8e-3
-"""Depth from which on a peg that sticks stands in the hole without fingers [m]."""
+_STUCK, _IN_HOLE = 8e-3, 8e-3
+"""Depth from which on a peg that sticks stands in the hole without fingers, and height of a peg
+above where it stood that means that it stands in the hole [m]."""
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
 """Distance of the fingers' ends below the tool point, and of closed fingers from the top of a peg
 before they push it [m], and at what speed they come [m/s]."""
 _PULL, _PULL_SPEED, _LOWERING = 15.0, 0.01, 0.03
 """Largest force that draws a peg out [N], and speeds at which it comes out and is lowered [m/s]."""
-_IN_HOLE = 8e-3
-"""Height of a peg above where it stood that means that it stands in the hole [m]."""
 _TRIED, _FIRM_INSERT = 4.0, 10.0
 """Force on a peg that seems to be in the hole, and during insertion, above friction in the joints
 [N]: a peg that a wall has stopped beside the hole leaps off it when it is eased."""
@@ -326,35 +325,25 @@ class FeelingInserter(PegInserter):
         way_up = (self._line("lift off", up),)
         return replace(touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None)
 
-    def _rests(self) -> Condition:
-        """Return the condition that the tool sinks no more, from now on."""
-        start = self.sensed.tool_pose()
-        deepest, since = 0.0, self.sensed.time
-
-        def against() -> str | None:
-            nonlocal deepest, since
-            sunk = self._depth(start)
-            if sunk > deepest + 1e-4:
-                deepest, since = sunk, self.sensed.time
-            if self.sensed.time - since >= 0.5:
-                return None
-            return f"the peg is still sinking, {1e3 * sunk:.1f} mm so far"
-
-        return Condition(name="the peg sinks no more", cause=Cause.TIMEOUT, against=against)
-
-    def _depth(self, start: SE3) -> float:
-        """Return by how much the tool is below a pose along the hole's axis [m]."""
-        return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
-
     def draw_out(self) -> Generator[StepLike, None, bool]:
         """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""
+        try:
+            yield from self._pulled_out()
+        except StepFailed as error:
+            if error.failure.cause is not Cause.TIMEOUT:
+                raise
+            return False
+        return True
+
+    def _pulled_out(self) -> Generator[StepLike, None, None]:
+        """Pull the peg out of the hole and leave it; fails with TIMEOUT if it sticks."""
         start, weight = self.sensed.tool_pose(), 9.81 * self.item.mass
 
         def against() -> str | None:
             risen = -self._depth(start)
             return None if risen >= DEPTH + _FAR else f"the peg has risen by {1e3 * risen:.1f} mm"
 
-        pull = Press(
+        yield Press(
             name="draw out",
             axis=self._axis,
             force=_PULL,
@@ -363,14 +352,8 @@ class FeelingInserter(PegInserter):
             seconds=6.0,
             until=Condition(name="the peg is out", cause=Cause.TIMEOUT, against=against),
         )
-        try:
-            yield pull
-        except StepFailed as error:
-            if error.failure.cause is not Cause.TIMEOUT:
-                raise
-            return False
-        yield self._line("leave the hole", self._up(self.sensed.tool_pose()))
-        return True
+        leave = self._line("leave the hole", self._up(self.sensed.tool_pose()))
+        yield replace(leave, carried=self._carried())
 
     def pick(self) -> Generator[StepLike, None, HeldItem]:
         """See `ItemHandler.pick`; a peg that stands in the hole is higher than before."""
@@ -380,7 +363,11 @@ class FeelingInserter(PegInserter):
         return (yield from ItemHandler.pick(hand))
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
-        """See `ItemHandler._weighed`; a peg is righted and let stand first, as it would leap."""
+        """See `ItemHandler._weighed`; a peg is righted and let stand first, as it would leap.
+
+        One in the hole, which has been weighed before, is drawn out; fails with TIMEOUT if it
+        sticks.
+        """
         right = Press(
             name="right",
             axis=self._axis,
@@ -392,6 +379,9 @@ class FeelingInserter(PegInserter):
         )
         for _ in range(_RIGHTINGS):
             yield from self._give_way(right, free, _LEANS, aside=False)
+        if self.resting is None:
+            yield from self._pulled_out()
+            return self
         return (yield from PegInserter._weighed(self, free))
 
     def back_off(self) -> Generator[StepLike, None, None]:

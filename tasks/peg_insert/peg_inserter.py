@@ -155,6 +155,10 @@ class PegInserter(ItemHandler):
         here, top = self.sensed.tool_pose(), self._tool_on_top(offset)
         return float((here.translation() - top.translation()).dot(self._axis))
 
+    def _depth(self, start: SE3) -> float:
+        """Return by how much the tool is below a pose along the hole's axis [m]."""
+        return float((start.translation() - self.sensed.tool_pose().translation()).dot(self._axis))
+
     def _inside(self, offset: np.ndarray) -> bool:
         """Return True if the peg's end is so low that it must be in the hole."""
         return -self._height(offset) >= POSITION_ERROR + _FALLEN
@@ -189,10 +193,9 @@ class PegInserter(ItemHandler):
 
     def _sunk(self, touched: SE3, least: float = _FALLEN) -> Condition:
         """Return the condition that the tool is at least so far below a pose [m]."""
-        axis, start = self._axis, touched.translation()
 
         def against() -> str | None:
-            sunk = float((start - self.sensed.tool_pose().translation()).dot(axis))
+            sunk = self._depth(touched)
             if sunk >= least:
                 return None
             return f"the peg has sunk by {1e3 * sunk:.1f} mm; {1e3 * least:.1f} mm are the hole"
@@ -201,15 +204,28 @@ class PegInserter(ItemHandler):
 
     def _at_bottom(self, offset: np.ndarray) -> Condition:
         """Return the condition that the peg rests at the depth of the estimated hole."""
-        lowest, since = np.inf, self.sensed.time
+        rests = self._rests(0.2)
 
         def against() -> str | None:
-            nonlocal lowest, since
-            height, now = self._height(offset), self.sensed.time
-            if height < lowest - 1e-4:
-                lowest, since = height, now
-            if -height >= 0.9 * DEPTH - POSITION_ERROR and now - since >= 0.2:
+            height, still = self._height(offset), rests.against() is None
+            if still and -height >= 0.9 * DEPTH - POSITION_ERROR:
                 return None
             return f"the peg is {-1e3 * height:.1f} mm deep and still sinking, or stuck"
 
         return Condition(name="the peg is at the bottom", cause=Cause.TIMEOUT, against=against)
+
+    def _rests(self, seconds: float = 0.5) -> Condition:
+        """Return the condition that the tool has sunk no more for a time [s], from now on."""
+        start = self.sensed.tool_pose()
+        deepest, since = 0.0, self.sensed.time
+
+        def against() -> str | None:
+            nonlocal deepest, since
+            sunk = self._depth(start)
+            if sunk > deepest + 1e-4:
+                deepest, since = sunk, self.sensed.time
+            if self.sensed.time - since >= seconds:
+                return None
+            return f"the peg is still sinking, {1e3 * sunk:.1f} mm so far"
+
+        return Condition(name="the peg sinks no more", cause=Cause.TIMEOUT, against=against)
