@@ -168,6 +168,7 @@ class Perturbation(SensorErrors):
             object_mass_factor=1.0 + _drawn(self.object_mass, objects[0]),
             mass_tolerance=max(map(abs, ends(self.object_mass))) or None,
             object_size_factor=1.0 + _drawn(self.object_size, objects[1]),
+            size_tolerance=max(map(abs, ends(self.object_size))) or None,
             object_com_shift=_around(self.object_com, objects[2:]),
             friction=None if self.friction is None else float(_drawn(self.friction, friction)),
             pushes=tuple(

@@ -19,8 +19,8 @@ class CellSheet:
     """Static obstacles: name, shape, size and pose."""
     noise: Mapping[str, Any] = field(default_factory=dict)
     """Figures of the sensors and lines by the names of the fields of `SensorErrors`, such as the
-    standard deviation of the camera's noise, `pose_noise` [m], and `mass_tolerance`, by what
-    part of the nominal mass objects may be off [-]."""
+    standard deviation of the camera's noise, `pose_noise` [m], and `mass_tolerance` and
+    `size_tolerance`, by what part of nominal mass and lengths objects may be off [-]."""
     time_limit: float = 0.0
     """Longest simulated time of the job [s]."""
     acceleration: float = 0.0

@@ -25,6 +25,7 @@ from robo47_qp.sim.push import Push, Pushes
 from robo47_qp.sim.scene import BuildScene, free_bodies
 from robo47_qp.sim.sensing import (
     MASS_TOLERANCE,
+    SIZE_TOLERANCE,
     ForceSensor,
     JointSensor,
     SensorErrors,
@@ -80,6 +81,8 @@ class Disturbance(SensorErrors):
     (k, 3) [m]."""
     object_size_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0
     """Its lengths, relative to the model, with the same mass [-]."""
+    size_tolerance: NotNegative | None = None
+    """What data sheets say of these lengths, like `mass_tolerance` [-]."""
     friction: NotNegative | None = None
     """Coefficient of the sliding friction of all contacts; None is that of the model [-]."""
 
@@ -250,9 +253,9 @@ class DisturbedSimulation(Simulation):
     def noise_figures(self) -> dict[str, Any]:
         """See `Simulation.noise_figures`."""
         wrong = self.disturbance
-        drawn = float(np.abs(np.asarray(wrong.object_mass_factor) - 1.0).max(initial=0.0))
-        told = drawn if wrong.mass_tolerance is None else wrong.mass_tolerance
-        return {**figures(wrong), MASS_TOLERANCE: told}
+        mass = _told(wrong.mass_tolerance, wrong.object_mass_factor)
+        size = _told(wrong.size_tolerance, wrong.object_size_factor)
+        return {**figures(wrong), MASS_TOLERANCE: mass, SIZE_TOLERANCE: size}
 
     @property
     def joint_data_sheet(self) -> tuple[float, float, float, float]:
@@ -319,6 +322,12 @@ _PAYLOAD = "unknown_payload"
 _PER_LINK = ("link_mass_factor", "link_inertia_factor", "link_com_shift")
 _PER_OBJECT = ("object_mass_factor", "object_com_shift", "object_size_factor")
 _PER_JOINT = ("dry_friction", "damping_factor", "armature_factor")
+
+
+def _told(tolerance: float | None, factors: ArrayLike) -> float:
+    """Return the tolerance of a data sheet, that of these factors if none is given."""
+    drawn = float(np.abs(np.asarray(factors) - 1.0).max(initial=0.0))
+    return drawn if tolerance is None else tolerance
 
 
 def _changed(robot: Robot, build_scene: BuildScene, wrong: Disturbance) -> BuildScene:

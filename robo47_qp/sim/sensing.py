@@ -15,8 +15,8 @@ from robo47_qp.sim.delay import Delay, Draws
 VELOCITY_CUTOFF = 50.0
 """Cut-off of the velocities that are estimated from noisy positions, if none is chosen [1/s]."""
 
-MASS_TOLERANCE = "mass_tolerance"
-"""Figure of data sheets: by what part of the nominal mass objects may be off [-]."""
+MASS_TOLERANCE, SIZE_TOLERANCE = "mass_tolerance", "size_tolerance"
+"""Figures of data sheets: by what part of nominal mass and lengths objects may be off [-]."""
 
 Share: TypeAlias = Annotated[float, Range(at_least=0.0, below=1.0)]
 

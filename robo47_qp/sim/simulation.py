@@ -21,10 +21,10 @@ from robo47_qp.sim.gripper import SimulatedGripper
 from robo47_qp.sim.motors import SimulatedMotors
 from robo47_qp.sim.objects import SimulatedObjects
 from robo47_qp.sim.scene import MOUNT_GEOMS, BuildScene, compile_scene, fixed_obstacle
-from robo47_qp.sim.sensing import MASS_TOLERANCE, SensorErrors, figures
+from robo47_qp.sim.sensing import MASS_TOLERANCE, SIZE_TOLERANCE, SensorErrors, figures
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 
-_EXACT = {**figures(SensorErrors()), MASS_TOLERANCE: 0.0}
+_EXACT = {**figures(SensorErrors()), MASS_TOLERANCE: 0.0, SIZE_TOLERANCE: 0.0}
 
 
 class Simulation:

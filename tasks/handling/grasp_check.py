@@ -10,7 +10,7 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.item import Item
 
 _WIDTH_TOLERANCE = 3e-3
-"""Largest difference between the opening width and the item's width [m]."""
+"""Largest difference between the opening width and that of an item of known size [m]."""
 _LEAST_SHARE = 0.1
 """Least force of a finger that holds an item, relative to the commanded one [-]."""
 
@@ -39,13 +39,14 @@ class GraspCheck:
         return Condition(name=name, cause=cause, against=self._past)
 
     def _past(self) -> str | None:
-        width, expected = self._widths()
-        return self._apart(width, expected) if width < expected - _WIDTH_TOLERANCE else None
+        width, expected, within = self._widths()
+        return self._apart(width, expected) if width < expected - within else None
 
-    def _widths(self) -> tuple[float, float]:
-        """Return the opening width and that of the item [m]."""
+    def _widths(self) -> tuple[float, float, float]:
+        """Return the opening width, that of the item, and how far they may be apart [m]."""
         expected = self.item.width(self.sensed.tool_pose(), self.standing())
-        return self.sensed.width(), expected
+        part = float(self.sensed.sheet.noise["size_tolerance"])
+        return self.sensed.width(), expected, _WIDTH_TOLERANCE + part * expected
 
     def _apart(self, width: float, expected: float) -> str:
         return (
@@ -54,9 +55,9 @@ class GraspCheck:
         )
 
     def _against(self) -> str | None:
-        forces, (width, expected) = self.sensed.finger_forces(), self._widths()
+        forces, (width, expected, within) = self.sensed.finger_forces(), self._widths()
         closing = self.settled and not self.sensed.grip_settled()
-        if abs(width - expected) > _WIDTH_TOLERANCE or closing:
+        if abs(width - expected) > within or closing:
             return self._apart(width, expected)
         if forces.min() < _LEAST_SHARE * self.force:
             return (

@@ -276,7 +276,8 @@ class ItemHandler:
         """Return the move above the item; fingers close around one whose pose is known."""
         around: Grip | None = None
         if not camera_errs(self.sensed) and isinstance(descend.target, SE3):
-            width = self.item.width(descend.target, T_world_item) + 2.0 * _AROUND
+            largest = 1.0 + float(self.sensed.sheet.noise["size_tolerance"])
+            width = largest * self.item.width(descend.target, T_world_item) + 2.0 * _AROUND
             gripper = self.sensed.gripper
             around = Grip(width=min(width, gripper.width_max), force=gripper.force_max)
         return Move(waypoints=(approach,), meanwhile=around)

@@ -169,6 +169,7 @@ def test_data_sheets_tell_the_level_and_not_what_was_drawn() -> None:
     first, second = (runner.loop.senses.sensed.sheet.noise for runner in runners)
     assert first == second
     assert first["mass_tolerance"] == 0.6
+    assert first["size_tolerance"] == 0.0
     assert first["pose_noise"] == 4e-3
 
 

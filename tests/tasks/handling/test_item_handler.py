@@ -9,11 +9,14 @@ from mink import SE3
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Move, Release, StepLike, as_step
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import live
 
@@ -138,3 +141,20 @@ def test_what_was_squeezed_out_is_grasped_on_the_side_to_which_it_went(
     # The other sides.
     turn = (first.inverse() @ second).rotation().log()[2]
     assert abs(turn) == pytest.approx(np.pi / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.92, 1.08])
+def test_a_data_sheet_tells_how_far_sizes_may_be_off(factor: float) -> None:
+    """Fingers come down around the largest item, and hold one that is as wide as it may be."""
+    task = PickPlace(item=Item(name="box", size=(0.06, 0.06, 0.05)), retries=0)
+    failures = []
+    for told in (None, 0.0):
+        wrong = Disturbance(object_size_factor=factor, size_tolerance=told)
+        world = DisturbedSimulation(PANDA, task.build_scene, wrong)
+        run = Runner(ClassicalStack().scenario(PANDA, task), world).run()
+        failures.append(run.failure)
+        if told is None:
+            assert live(world).sheet.noise["size_tolerance"] == pytest.approx(0.08)
+            assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() < 30.0
+    assert failures[0] is None
+    assert failures[1] is not None
