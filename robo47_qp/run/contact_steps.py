@@ -224,6 +224,10 @@ class Press(ContactMotion):
     """Returns the part of its speed at which the tool goes along the waypoints [-], 0 where it
     waits; called every few control periods. None: it always goes at its speed. A tool that has left
     the surface so comes down where it is, and may do so slowly."""
+    insists: Callable[[], bool] | None = None
+    """Returns whether disturbances are compensated further, not held as they are; called every few
+    control periods. An arm that insists against a wall loads itself ever more, and leaps where it
+    comes past it. None: it always insists."""
     meanwhile: Grip | None = None
     """What the main gripper does; it is not waited for."""
     name: str = "press"
@@ -278,9 +282,11 @@ class _Depth(_Tracker):
 
     def track(self, path: Trajectory) -> bool:
         """See `_Tracker.track`."""
-        loop = self._loop
+        loop, insists = self._loop, self._step.insists
         pace = self._step.pace
         for part in self._parts(path) if pace is None else self._paced(path, pace):
+            if insists is not None:
+                loop.compensate(on=insists(), in_contact=True)
             if loop.track(self._moved(part, loop.reference.q), self._monitor, block=_PRESS_ROWS):
                 return True
         return False

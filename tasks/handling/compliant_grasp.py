@@ -44,7 +44,7 @@ def compliant_grasp(
 
     Fingers that are not centred on the item push it and the arm aside. A compliant arm lets them
     centre, as far as friction in its joints does: for items that tip over more easily, see
-    `_centre`. Fails with GRASP where only one finger touches such an item.
+    `centre`. Fails with GRASP where only one finger touches such an item.
 
     Args:
         sensed: What is sensed.
@@ -54,17 +54,44 @@ def compliant_grasp(
         tips: Whether the item tips over at less than that friction.
     """
     grasp = replace(grasp, speed=_GENTLY)
-    if camera_errs(sensed):
-        near = width_around(sensed, item, T_world_item)
-        if near < sensed.width():
-            yield Grasp(name="close around", force=grasp.force, width=near)
-        if tips:
-            grasp = replace(grasp, speed=_SOFTLY)
-            yield _centre(sensed, grasp)
-        else:
-            springs = Compliance(stiffness=_YIELDING, frame="tool")
-            grasp = replace(grasp, compliance=springs)
+    if camera_errs(sensed) and tips:
+        grasp = replace(grasp, speed=_SOFTLY)
+        yield from centre(sensed, item, T_world_item, grasp)
+    elif camera_errs(sensed):
+        yield from _close_around(sensed, item, T_world_item, grasp)
+        springs = Compliance(stiffness=_YIELDING, frame="tool")
+        grasp = replace(grasp, compliance=springs)
     yield grasp
+
+
+def centre(
+    sensed: Sensed, item: Item, T_world_item: SE3, grasp: Grasp
+) -> Generator[StepLike, None, float]:
+    """Close the fingers until both touch an item that tips over easily, and hardly press on it.
+
+    Fails with GRASP where only one does.
+
+    Args:
+        sensed: What is sensed.
+        item: The item between the fingers.
+        T_world_item: Its estimated pose.
+        grasp: The grasp that is to follow.
+
+    Returns:
+        The opening width from which they closed slowly [m].
+    """
+    width = yield from _close_around(sensed, item, T_world_item, grasp)
+    yield _centre(sensed, replace(grasp, speed=_SOFTLY))
+    return width
+
+
+def _close_around(
+    sensed: Sensed, item: Item, T_world_item: SE3, grasp: Grasp
+) -> Generator[StepLike, None, float]:
+    near = width_around(sensed, item, T_world_item)
+    if near < sensed.width():
+        yield Grasp(name="close around", force=grasp.force, width=near)
+    return near
 
 
 def _centre(sensed: Sensed, grasp: Grasp) -> Press:

@@ -125,9 +125,7 @@ class ItemHandler:
 
     def _pick(self, T_world_item: SE3) -> Generator[StepLike, None, HeldItem]:
         """Approach, grasp and lift the item at a pose."""
-        approach, descend = self.approach(T_world_item)
-        yield self._closing(approach, descend, T_world_item)
-        yield from self._descend(descend, T_world_item)
+        yield from self._come_around(T_world_item)
         known = self.sensed.weights_known
         free = None if known else (yield from read_free_wrist(self.sensed))
         held = (self._held(Cause.GRASP),)
@@ -138,6 +136,12 @@ class ItemHandler:
         yield hand.lift(self.sensed.tool_pose(), self._seen())
         above = None if self.resting is None else self.resting - height
         return HeldItem(above=above, mass=hand.item.mass)
+
+    def _come_around(self, T_world_item: SE3) -> Generator[StepLike, None, None]:
+        """Come down from above, with the fingers around the item at a pose."""
+        approach, descend = self.approach(T_world_item)
+        yield self._closing(approach, descend, T_world_item)
+        yield from self._descend(descend, T_world_item)
 
     def _descend(self, descend: Waypoint, T_world_item: SE3) -> Generator[StepLike, None, None]:
         """Go down around the item; fails with GRASP where the fingers land on it.

@@ -12,13 +12,12 @@ from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
-from robo47_qp.tasks.handling.item_handler import HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker
 from robo47_qp.tasks.peg_insert.hole_sense import SINKS, HoleSense
 from robo47_qp.tasks.peg_insert.lanes import across, end_of, lanes_beyond, search_lanes
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
-from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
@@ -35,24 +34,18 @@ _SINK_SPEED, _SEARCH_SPEED = 0.0035, 0.007
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
 """Force on the peg before it is eased aside or released, force from the side that is let be [N],
 and damping of the arm that gives way to more [N·s/m]."""
-_LEANS, _RIGHTED, _RIGHT_DAMPING, _RIGHTINGS = 0.4, 0.02, 800.0, 3
-"""Force of a peg that leans between the fingers and on the ground, or is pressed on it, and of one
-that no longer does [N]; damping of the arm that rights it [N·s/m], and how often it does so."""
 _PRESSES = 6
 """How often a peg that is not deep is eased aside and pressed again."""
-_STUCK, _IN_HOLE = 8e-3, 8e-3
-"""Depth from which on a peg that sticks stands in the hole without fingers, and height of a peg
-above where it stood that means that it stands in the hole [m]."""
+_STUCK = 8e-3
+"""Depth from which on a peg that sticks stands in the hole without fingers [m]."""
 _TIP, _OVER, _PUSH_SPEED = 9e-3, 8e-3, 0.01
 """Distance of the fingers' ends below the tool point, and of closed fingers from the top of a peg
 before they push it [m], and at what speed they come [m/s]."""
-_PULL, _PULL_SPEED, _LOWERING = 15.0, 0.01, 0.03
-"""Largest force that draws a peg out [N], and speeds at which it comes out and is lowered [m/s]."""
 _TRIED, _FIRM_INSERT = 4.0, 10.0
 """Force on a peg that seems to be in the hole, and during insertion, above friction in the joints
 [N]: a peg that a wall has stopped beside the hole leaps off it when it is eased."""
-_GUARD = 5.0
-"""Force that stops a peg that is lowered [N]."""
+_GUARD, _LOWERING = 5.0, 0.03
+"""Force that stops a peg that is lowered [N], and its speed [m/s]."""
 _AROUND = 22e-3
 """Distance from the hole at which the block is touched beside it [m]."""
 _TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
@@ -63,7 +56,7 @@ _DEEP = 0.9 * DEPTH - _TILTED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FeelingInserter(PegInserter):
+class FeelingInserter(FeelingPicker):
     """Inserts the peg with a stiff arm that feels the block.
 
     Friction in the joints of a compliant arm would hide a small force and drag a search off its
@@ -169,6 +162,7 @@ class FeelingInserter(PegInserter):
             force=_SEARCH,
             damping=_SEARCH / _FALLING,
             pace=hole.pace,
+            insists=hole.insists,
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
@@ -187,6 +181,7 @@ class FeelingInserter(PegInserter):
             waypoints=way,
             force=_CENTRE,
             pace=None,
+            insists=None,
             observe=None,
             until=None,
         )
@@ -211,22 +206,6 @@ class FeelingInserter(PegInserter):
         yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
         aside = replace(stiff, name="ease aside", force=_EASED, damping=_ASIDE_DAMPING)
         yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
-
-    def _give_way(
-        self, step: Press, free: FreeWrist, least: float, *, aside: bool = True
-    ) -> Generator[StepLike, None, None]:
-        """Go with a step to where something pushes, or pushes aside, if with a least force [N]."""
-        felt = yield from read_free_wrist(self.sensed)
-        push = felt.force - free.force
-        push -= float(aside) * push.dot(self._axis) * self._axis
-        size = float(np.linalg.norm(push))
-        if size > least:
-            way = push / size
-            yield replace(
-                step,
-                axis=way,
-                felt=lambda: float((free.force - self.sensed.felt_force()).dot(way)),
-            )
 
     def _push(self, touched: SE3, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.
@@ -324,67 +303,3 @@ class FeelingInserter(PegInserter):
         up = SE3.from_translation(height * self._axis) @ self.sensed.tool_pose()
         way_up = (self._line("lift off", up),)
         return replace(touch, name="lift off", waypoints=way_up, force=0.0, seconds=0.0, until=None)
-
-    def draw_out(self) -> Generator[StepLike, None, bool]:
-        """See `PegInserter.draw_out`; the arm is stiff, and pulls with a bounded force."""
-        try:
-            yield from self._pulled_out()
-        except StepFailed as error:
-            if error.failure.cause is not Cause.TIMEOUT:
-                raise
-            return False
-        return True
-
-    def _pulled_out(self) -> Generator[StepLike, None, None]:
-        """Pull the peg out of the hole and leave it; fails with TIMEOUT if it sticks."""
-        start, weight = self.sensed.tool_pose(), 9.81 * self.item.mass
-
-        def against() -> str | None:
-            risen = -self._depth(start)
-            return None if risen >= DEPTH + _FAR else f"the peg has risen by {1e3 * risen:.1f} mm"
-
-        yield Press(
-            name="draw out",
-            axis=self._axis,
-            force=_PULL,
-            damping=_PULL / _PULL_SPEED,
-            felt=lambda: -float(self.sensed.felt_force().dot(self._axis)) - weight,
-            seconds=6.0,
-            until=Condition(name="the peg is out", cause=Cause.TIMEOUT, against=against),
-        )
-        leave = self._line("leave the hole", self._up(self.sensed.tool_pose()))
-        yield replace(leave, carried=self._carried())
-
-    def pick(self) -> Generator[StepLike, None, HeldItem]:
-        """See `ItemHandler.pick`; a peg that stands in the hole is higher than before."""
-        height = float(self.sensed.seen_pose(self.item.name).translation()[2])
-        on_table = self.resting is None or height <= self.resting + _IN_HOLE
-        hand = self if on_table else replace(self, resting=None)
-        return (yield from ItemHandler.pick(hand))
-
-    def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
-        """See `ItemHandler._weighed`; a peg is righted and let stand first, as it would leap.
-
-        One in the hole, which has been weighed before, is drawn out; fails with TIMEOUT if it
-        sticks.
-        """
-        right = Press(
-            name="right",
-            axis=self._axis,
-            force=_RIGHTED,
-            damping=_RIGHT_DAMPING,
-            felt=lambda: 0.0,
-            seconds=0.4,
-            during=(self._held(Cause.GRASP),),
-        )
-        for _ in range(_RIGHTINGS):
-            yield from self._give_way(right, free, _LEANS, aside=False)
-        if self.resting is None:
-            yield from self._pulled_out()
-            return self
-        return (yield from PegInserter._weighed(self, free))
-
-    def back_off(self) -> Generator[StepLike, None, None]:
-        """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
-        yield Release(name="open gripper")
-        yield from ItemHandler.back_off(self)

@@ -44,6 +44,10 @@ class HoleSense:
             return 0.0
         return _SLOW if beyond >= _MEETS else 1.0
 
+    def insists(self) -> bool:
+        """Return False where a wall is met: the arm would load itself, and leap past it."""
+        return self._felt()[1] < _MEETS
+
     def _against(self) -> str | None:
         self._beyond.append(self._felt()[1])
         stopped = float(np.mean(self._beyond)) >= _STOPPED

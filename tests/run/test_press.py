@@ -76,6 +76,31 @@ def test_it_comes_down_at_force_over_damping() -> None:
     assert 0.03 < -np.diff(z).min() / 1e-3 < 8.0 / 200.0 * 1.05
 
 
+def pushed(*, insists: Callable[[], bool] | None) -> Run:
+    """Presses on the plate, and then goes 2 mm into it, whatever that takes."""
+
+    def program(sensed: Sensed) -> Program:
+        yield press(sensed, seconds=2.0)
+        way = (line(sensed, [0.0, 0.0, -2e-3], "into"),)
+        deep = press(sensed, waypoints=way, force=0.0, seconds=2.0, name="stay")
+        yield replace(deep, insists=insists)
+        return None
+
+    return run_program(program)
+
+
+def test_an_arm_that_does_not_insist_loads_itself_no_further() -> None:
+    """Than its springs do, on a plate on which it presses with 8 N before."""
+    runs = pushed(insists=None), pushed(insists=lambda: True), pushed(insists=lambda: False)
+    plain, insisting, held = (rows_of(run, "stay", "contact/tool")[:, 2] for run in runs)
+    np.testing.assert_array_equal(insisting, plain)
+    off = np.abs(rows_of(runs[0], "stay", "errors/tool_position")[-500:])
+    assert off.max() < 0.05e-3
+    assert 12.0 < held.max() < 0.55 * plain[-1]
+    # Nor does it creep.
+    assert np.ptp(held[-500:]) < 0.05
+
+
 def along(pace: Callable[[float], float] | None) -> Run:
     """Presses on the plate and slides over it, at a pace over the time since that began."""
 

@@ -114,7 +114,7 @@ def test_the_fingers_close_while_a_tool_presses() -> None:
 def test_a_peg_that_a_compliant_arm_had_tipped_over_stands_between_the_fingers() -> None:
     """Joints rub so much that the arm would not give way."""
     episode = TaskEpisode(robot=PANDA, task=PegInsert(), perturbation=PRESETS["moderate"])
-    scenario = replace(episode.scenario(SEED), watchdog=Watchdog(time_limit=16.0))
+    scenario = replace(episode.scenario(SEED), watchdog=Watchdog(time_limit=24.0))
     run = Runner(scenario, episode.simulation(scenario, SEED)).run()
     starts = {phase.name: phase.start for phase in run.phases}
     R = SO3(run.rows["objects/peg"][starts["take up"], 3:]).as_matrix()

@@ -52,3 +52,28 @@ def test_a_peg_that_lies_on_the_block_meets_no_wall_sideways() -> None:
                 met += 1
                 assert depth < 4e-6
     assert met > 3000
+
+
+def test_a_peg_that_grazes_a_wall_is_not_deep_in_it() -> None:
+    """It lies on two walls, 11 µm deep; with a tolerance of 1e-8, it was 16 mm deep in a third."""
+    spec = mujoco.MjSpec()
+    set_exact_contacts(spec)
+    at = [0.44761403288639456, -0.13167394623786086, 0.04]
+    add_block(
+        spec.worldbody.add_body(
+            name="hole", pos=at, quat=[0.7394698150875453, 0.0, 0.0, 0.673189715143058]
+        )
+    )
+    PegInsert().peg.add(spec, (0.0, 0.0, 0.0))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:3] = [0.42888750998296205, -0.13986221075164518, 0.07029564084271667]
+    data.qpos[3:] = [
+        0.99796240028122,
+        0.01065535821153255,
+        0.01207753818351176,
+        0.06173851340740601,
+    ]
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    assert 1e-5 < -data.contact.dist.min() < 1.2e-5
