@@ -1,7 +1,8 @@
 """Controllers compared: what each term of a control law is worth, and what disturbs it.
 
-Every controller makes the same motion from home and then holds still, under each disturbance in
-turn: what the joints should do is the same, what goes wrong is the same to the last bit.
+Every controller makes the same motion from home, back and there again, and then holds still, under
+each disturbance in turn: what the joints should do is the same, what goes wrong is the same to the
+last bit.
 """
 
 import sys
@@ -136,7 +137,7 @@ def _load(mass: float) -> Payload:
 def run(options: ControllersOptions, console: Console) -> int:
     """Run the scenario; returns the exit code."""
     bench = Bench(PANDA, OFFSET)
-    known = {condition.name: condition for condition in conditions(bench.motion.duration)}
+    known = {condition.name: condition for condition in conditions(bench.duration)}
     for name in options.only:
         if name not in known:
             raise UnknownNameError("condition", name, [repr(one) for one in known])
@@ -163,7 +164,7 @@ def compared(
     report = {
         "robot": PANDA.name,
         **provenance(),
-        "motion": {"offset_rad": list(OFFSET), "duration_s": bench.motion.duration},
+        "motion": {"offset_rad": list(OFFSET), "duration_s": bench.duration},
         "trials": {
             trials[0].condition: {trial.controller: trial.figures() for trial in trials}
             for trials in by_condition
@@ -186,6 +187,7 @@ def cells(trial: Trial) -> list[str]:
     return [
         trial.controller,
         f"{1e3 * float(figures['max_joint_error_rad'] or 0.0):.3f}",
+        f"{1e3 * float(figures['max_joint_error_again_rad'] or 0.0):.3f}",
         f"{1e3 * float(figures['max_tool_error_m'] or 0.0):.3f}",
         f"{1e3 * float(figures['max_tool_error_at_rest_m'] or 0.0):.3f}",
         f"{1e3 * float(figures['last_tool_error_m'] or 0.0):.4f}",
@@ -198,6 +200,7 @@ def cells(trial: Trial) -> list[str]:
 HEADINGS = (
     "controller",
     "joint moving mrad",
+    "joint again mrad",
     "tool moving mm",
     "at rest mm",
     "at last mm",

@@ -180,6 +180,7 @@ def controllers(*conditions: str) -> str:
             "condition": lambda one: one["condition"],
             "controller": lambda one: f"`{one['controller']}`",
             "joints, moving": lambda one: f"{1e3 * one['max_joint_error_rad']:.3g} mrad",
+            "on the last leg": lambda one: f"{1e3 * one['max_joint_error_again_rad']:.3g} mrad",
             "tool, moving": lambda one: f"{1e3 * one['max_tool_error_m']:.3g} mm",
             "tool, at the end": lambda one: f"{1e3 * one['last_tool_error_m']:.2g} mm",
         },

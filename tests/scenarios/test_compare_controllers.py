@@ -38,6 +38,20 @@ def test_joint_impedance_keeps_its_promises_in_free_motion(written: Path) -> Non
     assert free["+ acceleration"]["max_tool_error_m"] <= 0.15e-3
 
 
+def test_what_is_learned_of_friction_is_worth_something_once_joints_turn(tmp_path: Path) -> None:
+    """On the first leg, nothing is known of it; heavier links do not turn with the motion."""
+    options = scenario.ControllersOptions(
+        log=tmp_path / "c.rrd", only=("dry friction", "links +5 %")
+    )
+    assert scenario.run(options, Console(quiet=True)) == 0
+    trials = json.loads((tmp_path / "c.json").read_text())["trials"]
+    plain, learned = (trials["dry friction"][name] for name in ("+ observer", "+ friction"))
+    assert learned["max_joint_error_again_rad"] < 0.4 * plain["max_joint_error_again_rad"]
+    assert learned["max_joint_error_rad"] < 0.6 * plain["max_joint_error_rad"]
+    plain, learned = (trials["links +5 %"][name] for name in ("+ observer", "+ friction"))
+    assert learned["max_joint_error_rad"] == plain["max_joint_error_rad"]
+
+
 def test_a_payload_that_it_is_told_of_is_held_ten_times_better(written: Path) -> None:
     told = json.loads(written.with_suffix(".json").read_text())["trials"]["payload 0.5 kg, told"]
     for name in ("+ acceleration", "Cartesian", "operational"):

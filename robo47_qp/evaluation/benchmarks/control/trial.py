@@ -50,6 +50,8 @@ class Trial:
 
     controller: str
     condition: str
+    again: int
+    """Period in which the last leg of the motion begins."""
     moving: int
     """Periods of the motion; those after it are at rest."""
     joint_errors: Matrix
@@ -71,6 +73,9 @@ class Trial:
         )
         return {
             "max_joint_error_rad": float(np.abs(self.joint_errors[: self.moving]).max()),
+            "max_joint_error_again_rad": float(
+                np.abs(self.joint_errors[self.again : self.moving]).max()
+            ),
             "max_tool_error_m": float(size[: self.moving].max()),
             "rms_tool_error_m": float(np.sqrt((size[: self.moving] ** 2).mean())),
             "max_tool_error_at_rest_m": float(size[self.moving :].max()),
@@ -83,13 +88,26 @@ class Trial:
 
 
 class Bench:
-    """The motion that every controller makes: from home to a goal, then at rest."""
+    """The motion that every controller makes: from home to a goal, back, and there again.
+
+    Then it is at rest. Without a joint that turns, what is learned of friction would be worth
+    nothing.
+    """
 
     def __init__(self, robot: Robot, offset: Sequence[float]) -> None:
         """Plan the motion at the default profile, to an offset from home [rad]."""
         self.robot, self.arm = robot, Arm(robot)
-        goal = self.arm.home + np.asarray(offset, dtype=np.float64)
-        self.motion: Trajectory = plan_ptp(self.arm.home, goal, robot.profile, TIMESTEP)
+        home = self.arm.home
+        goal = home + np.asarray(offset, dtype=np.float64)
+        ends = (home, goal), (goal, home), (home, goal)
+        self.legs: tuple[Trajectory, ...] = tuple(
+            plan_ptp(start, end, robot.profile, TIMESTEP) for start, end in ends
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time until it is at rest [s]."""
+        return sum(leg.duration for leg in self.legs)
 
     def run(
         self,
@@ -102,7 +120,8 @@ class Bench:
         rng = np.random.default_rng(condition.seed)
         sim = DisturbedSimulation(self.robot, _empty_scene, condition.disturbance, rng)
         loop = ControlLoop(self.arm, controller, sim, observer=observer)
-        loop.track(self.motion)
+        for leg in self.legs:
+            loop.track(leg)
         loop.hold(TOLD_AFTER)
         if condition.told is not None:
             loop.control.set_arm(self.arm.with_payload(condition.told))
@@ -112,7 +131,8 @@ class Bench:
         return Trial(
             controller=name,
             condition=condition.name,
-            moving=self.motion.steps,
+            again=sum(leg.steps for leg in self.legs[:-1]),
+            moving=sum(leg.steps for leg in self.legs),
             joint_errors=rows["joints/q_ref"] - rows["joints/q"],
             tool_errors=(rows["tool/pose_ref"] - rows["tool/pose"])[:, :3],
             torque_use=np.abs(rows["joints/tau"] / self.robot.tau_max).max(axis=1),
