@@ -213,7 +213,11 @@ HEADINGS = (
 def show(by_condition: Sequence[Sequence[Trial]], console: Console) -> None:
     """Print the table."""
     headings = ("condition", *HEADINGS)
-    table = FiguresTable(headings, texts=headings[:2], title="Largest errors: in motion, of which on the last leg again, and at rest")
+    table = FiguresTable(
+        headings,
+        texts=headings[:2],
+        title="Largest errors: in motion, of which on the last leg again, and at rest",
+    )
     for trials in by_condition:
         for k, trial in enumerate(trials):
             style = None if trial.stable else "red"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -11,7 +12,7 @@ from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.control.trial import Trial
 
-COLOURS = ("#8a8f98", "#e08a1e", "#b5391f", "#2563a8", "#2f8f46", "#8e44ad")
+_COLOURS = mpl.color_sequences["tab10"]
 _PER_ROW = 5
 _LOWEST = 1e-6
 """Errors below are drawn there [m]."""
@@ -23,10 +24,11 @@ def plot_trials(by_condition: Sequence[Sequence[Trial]], path: Path) -> None:
     Raises:
         RecordingError: The file cannot be written.
     """
-    rows = -(-len(by_condition) // _PER_ROW)
-    figure = Figure(figsize=(18.0, 0.6 + 3.1 * rows), dpi=100, layout="constrained")
+    columns = min(_PER_ROW, len(by_condition))
+    rows = -(-len(by_condition) // columns)
+    figure = Figure(figsize=(3.6 * columns, 0.6 + 3.1 * rows), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.subplots(rows, _PER_ROW, sharey=True, squeeze=False)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axes in grid.flat[len(by_condition) :]:
         axes.set_visible(False)
     for axes, trials in zip(grid.flat, by_condition, strict=False):
@@ -34,7 +36,7 @@ def plot_trials(by_condition: Sequence[Sequence[Trial]], path: Path) -> None:
             size = np.maximum(np.linalg.norm(trial.tool_errors, axis=1), _LOWEST)
             t = TIMESTEP * np.arange(len(size))
             label = trial.controller if trial.stable else f"{trial.controller} (unstable)"
-            axes.semilogy(t, 1e3 * size, lw=0.9, color=COLOURS[i % len(COLOURS)], label=label)
+            axes.semilogy(t, 1e3 * size, lw=0.9, color=_COLOURS[i % len(_COLOURS)], label=label)
         axes.axvline(trials[0].moving * TIMESTEP, color="#9aa3ad", lw=0.6, ls=":")
         axes.set_title(trials[0].condition, fontsize=10)
         axes.grid(alpha=0.3, lw=0.5)
@@ -42,7 +44,7 @@ def plot_trials(by_condition: Sequence[Sequence[Trial]], path: Path) -> None:
     for axes in grid[:, 0]:
         axes.set_ylabel("tool error [mm]")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=6, frameon=False)
+    figure.legend(handles, labels, loc="outside upper center", ncols=2 * columns, frameon=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
