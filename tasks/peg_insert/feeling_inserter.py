@@ -29,6 +29,9 @@ knocks on the block [m/s]; and force with which a peg is brought back to the hol
 _FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
 drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
+_NEAR, _FINER = 1.2e-3, 0.6
+"""Half the side of the square that is searched around where the hole's edge has caught the peg [m],
+and its pitch, as a part of the one before."""
 _SINK_SPEED, _SEARCH_SPEED = 0.0035, 0.007
 """Speeds at which a peg is pressed in and searches [m/s]."""
 _EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
@@ -105,21 +108,32 @@ class FeelingInserter(FeelingPicker):
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
         lanes, deep = search_lanes(touched, self._axis, radius, pitch), 0.0
+        edges, fine = list[SE3](), False
         while lanes and deep < SINKS:
-            last = len(lanes) <= _FRESH
+            last = len(lanes) <= _FRESH and (fine or not edges)
             caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
-                yield self._lift_off(stiff, _OFF)
-                stiff, free = yield from self._touch()
                 lanes = lanes[_FRESH:]
-                continue
-            yield from self._press_in(stiff, free, _TRIED)
-            deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
-            if deep < SINKS:
-                # By a wrist that has drifted meanwhile, walls would be felt everywhere.
+            else:
+                yield from self._press_in(stiff, free, _TRIED)
+                deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
+                if deep >= SINKS:
+                    break
+                edges.append(caught)
                 yield from self._ease(stiff, free)
-                yield self._lift_off(stiff, _OFF)
-                stiff, free = yield from self._touch()
+            yield self._lift_off(stiff, _OFF)
+            around = not lanes and not fine
+            if around:
+                fine = True
+                yield self._line("beside the edge", self._beside_edges(edges))
+            # By a wrist that has drifted meanwhile, walls would be felt everywhere.
+            stiff, free = yield from self._touch()
+            if around:
+                here = self.sensed.tool_pose()
+                lanes = search_lanes(here, self._axis, _NEAR, _FINER * pitch)
+        if deep < SINKS:
+            evidence = "its edge has caught the peg, and the peg does not go in there"
+            raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
         for again in range(_PRESSES + 1):
             if again:
                 yield from self._press_in(stiff, free, _FIRM_INSERT)
@@ -128,6 +142,17 @@ class FeelingInserter(FeelingPicker):
                 yield from self._ease(stiff, free)
                 return
         yield from self._push(touched, stiff, free)
+
+    def _beside_edges(self, edges: list[SE3]) -> SE3:
+        """Return the pose of the tool, off the block, at the corner of a square around its poses.
+
+        In these, the hole's edge has caught the peg: the hole is near.
+        """
+        here = self.sensed.tool_pose()
+        middle = np.mean([edge.translation() for edge in edges], axis=0) - here.translation()
+        middle -= middle.dot(self._axis) * self._axis
+        x, y = across(here, self._axis)
+        return SE3.from_translation(middle - _NEAR * (x + y)) @ here
 
     def _search(
         self,

@@ -18,7 +18,7 @@ from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Move, Release, Wait
+from robo47_qp.run.steps import Move, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed, Senses
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.wrist import FreeWrist
@@ -213,6 +213,72 @@ def test_a_peg_that_a_wall_stops_beside_the_hole_is_searched_with_on_the_lanes_b
         assert beyond[0] == pytest.approx(starts[0] + way, abs=1e-9)
         assert beyond[1] == pytest.approx(first[4], abs=1e-9)
         assert beyond[2:] == pytest.approx(first[3:], abs=1e-9)
+
+
+def test_where_an_edge_caught_the_peg_and_no_lane_led_in_the_hole_is_searched_for_more_finely() -> (
+    None
+):
+    """Once, around there; a search that finds nothing then has failed."""
+    tool, side, gap = Tool(), 1.0e-3, 0.4e-3
+    searches, caught, told = list[np.ndarray](), np.zeros(3), list[str | None]()
+    for step in feeling(tool).insert(np.zeros(2), side, gap):
+        if isinstance(step, Waypoint) and isinstance(step.target, SE3):
+            tool.at = step.target.translation()
+        if not isinstance(step, Press) or step.name != "search":
+            continue
+        assert step.until is not None
+        ways = lanes_of(step)
+        searches.append(ways)
+        if len(searches) == 1:
+            # An edge catches it in the second lane, in which the hole is not.
+            caught = tool.at = 0.5 * (ways[1] + ways[2])
+            assert step.observe is not None
+            step.observe()
+            tool.felt = np.array([0.0, -6.0, 3.0])
+            for _ in range(4):
+                step.until.against()
+            tool.felt = np.zeros(3)
+        else:
+            tool.at = ways[-1]
+            told.append(step.until.against())
+            if told[-1] is not None:
+                break
+    _, beyond, *parts = searches
+    fine = np.concatenate(parts)
+    assert beyond[-1] == pytest.approx(searches[0][-1], abs=1e-9)
+    off = fine - caught
+    off[:, 2] = 0.0
+    assert np.abs(off).max() == pytest.approx(1.2e-3, rel=0.2)
+    between = np.linalg.norm(off[1::2] - off[:-1:2], axis=1)
+    np.testing.assert_allclose(between, 0.6 * gap)
+    # With the first lanes, the search was not over; it is with these.
+    assert told == [None] * len(parts) + told[-1:]
+
+
+def test_a_peg_that_edges_catch_everywhere_and_no_lane_lets_in_is_not_pressed_on() -> None:
+    tool, steps = Tool(), list[StepLike]()
+
+    def insert() -> None:
+        for step in feeling(tool).insert(np.zeros(2), 1.0e-3, 0.4e-3):
+            steps.append(step)
+            if isinstance(step, Waypoint) and isinstance(step.target, SE3):
+                tool.at = step.target.translation()
+            if isinstance(step, Press) and step.name == "search":
+                tool.at = lanes_of(step)[-2:].mean(axis=0)
+                assert step.observe is not None
+                assert step.until is not None
+                step.observe()
+                tool.felt = np.array([0.0, -6.0, 3.0])
+                for _ in range(4):
+                    step.until.against()
+                tool.felt = np.zeros(3)
+
+    with pytest.raises(StepFailed, match="does not go in there"):
+        insert()
+    ways = [step.name for step in steps if isinstance(step, Waypoint)]
+    assert ways.count("beside the edge") == 1
+    pressed = [step for step in steps if isinstance(step, Press) and step.name == "insert"]
+    assert {step.force for step in pressed} == {4.0}
 
 
 def test_fingers_let_go_of_a_peg_that_sticks_only_after_they_press_no_more() -> None:
