@@ -107,18 +107,39 @@ class FeelingInserter(FeelingPicker):
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
-        lanes, deep = search_lanes(touched, self._axis, radius, pitch), 0.0
+        lanes = search_lanes(touched, self._axis, radius, pitch)
+        stiff, free = yield from self._find(stiff, free, lanes, _FINER * pitch)
+        for again in range(_PRESSES + 1):
+            if again:
+                yield from self._press_in(stiff, free, _FIRM_INSERT)
+            if self._depth(touched) >= _DEEP:
+                # Fingers that open under load would let the arm leap.
+                yield from self._ease(stiff, free)
+                return
+        yield from self._push(touched, stiff, free)
+
+    def _find(
+        self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...], finer: float
+    ) -> Generator[StepLike, None, tuple[Press, FreeWrist]]:
+        """Search along lanes until the peg has sunk into the hole.
+
+        Where edges only caught it, it is searched for once more around them, with a finer pitch
+        [m]. Fails with TIMEOUT where nothing was found, or the peg does not go in.
+
+        Returns:
+            What `_touch` returned last.
+        """
         edges, fine = list[SE3](), False
-        while lanes and deep < SINKS:
+        while lanes:
             last = len(lanes) <= _FRESH and (fine or not edges)
             caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
                 lanes = lanes[_FRESH:]
             else:
                 yield from self._press_in(stiff, free, _TRIED)
-                deep, lanes = self._depth(caught), lanes_beyond(caught, self._axis, lanes)
-                if deep >= SINKS:
-                    break
+                if self._depth(caught) >= SINKS:
+                    return stiff, free
+                lanes = lanes_beyond(caught, self._axis, lanes)
                 edges.append(caught)
                 yield from self._ease(stiff, free)
             yield self._lift_off(stiff, _OFF)
@@ -129,19 +150,9 @@ class FeelingInserter(FeelingPicker):
             # By a wrist that has drifted meanwhile, walls would be felt everywhere.
             stiff, free = yield from self._touch()
             if around:
-                here = self.sensed.tool_pose()
-                lanes = search_lanes(here, self._axis, _NEAR, _FINER * pitch)
-        if deep < SINKS:
-            evidence = "its edge has caught the peg, and the peg does not go in there"
-            raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
-        for again in range(_PRESSES + 1):
-            if again:
-                yield from self._press_in(stiff, free, _FIRM_INSERT)
-            if self._depth(touched) >= _DEEP:
-                # Fingers that open under load would let the arm leap.
-                yield from self._ease(stiff, free)
-                return
-        yield from self._push(touched, stiff, free)
+                lanes = search_lanes(self.sensed.tool_pose(), self._axis, _NEAR, finer)
+        evidence = "its edge has caught the peg, and the peg does not go in there"
+        raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
 
     def _beside_edges(self, edges: list[SE3]) -> SE3:
         """Return the pose of the tool, off the block, at the corner of a square around its poses.

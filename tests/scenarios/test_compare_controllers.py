@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -50,6 +51,25 @@ def test_what_is_learned_of_friction_is_worth_something_once_joints_turn(tmp_pat
     assert learned["max_joint_error_rad"] < 0.6 * plain["max_joint_error_rad"]
     plain, learned = (trials["links +5 %"][name] for name in ("+ observer", "+ friction"))
     assert learned["max_joint_error_rad"] == plain["max_joint_error_rad"]
+
+
+def test_the_last_leg_is_told_alone() -> None:
+    """It goes there as the first one did; errors of the legs before are not among its own."""
+    bench = Bench(PANDA, [0.1] * 7)
+    there, back, again = bench.legs
+    np.testing.assert_array_equal(again.end.q, there.end.q)
+    np.testing.assert_allclose(back.end.q, there.q[0], atol=1e-12)
+    plain = JointImpedance(feed_forward=FeedForward.NONE)
+    trial = bench.run("PD", plain, TrialCondition(name="free"))
+    errors = np.abs(trial.joint_errors).max(axis=1)
+    assert trial.again == there.steps + back.steps
+    assert trial.moving == trial.again + again.steps < len(errors)
+    last = errors[trial.again : trial.moving].max()
+    assert trial.figures()["max_joint_error_again_rad"] == last
+    raised = replace(trial, joint_errors=trial.joint_errors.copy())
+    raised.joint_errors[: trial.again] += 1.0
+    raised.joint_errors[trial.moving :] += 1.0
+    assert raised.figures()["max_joint_error_again_rad"] == last
 
 
 def test_a_payload_that_it_is_told_of_is_held_ten_times_better(written: Path) -> None:

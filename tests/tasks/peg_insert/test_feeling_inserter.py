@@ -1,40 +1,23 @@
 """A peg is inserted by feel, where camera and wrist err."""
 
-from contextlib import suppress
-from dataclasses import replace
-from itertools import islice
-
 import numpy as np
 import pytest
 from mink import SE3, SO3
 
-from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.evaluation.task_episode import TaskEpisode
-from robo47_qp.model.payload import Payload
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint
-from robo47_qp.report.audit.tool import tool_paths
 from robo47_qp.run.contact_steps import Press
-from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.failure import StepFailed
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
-from robo47_qp.run.steps import Move, Release, StepLike, Wait
-from robo47_qp.sim.sensed import Sensed, Senses
-from robo47_qp.sim.simulation import Simulation
+from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.tasks.handling.wrist import FreeWrist
-from robo47_qp.tasks.heading import heading
-from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.hole_sense import HoleSense
 from robo47_qp.tasks.peg_insert.peg import DEPTH
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.peg_insert.sinking import Sinking
-from tests.runs import no_objects
-
-
-def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
-    """Rows of a signal in the first phase of a name."""
-    i = next(i for i, phase in enumerate(run.phases) if phase.name == name)
-    return run.rows[signal][run.phases[i].start : run.phases[i + 1].start]
+from tests.tasks.peg_insert.felt import Tool, feeling, rows_of
 
 
 def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_once() -> None:
@@ -62,26 +45,6 @@ def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_onc
     assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() < 30.0
 
 
-class Tool(Sensed):
-    """A tool at a height, and what its wrist feels."""
-
-    def __init__(self) -> None:
-        self.at, self.felt = np.zeros(3), np.zeros(3)
-
-    @property
-    def time(self) -> float:
-        return 0.0
-
-    def tool_pose(self, tool: int = 0) -> SE3:
-        return SE3.from_translation(self.at)
-
-    def felt_force(self, tool: int = 0) -> np.ndarray:
-        return self.felt
-
-    def seen_pose(self, name: str) -> SE3:
-        return SE3.from_translation(self.at - np.array([0.0, 0.0, 0.03]))
-
-
 def test_a_peg_that_creeps_between_the_fingers_has_not_sunk_into_a_hole() -> None:
     tool = Tool()
     sinking = Sinking(tool, np.array([0.0, 0.0, 1.0]))
@@ -98,18 +61,6 @@ def test_a_peg_that_creeps_between_the_fingers_has_not_sunk_into_a_hole() -> Non
     off = sinking.caught.translation() - before
     assert -0.3e-3 < off[2] < -0.2e-3
     assert off[0] < 0.4e-3
-
-
-def feeling(tool: Tool) -> FeelingInserter:
-    """Return who inserts a peg into a hole in the origin."""
-    return FeelingInserter(
-        sensed=tool,
-        item=PegInsert().peg,
-        above=0.2,
-        search_force=2.0,
-        insert_force=5.0,
-        T_world_hole=SE3.identity(),
-    )
 
 
 def hole_sense(tool: Tool, free: np.ndarray) -> HoleSense:
@@ -361,114 +312,3 @@ def test_a_wrist_that_has_drifted_is_no_wall_after_a_press_in_vain() -> None:
     # Only a peg that is lifted off tells the zero of the wrist.
     assert known["ease"] == {False}
     assert known["lift off"] == {True}
-
-
-@pytest.mark.parametrize(
-    ("push", "rights"),
-    [((0.3, 0.0, 0.1), 0), ((0.0, 0.9, 0.0), 3), ((-0.6, 0.3, 0.0), 3), ((0.1, 0.0, 2.3), 3)],
-)
-def test_a_peg_that_leans_or_is_pressed_is_let_stand_before_it_is_lifted(
-    push: tuple[float, float, float], rights: int
-) -> None:
-    """The tool goes to where what pushes it goes, until that pushes no more."""
-    tool, free, size = Tool(), np.array([1.0, 8.0, 2.0]), np.linalg.norm(push)
-    pressed = []
-    tool.felt = free + push
-    # The wrist is read twenty times before each.
-    for step in islice(feeling(tool)._weighed(FreeWrist(force=free, time=0.0)), 60 + rights):
-        if isinstance(step, Press):
-            pressed.append(step)
-            np.testing.assert_allclose(step.axis, np.array(push) / size)
-            assert step.felt() == pytest.approx(-size)
-            assert 0.0 < step.force <= 0.05
-    assert [step.name for step in pressed] == ["right"] * rights
-    tool.felt = free
-    assert [step.felt() for step in pressed] == pytest.approx([0.0] * rights)
-    # It stands: nothing is left to do.
-    steps = feeling(tool)._weighed(FreeWrist(force=free, time=0.0))
-    assert not any(isinstance(step, Press) for step in islice(steps, 60))
-
-
-@pytest.mark.parametrize("again", [False, True])
-def test_a_peg_that_is_drawn_out_is_told_to_the_controller(again: bool) -> None:
-    """Also one that is picked again: it stands in the hole, which may hold it with any force."""
-    tool = Tool()
-    hand = feeling(tool)
-    steps = hand._weighed(FreeWrist(force=np.zeros(3), time=0.0)) if again else hand.draw_out()
-    passed = [step for step in steps if not isinstance(step, Wait)]
-    pull, leave = passed
-    assert isinstance(pull, Press)
-    np.testing.assert_array_equal(pull.axis, [0.0, 0.0, 1.0])
-    assert 10.0 <= pull.force <= 15.0
-    tool.felt = np.array([0.0, 0.0, -40.0])
-    assert pull.felt() == pytest.approx(40.0 - 9.81 * hand.item.mass)
-    assert isinstance(leave, Waypoint)
-    assert isinstance(leave.carried, Payload)
-    assert leave.carried.mass == hand.item.mass
-    np.testing.assert_allclose(leave.carried.T_tcp_com.translation(), [0.0, 0.0, -0.03])
-
-
-def test_a_peg_that_was_let_go_and_sticks_in_the_hole_is_not_lifted() -> None:
-    steps = feeling(Tool())._weighed(FreeWrist(force=np.zeros(3), time=0.0))
-    assert isinstance(next(step for step in steps if not isinstance(step, Wait)), Press)
-    sticks = Failure(cause=Cause.TIMEOUT, evidence="it sticks", step="draw out")
-    with pytest.raises(StepFailed, match="it sticks"):
-        steps.throw(StepFailed(sticks))
-
-
-def test_a_peg_on_the_table_is_weighed_and_then_lifted_from_rest() -> None:
-    """A springy arm stops where friction lets it; from there, a line was left by 0.3 mm."""
-    episode = TaskEpisode(
-        robot=PANDA, task=PegInsert(), perturbation=PRESETS["moderate"], time_limit=25.5
-    )
-    scenario = episode.scenario(8_900_033)
-    run = Runner(scenario, episode.simulation(scenario, 8_900_033)).run()
-    names = [phase.name for phase in run.phases]
-    assert names[-5:-1] == ["weigh", "stop", "settle", "lift"]
-    off = [f.extreme for f in tool_paths(run) if f.signal == "LIN measured (tool)"]
-    assert 0.0 < max(off) < 0.2e-3
-
-
-def test_a_peg_that_is_seen_beside_the_fingers_middle_is_centred_between_them() -> None:
-    """It is seen 9 mm beside where it is; along the fingers, they would hold it by their edge."""
-    episode = TaskEpisode(
-        robot=PANDA, task=PegInsert(), perturbation=PRESETS["moderate"], time_limit=21.0
-    )
-    scenario = episode.scenario(9_100_142)
-    run = Runner(scenario, episode.simulation(scenario, 9_100_142)).run()
-    names = [phase.name for phase in run.phases]
-    assert names.index("close across") < names.index("turn") < names.index("close gripper")
-
-    def off(name: str) -> np.ndarray:
-        """Return where the peg is in the plane of the tool when a phase ends (2,) [m]."""
-        tool, peg = (rows_of(run, name, signal)[-1] for signal in ("tool/pose", "objects/peg"))
-        return SO3(tool[3:]).inverse().apply(peg[:3] - tool[:3])[:2]
-
-    assert np.linalg.norm(off("descend")) > 7e-3
-    assert np.abs(off("close gripper")).max() < 0.5e-3
-
-
-class Cell(Tool):
-    """One that sees with errors."""
-
-    def __init__(self) -> None:
-        simulation = Simulation(PANDA, no_objects)
-        sheet = Senses(simulation).sensed.sheet
-        erring = replace(sheet, noise={**sheet.noise, "pose_bias": 2e-3})
-        Sensed.__init__(self, PANDA, erring, simulation.objects)
-        super().__init__()
-
-
-def test_fingers_turn_the_way_that_the_wrist_can_or_not_at_all() -> None:
-    steps = replace(feeling(Cell()), resting=0.03)._come_around(SE3.identity())
-    step, turns = next(steps), list[float]()
-    failure = Failure(cause=Cause.IK, evidence="it is too far", step="approach")
-    for _ in range(3):
-        assert isinstance(step, Move)
-        (approach,) = step.waypoints
-        assert approach.name == "approach"
-        assert isinstance(approach.target, SE3)
-        turns.append(heading(approach.target))
-        with suppress(StepFailed):
-            step = steps.throw(StepFailed(failure))
-    np.testing.assert_allclose(turns, [0.5 * np.pi, -0.5 * np.pi, 0.0], atol=1e-9)

@@ -1,0 +1,47 @@
+"""What a hand feels, for tests of those that pick and insert a peg by feel."""
+
+import numpy as np
+from mink import SE3
+
+from robo47_qp.run.scenario import Run
+from robo47_qp.sim.sensed import Sensed
+from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
+from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
+
+
+def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
+    """Rows of a signal in the first phase of a name."""
+    i = next(i for i, phase in enumerate(run.phases) if phase.name == name)
+    return run.rows[signal][run.phases[i].start : run.phases[i + 1].start]
+
+
+class Tool(Sensed):
+    """A tool at a height, and what its wrist feels."""
+
+    def __init__(self) -> None:
+        self.at, self.felt = np.zeros(3), np.zeros(3)
+
+    @property
+    def time(self) -> float:
+        return 0.0
+
+    def tool_pose(self, tool: int = 0) -> SE3:
+        return SE3.from_translation(self.at)
+
+    def felt_force(self, tool: int = 0) -> np.ndarray:
+        return self.felt
+
+    def seen_pose(self, name: str) -> SE3:
+        return SE3.from_translation(self.at - np.array([0.0, 0.0, 0.03]))
+
+
+def feeling(tool: Tool) -> FeelingInserter:
+    """Return who inserts a peg into a hole in the origin."""
+    return FeelingInserter(
+        sensed=tool,
+        item=PegInsert().peg,
+        above=0.2,
+        search_force=2.0,
+        insert_force=5.0,
+        T_world_hole=SE3.identity(),
+    )
