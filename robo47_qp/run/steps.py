@@ -264,13 +264,15 @@ class Grasp(Step):
     """Largest rate of the opening width, beside that of the gripper [m/s]."""
     compliance: Compliance | None = None
     """How the tool gives way to fingers that touch one after the other; None keeps it stiff."""
+    during: tuple[Condition, ...] = ()
+    """Conditions that must hold while they close."""
     name: str = "grasp"
     grips: ClassVar[bool] = True
 
     def carry_out(self, executor: StepExecutor) -> None:
         """See `Step.carry_out`."""
         grip = Grip(width=self.width, force=self.force, speed=self.speed)
-        _grip(executor, self.name, grip, self.compliance, self.tool)
+        _grip(executor, self.name, grip, self.compliance, self.tool, self.during)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,6 +349,7 @@ def _grip(
     grip: Grip,
     compliance: Compliance | None = None,
     tool: str | None = None,
+    during: Sequence[Condition] = (),
 ) -> None:
     place = place_of(executor, tool)
     if place and compliance is not None:
@@ -366,6 +369,7 @@ def _grip(
         carried = loop.carried_weight(place) if opening else 0.0
         rows = _LETTING_GO_ROWS if carried else TICK_ROWS - waited % TICK_ROWS
         loop.hold(rows * TIMESTEP)
+        require(name, during)
         waited += rows
         still = still + rows if sim.grip_settled(place) else 0
         # With a friction of 0.5, fingers that press with less than its weight lose an item.

@@ -128,8 +128,9 @@ class ItemHandler:
         yield from self._come_around(T_world_item)
         known = self.sensed.weights_known
         free = None if known else (yield from read_free_wrist(self.sensed))
-        held = (self._held(Cause.GRASP),)
-        grasp = Grasp(name="close gripper", force=self.force, after=held)
+        check = self._check
+        held, around = (check.condition(Cause.GRASP),), (check.around(Cause.GRASP),)
+        grasp = Grasp(name="close gripper", force=self.force, during=around, after=held)
         yield from compliant_grasp(self.sensed, self.item, T_world_item, grasp, tips=self.tips)
         height = float(self.sensed.tool_pose().translation()[2])
         hand = self if free is None else (yield from self._weighed(free))
@@ -191,11 +192,15 @@ class ItemHandler:
         if errs:
             # Beside its goal, both are seen with the same error of the camera's calibration.
             T_world_item = yield from self.look_held(held, self.good_enough)
-            yield from hand._lowered(T_world_item, raised(T_world_goal, LET_GO))
+            yield from hand._let_down(T_world_item, T_world_goal)
         yield self.release()
         if errs:
             # What pressed on the goal until it was let go had pushed the arm aside.
             yield Wait(name="settle", seconds=_SETTLE)
+
+    def _let_down(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
+        """Lower the held item from a little above its goal to where it is let go."""
+        yield from self._lowered(T_world_item, raised(T_world_goal, LET_GO))
 
     def _lowered(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
         """Lower the held item from where it is to a pose, in another branch if need be."""
@@ -364,9 +369,12 @@ class ItemHandler:
         held = (self._held(Cause.DROP),)
         return Move(waypoints=(waypoint,), before=held, during=held, after=held)
 
+    @property
+    def _check(self) -> GraspCheck:
+        return GraspCheck(sensed=self.sensed, item=self.item, force=self.force, standing=self._seen)
+
     def _held(self, cause: Cause) -> Condition:
-        hold = GraspCheck(sensed=self.sensed, item=self.item, force=self.force, standing=self._seen)
-        return hold.condition(cause)
+        return self._check.condition(cause)
 
     def _line(self, name: str, target: SE3) -> Waypoint:
         return Waypoint(name=name, target=target, motion=Motion.LIN)

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -49,6 +49,9 @@ _TRIED, _FIRM_INSERT = 4.0, 10.0
 [N]: a peg that a wall has stopped beside the hole leaps off it when it is eased."""
 _GUARD, _LOWERING = 5.0, 0.03
 """Force that stops a peg that is lowered [N], and its speed [m/s]."""
+_KNOWN = 2e-3
+"""Half the side of the square that is searched around a hole that has let the peg in before [m]:
+the peg may have turned or slipped between the fingers since."""
 _AROUND = 22e-3
 """Distance from the hole at which the block is touched beside it [m]."""
 _TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
@@ -56,6 +59,14 @@ _TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
 coordinate beside the hole; and height above the block where that is less certain [m]."""
 _DEEP = 0.9 * DEPTH - _TILTED
 """Descent from where the peg touched the block that means it is at the bottom [m]."""
+
+
+@dataclass(kw_only=True)
+class Memory:
+    """What is known of a hole since it let the peg in."""
+
+    T_world_hole: SE3 | None = None
+    """Its pose, as far as the peg's place in the tool is known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,16 +79,25 @@ class FeelingInserter(FeelingPicker):
 
     let_down: ClassVar[float] = 12e-3
 
+    memory: Memory = field(default_factory=Memory)
+    """One for all attempts: handlers that follow from this one share it."""
+
     def lined_up(
         self, offset: np.ndarray, *, again: bool = False
     ) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
-        """See `PegInserter.lined_up`: peg and hole are seen side by side, and the block is felt."""
+        """See `PegInserter.lined_up`: peg and hole are seen side by side, and the block is felt.
+
+        Of a hole that has let the peg in before, only the peg has to be seen.
+        """
         if not camera_errs(self.sensed):
             return self, offset
-        if again:
-            return (yield from self._look_again(levelled=True))
-        yield self.to_hole(offset)[:1]
-        hand, offset = yield from self._look_again(levelled=False)
+        known = self.memory.T_world_hole
+        hand = self if known is None else replace(self, T_world_hole=known)
+        if not again:
+            yield hand.to_hole(offset)[:1]
+        hand, offset = yield from hand._look_again(levelled=again or known is not None)
+        if again or known is not None:
+            return hand, offset
         return (yield from hand._level(offset)), offset
 
     def _look_again(self, *, levelled: bool) -> Generator[StepLike, None, tuple[Self, np.ndarray]]:
@@ -92,7 +112,9 @@ class FeelingInserter(FeelingPicker):
         seen = yield from estimate_poses(self.sensed, names, _BESIDE)
         T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
         hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
-        if levelled:
+        if self.memory.T_world_hole is not None:
+            hole = self.memory.T_world_hole
+        elif levelled:
             at = self.T_world_hole.translation()
             at[:2] = hole.translation()[:2]
             hole = SE3.from_rotation_and_translation(self.T_world_hole.rotation(), at)
@@ -101,14 +123,28 @@ class FeelingInserter(FeelingPicker):
     def insert(
         self, offset: np.ndarray, radius: float, pitch: float
     ) -> Generator[StepLike, None, None]:
-        """See `PegInserter.insert`; here, the radius is half the side of a square of lanes."""
+        """See `PegInserter.insert`; here, the radius is half the side of a square of lanes.
+
+        It is small around a hole that has let the peg in before.
+        """
+        if self.memory.T_world_hole is not None:
+            radius = min(radius, _KNOWN)
         x, y = across(self._tool_on_top(offset), self._axis)
         corner = SE3.from_translation(-radius * (x + y)) @ self.T_world_hole
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
         lanes = search_lanes(touched, self._axis, radius, pitch)
-        stiff, free = yield from self._find(stiff, free, lanes, _FINER * pitch)
+        try:
+            stiff, free = yield from self._find(stiff, free, lanes, _FINER * pitch)
+        except StepFailed as error:
+            if error.failure.cause is Cause.TIMEOUT:
+                self.memory.T_world_hole = None
+            raise
+        here, top = self.sensed.tool_pose(), self._tool_on_top(offset)
+        off = here.translation() - top.translation()
+        off -= off.dot(self._axis) * self._axis
+        self.memory.T_world_hole = SE3.from_translation(off) @ self.T_world_hole
         for again in range(_PRESSES + 1):
             if again:
                 yield from self._press_in(stiff, free, _FIRM_INSERT)
@@ -226,16 +262,15 @@ class FeelingInserter(FeelingPicker):
     def _press_in(
         self, stiff: Press, free: FreeWrist, force: float
     ) -> Generator[StepLike, None, None]:
-        """Ease the peg, and press it with a force [N] until it sinks no more."""
+        """Ease the peg, and press it with a force [N] until it sinks no more, or for some time."""
         yield from self._ease(stiff, free)
-        yield replace(
-            stiff,
-            name="insert",
-            force=force,
-            damping=force / _SINK_SPEED,
-            seconds=15.0,
-            until=self._rests(),
-        )
+        insert = replace(stiff, name="insert", force=force, damping=force / _SINK_SPEED)
+        try:
+            yield replace(insert, seconds=15.0, until=self._rests())
+        except StepFailed as error:
+            # How deep it is tells what follows.
+            if error.failure.cause is not Cause.TIMEOUT:
+                raise
 
     def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Press hardly any more, and give way to what pushes the peg aside."""

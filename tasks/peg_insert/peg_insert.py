@@ -164,7 +164,8 @@ class PegInsert(Task):
                     yield from hand.back_off()
                     offset = None
                 else:
-                    radius, pitch = 1.5 * radius, 0.7 * pitch
+                    if error.failure.step == "search":
+                        radius, pitch = 1.5 * radius, 0.7 * pitch
                     hand, offset = yield from hand.lined_up(offset, again=True)
                 if attempt == self.retries:
                     yield HOME

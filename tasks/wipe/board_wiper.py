@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from mink import SE3
@@ -13,9 +13,10 @@ from robo47_qp.arrays import Vector
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Condition
-from robo47_qp.run.steps import Move, StepLike
+from robo47_qp.run.steps import Grasp, Move, StepLike
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.item_handler import ItemHandler
+from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist, wrist_errs
 from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.wipe.board import SURFACE, WipeSettings
@@ -55,6 +56,11 @@ _EASY, _OFF = 3e-3, 0.008
 slips back if that is fast [m/s]."""
 
 
+_LAID, _SET_DOWN, _LOOSE = 1.0, 2.5, 2.0
+"""Force with which the sponge is laid down [N], which its foam gives way to by 1 mm, how long that
+may take [s], and force of fingers in which it settles before they open [N]."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardWiper(ItemHandler):
     """Picks the sponge, wipes the board with it and puts it back."""
@@ -67,16 +73,34 @@ class BoardWiper(ItemHandler):
         """Lower the sponge to the board, wipe and lift it; fails with DROP or TIMEOUT."""
         held = (self._held(Cause.DROP),)
         yield Move(waypoints=self.to_board(), before=held, during=held)
+        hand = (yield from self._lined_up()) if camera_errs(self.sensed) else self
         if wrist_errs(self.sensed):
-            yield from self._wipe_by_foam()
+            yield from hand._wipe_by_foam()
         else:
             yield from self._touch_down(self._force)
             # Level, at the height at which the tool is now.
-            strokes = self.strokes(self.sensed.tool_pose().translation()[2])
+            strokes = hand.strokes(self.sensed.tool_pose().translation()[2])
             speed = self.settings.speed
             yield self._press("wipe", self._force, waypoints=strokes, speed=speed)
             yield self._rise("lift off", self._clear(_FOAM), _OFF)
         yield self._line("leave the board", self._up(self.sensed.tool_pose()))
+
+    def _lined_up(self) -> Generator[StepLike, None, Self]:
+        """Return the wiper of the board as it lies below the sponge, which is then over its corner.
+
+        There, both are seen with the same error of the camera's calibration. Foam over an edge of
+        the board presses otherwise.
+        """
+        since = self.sensed.time
+        seen = (yield from self._look(None, self.good_enough)).translation()
+        if self.sensed.seen_time(self.item.name) < since:
+            # The fingers hide it.
+            return self
+        here = self.sensed.tool_pose().translation()
+        shift = np.array([here[0] - seen[0], here[1] - seen[1], 0.0])
+        hand = replace(self, T_world_board=SE3.from_translation(shift) @ self.T_world_board)
+        yield Move(waypoints=(self._line("beside", hand._over(_LANES[0], -_STROKE, here[2])),))
+        return hand
 
     def _wipe_by_foam(self) -> Generator[StepLike, None, None]:
         """Wipe with the foam as the sensor of the force: a spring, which does not drift.
@@ -115,6 +139,17 @@ class BoardWiper(ItemHandler):
             yield self._rise("ease", self._clear(foam.stiffness) - _CLEAR, _EASY)
             yield self._rise("lift off", _CLEAR, _OFF)
 
+    def _let_down(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
+        """See `ItemHandler._let_down`; the sponge is then lowered until it touches.
+
+        It has crept up between the fingers: let go above the table, it would bounce aside.
+        """
+        free = yield from read_free_wrist(self.sensed, untouched=True)
+        yield from ItemHandler._let_down(self, T_world_item, T_world_goal)
+        step = self._press("set down", partial(self._force_from, free.force), seconds=_SET_DOWN)
+        yield replace(step, force=_LAID)
+        yield Grasp(name="loosen", force=_LOOSE)
+
     def _clear(self, stiffness: float) -> float:
         """Return by how much the tool rises to lift the sponge, of a stiffness [N/m], off [m]."""
         return 1.1 * self.settings.force / stiffness + _CLEAR
@@ -152,17 +187,13 @@ class BoardWiper(ItemHandler):
 
     def to_board(self) -> tuple[Waypoint, Waypoint]:
         """Return the waypoints above the first stroke, and down to a little above the board."""
-        height = self._let_down()
+        height = SURFACE + 0.5 * self.item.height + _ABOVE
         strokes, start = self.strokes(height), self._over(_LANES[0], -_STROKE, height)
         payload = self.item.payload(SE3.identity())
         hover = Waypoint(name="hover", target=start, motion=Motion.LIN, carried=payload)
         above = self._up(start)
         onward = (hover, *strokes)
         return Waypoint(name="to the board", target=above, carried=payload, onward=onward), hover
-
-    def _let_down(self) -> float:
-        """Return the height of the tool from which the sponge is lowered [m]."""
-        return SURFACE + 0.5 * self.item.height + _ABOVE
 
     def strokes(self, height: float) -> tuple[Waypoint, ...]:
         """Return the strokes up and down the board at a height of the tool, without stops [m]."""

@@ -217,6 +217,31 @@ def test_the_fingers_close_and_open() -> None:
     assert widths == pytest.approx([0.03, 0.05, 0.08], abs=1e-3)
 
 
+def test_fingers_that_close_past_an_item_fail_at_once() -> None:
+    missed: list[tuple[float, float]] = []
+    failures: list[Failure] = []
+
+    def program(sensed: Sensed) -> Program:
+        def past() -> str | None:
+            return None if sensed.width() > 0.06 else "nothing is there"
+
+        around = Condition(name="around", cause=Cause.GRASP, against=past)
+        try:
+            yield Grasp(force=20.0, speed=0.02, during=(around,))
+        except StepFailed as error:
+            missed.append((sensed.time, sensed.width()))
+            failures.append(error.failure)
+        yield Release()
+        assert sensed.width() == pytest.approx(0.08, abs=1e-3)
+        return None
+
+    assert run_program(program).failure is None
+    ((time, width),), (failure,) = missed, failures
+    assert (failure.cause, failure.step) == (Cause.GRASP, "grasp")
+    assert time == pytest.approx(1.0, abs=0.1)
+    assert width == pytest.approx(0.06, abs=1e-3)
+
+
 def circling(sensed: Sensed) -> Callable[[float], SE3]:
     """A target on a circle of 5 cm at 0.1 m/s that starts at the tool, from rest."""
     start, begun = sensed.tool_pose(), sensed.time

@@ -10,7 +10,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.steps import Move, Release, StepLike, as_step
+from robo47_qp.run.steps import Grasp, Move, Release, StepLike, as_step
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -127,6 +127,8 @@ def test_what_was_squeezed_out_is_grasped_on_the_side_to_which_it_went(
             assert isinstance(target, SE3)
             approaches.append(target)
         if len(approaches) == 1 and step.name == "close gripper":
+            assert isinstance(step, Grasp)
+            assert [one.name for one in step.during] == [f"the fingers are around the {item.name}"]
             # Along the fingers, as they close.
             along = approaches[0].rotation().as_matrix()[:, 0]
             seen = world.object_pose(item.name)

@@ -1,12 +1,17 @@
 """What a hand feels, for tests of those that pick and insert a peg by feel."""
 
+from dataclasses import replace
+
 import numpy as np
 from mink import SE3
 
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.scenario import Run
-from robo47_qp.sim.sensed import Sensed
+from robo47_qp.sim.sensed import Sensed, Senses
+from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
+from tests.runs import no_objects
 
 
 def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
@@ -31,8 +36,22 @@ class Tool(Sensed):
     def felt_force(self, tool: int = 0) -> np.ndarray:
         return self.felt
 
+    def seen_time(self, name: str) -> float:
+        return self.time
+
     def seen_pose(self, name: str) -> SE3:
         return SE3.from_translation(self.at - np.array([0.0, 0.0, 0.03]))
+
+
+class Cell(Tool):
+    """One in a cell, whose sheet tells errors of the camera."""
+
+    def __init__(self, **noise: float) -> None:
+        simulation = Simulation(PANDA, no_objects)
+        sheet = Senses(simulation).sensed.sheet
+        erring = replace(sheet, noise={**sheet.noise, **noise})
+        Sensed.__init__(self, PANDA, erring, simulation.objects)
+        super().__init__()
 
 
 def feeling(tool: Tool) -> FeelingInserter:

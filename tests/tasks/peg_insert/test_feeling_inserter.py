@@ -9,15 +9,16 @@ from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Press
-from robo47_qp.run.failure import StepFailed
+from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.tasks.handling.wrist import FreeWrist
+from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.hole_sense import HoleSense
 from robo47_qp.tasks.peg_insert.peg import DEPTH
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.peg_insert.sinking import Sinking
-from tests.tasks.peg_insert.felt import Tool, feeling, rows_of
+from tests.tasks.peg_insert.felt import Cell, Tool, feeling, rows_of
 
 
 def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in_at_once() -> None:
@@ -74,6 +75,17 @@ def lanes_of(step: Press) -> np.ndarray:
     """Return the ends of the lanes of a search (n, 3)."""
     targets = [waypoint.target for waypoint in step.waypoints]
     return np.array([one.translation() for one in targets if isinstance(one, SE3)])
+
+
+def meet_edge(tool: Tool, search: Press) -> None:
+    """Let an edge stop the peg where the tool is; then nothing pushes it any more."""
+    assert search.observe is not None
+    assert search.until is not None
+    search.observe()
+    tool.felt = np.array([0.0, -6.0, 3.0])
+    for _ in range(4):
+        search.until.against()
+    tool.felt = np.zeros(3)
 
 
 @pytest.mark.parametrize(
@@ -183,12 +195,7 @@ def test_where_an_edge_caught_the_peg_and_no_lane_led_in_the_hole_is_searched_fo
         if len(searches) == 1:
             # An edge catches it in the second lane, in which the hole is not.
             caught = tool.at = 0.5 * (ways[1] + ways[2])
-            assert step.observe is not None
-            step.observe()
-            tool.felt = np.array([0.0, -6.0, 3.0])
-            for _ in range(4):
-                step.until.against()
-            tool.felt = np.zeros(3)
+            meet_edge(tool, step)
         else:
             tool.at = ways[-1]
             told.append(step.until.against())
@@ -216,13 +223,7 @@ def test_a_peg_that_edges_catch_everywhere_and_no_lane_lets_in_is_not_pressed_on
                 tool.at = step.target.translation()
             if isinstance(step, Press) and step.name == "search":
                 tool.at = lanes_of(step)[-2:].mean(axis=0)
-                assert step.observe is not None
-                assert step.until is not None
-                step.observe()
-                tool.felt = np.array([0.0, -6.0, 3.0])
-                for _ in range(4):
-                    step.until.against()
-                tool.felt = np.zeros(3)
+                meet_edge(tool, step)
 
     with pytest.raises(StepFailed, match="does not go in there"):
         insert()
@@ -242,12 +243,7 @@ def test_fingers_let_go_of_a_peg_that_sticks_only_after_they_press_no_more() -> 
             pressed.append(step)
             tool.felt = np.zeros(3)
         if isinstance(step, Press) and step.name == "search":
-            assert step.observe is not None
-            step.observe()
-            assert step.until is not None
-            tool.felt = np.array([0.0, -6.0, 3.0])
-            for _ in range(4):
-                step.until.against()
+            meet_edge(tool, step)
         if [one.name for one in pressed].count("insert") == 1 and pressed[-1].name == "insert":
             # It sinks once, deep enough to stand, and no further.
             tool.at = tool.at - [0.0, 0.0, 9e-3]
@@ -312,3 +308,76 @@ def test_a_wrist_that_has_drifted_is_no_wall_after_a_press_in_vain() -> None:
     # Only a peg that is lifted off tells the zero of the wrist.
     assert known["ease"] == {False}
     assert known["lift off"] == {True}
+
+
+def lined_up(
+    hand: FeelingInserter, offset: np.ndarray, *, again: bool
+) -> tuple[list[StepLike], FeelingInserter, np.ndarray]:
+    """Return the steps of `FeelingInserter.lined_up`, and what it returns."""
+    steps, passed = hand.lined_up(offset, again=again), list[StepLike]()
+    while True:
+        try:
+            passed.append(next(steps))
+        except StopIteration as end:
+            return passed, *end.value
+
+
+def test_a_hole_that_has_let_the_peg_in_is_searched_for_there_until_it_does_so_no_more() -> None:
+    """Neither is its place seen again nor are its heights felt; only the peg is looked at."""
+    tool, offset, sides = Cell(pose_bias=2e-3), np.zeros(2), list[float]()
+    hand = feeling(tool)
+
+    def attempt(sinks: float) -> str:
+        """Return why a peg that sinks so far [m], and no further, is not in."""
+        lanes = np.zeros((0, 3))
+        try:
+            for step in hand.insert(offset, 3.2e-3, 0.4e-3):
+                if isinstance(step, Waypoint) and isinstance(step.target, SE3):
+                    tool.at = step.target.translation()
+                if isinstance(step, Press) and step.name == "search":
+                    lanes = lanes if len(lanes) else lanes_of(step)
+                    tool.at = lanes_of(step)[-2:].mean(axis=0)
+                    meet_edge(tool, step)
+                elif isinstance(step, Press) and step.name == "insert":
+                    tool.at, sinks = tool.at - [0.0, 0.0, sinks], 0.0
+        except StepFailed as error:
+            sides.append(float(np.ptp(lanes[:, 1])))
+            return error.failure.evidence
+        pytest.fail("it is in")
+
+    for again in (True, False):
+        assert attempt(2e-3) == "the peg sticks 2.0 mm deep"
+        caught, tool.at = tool.at, np.array([0.1, -0.2, 0.3])
+        passed, hand, offset = lined_up(hand, offset, again=again)
+        names = [way.name for step in passed if isinstance(step, tuple) for way in step]
+        assert names == ([] if again else ["to the hole"])
+        assert not any(isinstance(step, Press) for step in passed)
+        above = hand.to_hole(offset)[0].target
+        assert isinstance(above, SE3)
+        np.testing.assert_allclose(above.translation()[:2], caught[:2])
+    assert "does not go in there" in attempt(0.0)
+    tool.at = np.array([0.1, -0.2, 0.3])
+    _, hand, offset = lined_up(hand, offset, again=True)
+    np.testing.assert_allclose(hand.T_world_hole.translation()[:2], tool.at[:2])
+    assert "sticks" in attempt(2e-3)
+    np.testing.assert_allclose(sides, [6.4e-3, 4e-3, 4e-3, 6.4e-3])
+
+
+@pytest.mark.parametrize("cause", [Cause.TIMEOUT, Cause.DROP])
+def test_a_peg_that_still_sinks_when_its_time_is_over_has_not_failed(cause: Cause) -> None:
+    tool = Tool()
+    touch = Press(
+        name="touch",
+        axis=np.array([0.0, 0.0, -1.0]),
+        force=4.0,
+        felt=lambda: 0.0,
+        damping=1e3,
+        seconds=1.0,
+    )
+    steps = feeling(tool)._press_in(touch, FreeWrist(force=np.zeros(3), time=0.0), 4.0)
+    over = StepFailed(Failure(cause=cause, evidence="it is so", step="insert"))
+    step = next(steps)
+    while not (isinstance(step, Press) and step.name == "insert"):
+        step = next(steps)
+    with pytest.raises(StopIteration if cause is Cause.TIMEOUT else StepFailed):
+        steps.throw(over)

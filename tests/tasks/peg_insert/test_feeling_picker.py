@@ -19,13 +19,10 @@ from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Move, StepLike, Wait
-from robo47_qp.sim.sensed import Sensed, Senses
-from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
-from tests.runs import no_objects
-from tests.tasks.peg_insert.felt import Tool, feeling, rows_of
+from tests.tasks.peg_insert.felt import Cell, Tool, feeling, rows_of
 
 
 def begun(seed: int, time_limit: float) -> Run:
@@ -119,17 +116,6 @@ def test_a_peg_that_is_seen_beside_the_fingers_middle_is_centred_between_them() 
         for name in ("close across", "close gripper")
     ]
     assert abs(quarter[0] - quarter[1]) == pytest.approx(0.5 * np.pi, abs=0.02)
-
-
-class Cell(Tool):
-    """One in a cell, whose sheet tells errors of the camera."""
-
-    def __init__(self, **noise: float) -> None:
-        simulation = Simulation(PANDA, no_objects)
-        sheet = Senses(simulation).sensed.sheet
-        erring = replace(sheet, noise={**sheet.noise, **noise})
-        Sensed.__init__(self, PANDA, erring, simulation.objects)
-        super().__init__()
 
 
 def approaches(steps: Generator[StepLike, None, None], tries: int) -> list[float]:
