@@ -12,7 +12,7 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.place_criterion import PlaceCriterion, miss
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import TABLE_TOP
@@ -62,15 +62,26 @@ def goal_pose(sensed: Sensed, item: Item) -> SE3:
 
 def estimate_goal(sensed: Sensed, marker: str = GOAL) -> Generator[StepLike, None, SE3]:
     """Estimate T_world_goal of a marker on the table, at whose height it is, by the camera."""
-    seen = yield from estimate_pose(sensed, marker)
-    x, y, _ = seen.translation()
-    return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
+    return _on_table((yield from estimate_pose(sensed, marker)))
 
 
 def estimate_item_goal(sensed: Sensed, item: Item) -> Generator[StepLike, None, SE3]:
     """Estimate T_world_item of an item that stands on the marker, by the camera."""
     T_world_goal = yield from estimate_goal(sensed)
     return _standing(item, T_world_goal)
+
+
+def estimate_goal_and_item(
+    sensed: Sensed, item: Item
+) -> Generator[StepLike, None, tuple[SE3, SE3]]:
+    """Estimate the same, and T_world_item of the item as it is, from the same images."""
+    seen = yield from estimate_poses(sensed, (GOAL, item.name))
+    return _standing(item, _on_table(seen[GOAL])), seen[item.name]
+
+
+def _on_table(seen: SE3) -> SE3:
+    x, y, _ = seen.translation()
+    return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
 
 
 def _standing(item: Item, T_world_goal: SE3) -> SE3:

@@ -17,7 +17,12 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
 from robo47_qp.tasks.handling.mass_measurement import measure_mass
-from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, camera_errs, estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import (
+    GOOD_ENOUGH,
+    at_height,
+    camera_errs,
+    estimate_pose,
+)
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.heading import heading, raised
 from robo47_qp.tasks.item import Item, turned_about_vertical
@@ -80,14 +85,20 @@ class ItemHandler:
     T_item_standing: SE3 | None = None
     """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
 
-    def pick(self) -> Generator[StepLike, None, HeldItem]:
+    def pick(self, seen: SE3 | None = None) -> Generator[StepLike, None, HeldItem]:
         """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift.
 
         An item that the fingers miss is grasped along its other sides, if it is slender enough: the
         camera errs by the same again, but fingers that close along that error centre the item.
         They are brought to where it has gone when it was missed; see `_beside`.
+
+        Args:
+            seen: T_world_item as it has just been estimated; None looks at it.
         """
-        before = yield from self._look(self.resting, _TO_GRASP)
+        if seen is None:
+            before = yield from self._look(self.resting, _TO_GRASP)
+        else:
+            before = self.stood(at_height(self.sensed, seen, self.resting))
         try:
             return (yield from self._pick(before))
         except StepFailed as error:

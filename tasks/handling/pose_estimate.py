@@ -40,7 +40,11 @@ def estimate_pose(
         T_world_object.
     """
     seen = yield from estimate_poses(sensed, (name,), good_enough)
-    T_world_object = seen[name]
+    return at_height(sensed, seen[name], height)
+
+
+def at_height(sensed: Sensed, T_world_object: SE3, height: float | None) -> SE3:
+    """Return a seen pose with the known height of its frame; see `estimate_pose`."""
     if height is None or not camera_errs(sensed):
         return T_world_object
     x, y, _ = T_world_object.translation()

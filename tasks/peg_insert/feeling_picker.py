@@ -32,12 +32,12 @@ _PULL, _PULL_SPEED = 15.0, 0.01
 class FeelingPicker(PegInserter):
     """Picks the peg from the table or out of the hole, and draws it out."""
 
-    def pick(self) -> Generator[StepLike, None, HeldItem]:
+    def pick(self, seen: SE3 | None = None) -> Generator[StepLike, None, HeldItem]:
         """See `ItemHandler.pick`; a peg that stands in the hole is higher than before."""
         height = float(self.sensed.seen_pose(self.item.name).translation()[2])
         on_table = self.resting is None or height <= self.resting + _IN_HOLE
         hand = self if on_table else replace(self, resting=None)
-        return (yield from ItemHandler.pick(hand))
+        return (yield from ItemHandler.pick(hand, seen))
 
     def _come_around(self, T_world_item: SE3) -> Generator[StepLike, None, None]:
         """See `ItemHandler._come_around`; before, fingers that close across have centred the peg.

@@ -15,7 +15,7 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import Goal, add_goal, estimate_item_goal, goal_pose, place_goal
+from robo47_qp.tasks.goal import Goal, add_goal, estimate_goal_and_item, goal_pose, place_goal
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.heading import upright
@@ -124,10 +124,10 @@ class PickPlace(Task):
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         hand = self._handling(sensed)
-        goal = yield from estimate_item_goal(sensed, self.item)
+        goal, seen = yield from estimate_goal_and_item(sensed, self.item)
         for attempt in range(1 + self.retries):
             try:
-                held = yield from hand.pick()
+                held = yield from hand.pick(None if attempt else seen)
                 yield from hand.place(goal, held)
             except StepFailed as error:
                 if error.failure.cause not in LOST:

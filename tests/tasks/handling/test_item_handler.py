@@ -10,7 +10,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.steps import Grasp, Move, Release, StepLike, as_step
+from robo47_qp.run.steps import Grasp, Look, Move, Release, StepLike, as_step
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -160,3 +160,23 @@ def test_a_data_sheet_tells_how_far_sizes_may_be_off(factor: float) -> None:
             assert np.linalg.norm(run.rows["contact/tool"], axis=1).max() < 30.0
     assert failures[0] is None
     assert failures[1] is not None
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_item_that_has_just_been_seen_is_not_looked_at_again(known: bool) -> None:
+    """Its height is known better than it is seen, as otherwise."""
+    erring, rng = Disturbance(pose_noise=2e-3), np.random.default_rng(0)
+    world = DisturbedSimulation(PANDA, PickPlace().build_scene, erring, rng)
+    item, resting = PickPlace().item, 0.5 * PickPlace().item.height
+    hand = ItemHandler(sensed=live(world), item=item, above=0.2, resting=resting)
+    seen = SE3.from_translation(np.array([0.03, -0.02, 0.01])) @ world.object_pose(item.name)
+    step = as_step(next(hand.pick(seen if known else None)))
+    assert isinstance(step, Look) != known
+    if isinstance(step, Move):
+        target = step.waypoints[0].target
+        assert isinstance(target, SE3)
+        np.testing.assert_allclose(target.translation()[:2], seen.translation()[:2], atol=1e-9)
+        (descend, *_) = step.waypoints[0].onward
+        assert isinstance(descend.target, SE3)
+        grasp = hand.item.grasp(seen, 0.08).translation()[2] - seen.translation()[2]
+        assert descend.target.translation()[2] == pytest.approx(resting + grasp, abs=1e-9)

@@ -83,6 +83,15 @@ def test_a_camera_that_is_calibrated_wrong_does_not_move_the_goal() -> None:
     assert run.measures["place_error_m"] < 1e-3
 
 
+def test_item_and_goal_are_looked_at_in_the_same_images() -> None:
+    task = PickPlace()
+    noisy = DisturbedSimulation(PANDA, task.build_scene, Disturbance(pose_noise=1e-3))
+    run = Runner(ClassicalStack().scenario(PANDA, task), noisy).run()
+    assert run.failure is None
+    first, second, *_ = dict.fromkeys(names(run))
+    assert (first, second) == ("look at goal, cube", "approach")
+
+
 def test_the_default_run_places_the_cube() -> None:
     run = picked_and_placed()
     assert run.failure is None
@@ -184,7 +193,8 @@ def test_a_grasp_that_always_misses_is_tried_three_times_and_reported() -> None:
     assert "lift" not in names(run)
     assert run.failure is not None
     assert run.failure.cause is Cause.GRASP
-    assert "the fingers are 0.0 mm apart, the cube measures 40.0 mm" in run.failure.evidence
+    # They are noticed to be too close as soon as they are.
+    assert "the fingers are 36.8 mm apart, the cube measures 40.0 mm" in run.failure.evidence
     assert is_home(run)
     assert names(run)[-2:] == ["home", "end"]
     assert witness.notes[-1][1:] == (f"failed (grasp): {run.failure.evidence}", "ERROR")
