@@ -85,7 +85,8 @@ def test_a_camera_that_is_calibrated_wrong_does_not_move_the_goal() -> None:
 
 def test_item_and_goal_are_looked_at_in_the_same_images() -> None:
     task = PickPlace()
-    noisy = DisturbedSimulation(PANDA, task.build_scene, Disturbance(pose_noise=1e-3))
+    rng, wrong = np.random.default_rng(6), Disturbance(pose_noise=1e-3)
+    noisy = DisturbedSimulation(PANDA, task.build_scene, wrong, rng)
     run = Runner(ClassicalStack().scenario(PANDA, task), noisy).run()
     assert run.failure is None
     first, second, *_ = dict.fromkeys(names(run))
