@@ -60,9 +60,9 @@ def goal_pose(sensed: Sensed, item: Item) -> SE3:
     return _standing(item, seen_goal(sensed))
 
 
-def estimate_goal(sensed: Sensed, marker: str = GOAL) -> Generator[StepLike, None, SE3]:
-    """Estimate T_world_goal of a marker on the table, at whose height it is, by the camera."""
-    return _on_table((yield from estimate_pose(sensed, marker)))
+def estimate_goal(sensed: Sensed) -> Generator[StepLike, None, SE3]:
+    """Estimate T_world_goal of the marker on the table, at whose height it is, by the camera."""
+    return on_table((yield from estimate_pose(sensed, GOAL)))
 
 
 def estimate_item_goal(sensed: Sensed, item: Item) -> Generator[StepLike, None, SE3]:
@@ -76,10 +76,11 @@ def estimate_goal_and_item(
 ) -> Generator[StepLike, None, tuple[SE3, SE3]]:
     """Estimate the same, and T_world_item of the item as it is, from the same images."""
     seen = yield from estimate_poses(sensed, (GOAL, item.name))
-    return _standing(item, _on_table(seen[GOAL])), seen[item.name]
+    return _standing(item, on_table(seen[GOAL])), seen[item.name]
 
 
-def _on_table(seen: SE3) -> SE3:
+def on_table(seen: SE3) -> SE3:
+    """Return the pose of a marker on the table, at whose height it is."""
     x, y, _ = seen.translation()
     return SE3.from_rotation_and_translation(seen.rotation(), np.array([x, y, TABLE_TOP]))
 

@@ -15,10 +15,10 @@ from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.goal import estimate_goal
+from robo47_qp.tasks.goal import on_table
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, HeldItem
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, miss, unfinished
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 from robo47_qp.tasks.task_state import task_state
@@ -130,14 +130,16 @@ class Wipe(Task):
 
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
-        hand = self._wiper(sensed, (yield from estimate_pose(sensed, "board")))
+        names = ("board", "place of the sponge", self.sponge.name)
+        seen = yield from estimate_poses(sensed, names)
+        hand = self._wiper(sensed, seen["board"])
         home = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
-        back = (yield from estimate_goal(sensed, "place of the sponge")) @ home
+        back = on_table(seen["place of the sponge"]) @ home
         held: HeldItem | None = None
         for attempt in range(1 + self.retries):
             try:
                 if held is None:
-                    held = yield from hand.pick()
+                    held = yield from hand.pick(None if attempt else seen[self.sponge.name])
                     hand = hand.holding(held)
                 yield from hand.wipe()
                 if marks_seen(sensed) and attempt < self.retries:
