@@ -184,7 +184,7 @@ def _settle_time(run: Run) -> float:
     for phase, rows in run.spans():
         if phase.leg is not None:
             since = rows.stop
-        elif since is not None and not phase.compliant:
+        elif since is not None and not phase.compliant and phase.axis is None:
             outside = np.flatnonzero(error[rows] > SETTLED)
             settled = phase.start + int(outside[-1]) + 1 if outside.size else since
             longest = max(longest, settled - since)

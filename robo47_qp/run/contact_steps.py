@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Annotated, ClassVar
 
 import numpy as np
+from mink import SE3
 from scipy.interpolate import CubicHermiteSpline
 
-from robo47_qp.arrays import Checked, NotNegative, Positive, Range, Size, Vector
+from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.gripper import Grip
@@ -31,6 +33,8 @@ _PRESS_ROWS = 10
 
 _PACE = 100.0
 """Rate at which a path that waits slows down and goes on [1/s]."""
+_BACK = 0.1
+"""Time constant by which a tool that presses gets back to its path [s]."""
 _SHARE = 0.3
 """Share of the accelerations allowed for the joints that a stiff tool that presses may use."""
 
@@ -84,12 +88,13 @@ class Guarded(Checked, Step):
             change = loop.sim.felt_force(place) - before
             return float(np.sqrt(change.dot(change))) >= self.force
 
-        # Contact pushes the tool off its line before the arm stops.
-        loop.begin(self.name, leg, compliant=True)
+        loop.begin(self.name, leg)
         if loop.track(leg.trajectory, touched, block=_TICK_ROWS):
-            loop.halt()
+            # Contact pushes the tool off its line.
+            loop.halt(compliant=True)
             if any(condition.against() is not None for condition in self.after):
                 # What follows would begin with a leap of an arm that presses.
+                loop.begin("unload", compliant=True)
                 executor.compliance.unload_stiff()
                 loop.hold(_RELIEF)
         elif self.missing is not None:
@@ -144,14 +149,18 @@ class ContactMotion(Checked, Step):
 
     def _follow(self, loop: ControlLoop, legs: Sequence[Leg], tracker: "_Tracker") -> None:
         """Track the legs and stay after them, until the tracker has ended."""
+        begin = partial(
+            loop.begin,
+            compliant=tracker.axis is None,
+            streamed=tracker.axis is not None,
+            axis=tracker.axis,
+        )
         for leg in legs:
-            planned = None if tracker.streamed else leg
-            name = leg.waypoint.name
-            loop.begin(name, planned, compliant=True, streamed=tracker.streamed)
+            begin(leg.waypoint.name, leg)
             if tracker.track(leg.trajectory):
                 return
         if self.seconds:
-            loop.begin(self.name, compliant=True, streamed=tracker.streamed)
+            begin(self.name)
             q = loop.reference.q - tracker.q
             tracker.track(hold(q, round(self.seconds / TIMESTEP), TIMESTEP))
 
@@ -250,8 +259,8 @@ class Press(ContactMotion):
 class _Tracker:
     """Tracks what a step in contact plans, as it is planned."""
 
-    streamed: ClassVar[bool] = False
-    """See `Phase.streamed`."""
+    axis: Vector | None = None
+    """See `Phase.axis`."""
 
     def __init__(self, loop: ControlLoop, monitor: StepMonitor) -> None:
         """Start where the loop is."""
@@ -272,13 +281,15 @@ class _Tracker:
 class _Depth(_Tracker):
     """Tracks it with the tool's displacement δ along the axis of a `Press`."""
 
-    streamed = True
-
     def __init__(self, step: Press, loop: ControlLoop, monitor: StepMonitor) -> None:
         """Start at rest on the path."""
         super().__init__(loop, monitor)
+        self.axis = step.axis
         self._step, self._arm, self._a_max = step, loop.arm, loop.profile.a_max
-        self._speed = self._acceleration = 0.0
+        self._depth = self._speed = self._acceleration = 0.0
+        self._ways: Matrix | None = None
+        """Speeds of the joints for a unit of δ̇, and those that bring the tool back to where it
+        should be (2, n)."""
 
     def track(self, path: Trajectory) -> bool:
         """See `_Tracker.track`."""
@@ -313,22 +324,51 @@ class _Depth(_Tracker):
 
     def _moved(self, part: Trajectory, q: Vector) -> Trajectory:
         """Return a part of a path with the displacement, that in q (n,) its first."""
-        step, axis = self._step, np.zeros(6)
-        axis[:3] = self._arm.pose(q).rotation().as_matrix().T @ step.axis
-        way = np.linalg.lstsq(self._arm.jacobian(q), axis)[0]
+        step = self._step
+        goal = self._wanted_ways(part.q[0], q)
+        ways = goal if self._ways is None else self._ways
+        # Not at once: the speed of the joints would jump with them.
+        turn = (goal - ways) / (part.steps * TIMESTEP)
         asked = step.force - step.felt() if step.force else 0.0
-        largest = _SHARE * float((self._a_max / np.maximum(np.abs(way), 1e-9)).min())
-        states = [(self.q, self._speed * way, self._acceleration * way)]
-        for _ in range(part.steps):
-            wanted = (asked - step.damping * self._speed) / step.mass if step.force else 0.0
-            wanted = min(max(wanted, -largest), largest)
-            most = step.jerk * TIMESTEP
-            self._acceleration += min(max(wanted - self._acceleration, -most), most)
-            self._speed += TIMESTEP * self._acceleration
-            self.q = self.q + TIMESTEP * self._speed * way
-            states.append((self.q, self._speed * way, self._acceleration * way))
-        q, v, a = (np.array(column) for column in zip(*states, strict=True))
+        largest = _SHARE * float((self._a_max / np.maximum(np.abs(goal[0]), 1e-9)).min())
+        states, end = list[Matrix](), part.steps
+        for i in range(end + 1):
+            along, back = ways
+            v = self._speed * along + back
+            if i:
+                self.q = self.q + 0.5 * TIMESTEP * (states[-1][1] + v)
+            a = self._acceleration * along + self._speed * turn[0] + turn[1]
+            states.append(np.array([self.q, v, a]))
+            if i < end:
+                self._advance(asked, largest)
+                ways = ways + TIMESTEP * turn
+        self._ways = ways
+        q, v, a = np.swapaxes(states, 0, 1)
         return Trajectory(dt=part.dt, q=part.q + q, v=part.v + v, a=part.a + a)
+
+    def _wanted_ways(self, q_path: Vector, q: Vector) -> Matrix:
+        """Return what `_ways` should be where the path is at q_path (n,), and the tool at q (n,).
+
+        The joints' way along the axis on one part of a path is not quite that on another.
+        """
+        T, on_path, axis = self._arm.pose(q), self._arm.pose(q_path), self._step.axis
+        goal = SE3.from_rotation_and_translation(
+            on_path.rotation(), on_path.translation() + self._depth * axis
+        )
+        along = np.concatenate([T.rotation().as_matrix().T @ axis, np.zeros(3)])
+        back = (T.inverse() @ goal).log() / _BACK
+        ways: Matrix = np.linalg.lstsq(self._arm.jacobian(q), np.column_stack([along, back]))[0].T
+        return ways
+
+    def _advance(self, asked: float, largest: float) -> None:
+        """Advance δ by a period, with F - f [N] and the largest acceleration [m/s²]."""
+        step, before = self._step, (self._speed, self._acceleration)
+        wanted = (asked - step.damping * self._speed) / step.mass if step.force else 0.0
+        wanted = min(max(wanted, -largest), largest)
+        most = step.jerk * TIMESTEP
+        self._acceleration += min(max(wanted - before[1], -most), most)
+        self._speed += 0.5 * TIMESTEP * (before[1] + self._acceleration)
+        self._depth += 0.5 * TIMESTEP * (before[0] + self._speed)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,7 +65,10 @@ class Phase:
     compliant: bool = False
     """True where the tool is compliant: it may leave its reference."""
     streamed: bool = False
-    """True where the reference follows a moving target: its jerk is not bounded."""
+    """True where the reference follows a moving target, or a force: its jerk is not bounded."""
+    axis: Vector | None = None
+    """Direction in which the reference leaves the planned motion as the tool presses along it: a
+    unit vector in the world (3,). None where it does not press, or is compliant."""
 
 
 class ControlLoop:
@@ -108,6 +111,8 @@ class ControlLoop:
         self.recording = Recording(signals.all_signals(simulation, extra))
         self.observers: tuple[Observer, ...] = ()
         self.phases: list[Phase] = []
+        self.retaken: list[int] = []
+        """See `Run.retaken`."""
         self.seconds = 0.0
         """Wall time spent in the loop [s]."""
         self._check, self._yielding, self._insisting = check, False, False
@@ -128,6 +133,7 @@ class ControlLoop:
     def take_over(self, reference: JointReference) -> None:
         """Continue from a reference other than the last one that was tracked."""
         self._reference = reference
+        self.retaken.append(len(self.recording))
 
     def rest(self, q: Vector) -> None:
         """Continue at rest from joint positions q (n,) [rad], which the joints have."""
@@ -174,14 +180,21 @@ class ControlLoop:
         *,
         compliant: bool = False,
         streamed: bool = False,
+        axis: Vector | None = None,
         afresh: bool = True,
     ) -> None:
-        """Start a phase; if `afresh` is False and the last one has this name, continue that one."""
+        """Start a phase; if `afresh` is False and the last one has this name, continue that one.
+
+        The other arguments are those of `Phase`.
+        """
         if not afresh and self.phases and self.phases[-1].name == name:
             return
         start = len(self.recording)
-        phase = Phase(name=name, start=start, leg=leg, compliant=compliant, streamed=streamed)
-        self.phases.append(phase)
+        self.phases.append(
+            Phase(
+                name=name, start=start, leg=leg, compliant=compliant, streamed=streamed, axis=axis
+            )
+        )
         for observer in self.observers:
             observer.phase(self.sim.time, name)
         if leg is not None and self.observers:
@@ -259,11 +272,15 @@ class ControlLoop:
         """Return what holds the joint positions of the reference for some control periods."""
         return hold(self.reference.q, steps, TIMESTEP)
 
-    def halt(self) -> None:
-        """Bring a moving reference to rest as fast as the profile allows."""
+    def halt(self, *, compliant: bool = False) -> None:
+        """Bring a moving reference to rest as fast as the profile allows.
+
+        Args:
+            compliant: Whether the arm gives way meanwhile, also if it was stiff before.
+        """
         if not self.resting:
             braking = stop(self.arm, self.reference, self.profile, TIMESTEP)
-            self.begin("stop", compliant=self.phases[-1].compliant)
+            self.begin("stop", compliant=compliant or self.phases[-1].compliant)
             self.track(braking)
 
     def pause(self) -> None:

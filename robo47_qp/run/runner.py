@@ -186,6 +186,7 @@ class Runner:
             loop_seconds=loop.seconds,
             objects={name: np.array(self._sim.model.body(name).ipos) for name in self._sim.objects},
             fixed=self._sim.fixed(),
+            retaken=loop.retaken,
             failed_steps=self.failed_steps,
         )
 

@@ -53,6 +53,9 @@ class Run:
     """Bodies that move freely, each with its centre of mass in its frame (3,) [m]."""
     fixed: Sequence[Obstacle]
     """What stands fixed around the robot and can be touched, at the end of the run."""
+    retaken: Sequence[int] = ()
+    """Rows with a reference that does not continue the one before them: it was taken anew from the
+    state of the arm, which contact or a policy's torques had moved."""
     failed_steps: int | None = None
     """Steps that failed, which a program may have tried again; None without a program."""
 

@@ -121,7 +121,8 @@ def test_at_full_pace_it_goes_as_without_one() -> None:
     assert 0 <= len(paced) - len(plain) <= 10
     np.testing.assert_allclose(paced[: len(plain)], plain, atol=1e-9)
     y = rows_of(runs[1], "to", "tool/pose_ref")[len(plain) - 1 :, 1]
-    np.testing.assert_allclose(y, y[0], atol=1e-9)
+    # But for what brings it back to the path.
+    np.testing.assert_allclose(y, y[0], atol=1e-7)
 
 
 def test_a_path_waits_and_goes_on_smoothly_while_it_is_pressed_on() -> None:

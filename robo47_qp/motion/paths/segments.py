@@ -52,8 +52,14 @@ class Segment(ToolPath, Protocol):
         """Return the derivative of the position by s, of an order of 0 or more (3,) [m]."""
         ...
 
-    def distances(self, positions: Matrix) -> Vector:
-        """Return the distances of points (N, 3) from the path (N,) [m]."""
+    def distances(self, positions: Matrix, free: Vector | None = None) -> Vector:
+        """Return the distances of points from the path (N,) [m].
+
+        Args:
+            positions: The points (N, 3) [m].
+            free: Direction in which they may be anywhere, a unit vector (3,); for an arc, along
+                the axis of its circle.
+        """
         ...
 
 
@@ -101,12 +107,12 @@ class Line(_SteadyTurn):
             return place
         return self._shift.copy() if order == 1 else np.zeros(3)
 
-    def distances(self, positions: Matrix) -> Vector:
+    def distances(self, positions: Matrix, free: Vector | None = None) -> Vector:
         """See `Segment.distances`."""
         offset: Matrix = positions - self._start.translation()
-        if self.length > 0.0:
-            s = np.clip(offset @ self._shift / self.length**2, 0.0, 1.0)
-            offset -= s[:, None] * self._shift
+        offset, shift = _across(offset, free), _across(self._shift, free)
+        if size := float(shift @ shift):
+            offset = offset - np.clip(offset @ shift / size, 0.0, 1.0)[:, None] * shift
         distance: Vector = np.linalg.norm(offset, axis=1)
         return distance
 
@@ -139,7 +145,7 @@ class Arc(_SteadyTurn):
         point: Vector = np.cos(angle) * self._x + np.sin(angle) * self._y
         return self._centre + point if order == 0 else self._sweep**order * point
 
-    def distances(self, positions: Matrix) -> Vector:
+    def distances(self, positions: Matrix, free: Vector | None = None) -> Vector:
         """See `Segment.distances`."""
         offset = positions - self._centre
         x, y = offset @ self._x / self.radius, offset @ self._y / self.radius
@@ -149,8 +155,15 @@ class Arc(_SteadyTurn):
         back = np.where(angle - self._sweep < 2.0 * np.pi - angle, self._sweep, 0.0)
         angle = np.where(beyond, back, angle)
         nearest = np.cos(angle)[:, None] * self._x + np.sin(angle)[:, None] * self._y
-        distance: Vector = np.linalg.norm(offset - nearest, axis=1)
+        distance: Vector = np.linalg.norm(_across(offset - nearest, free), axis=1)
         return distance
+
+
+def _across(vectors: Matrix, direction: Vector | None) -> Matrix:
+    """Return the parts of vectors (..., 3) that are normal to a direction, if there is one."""
+    if direction is None:
+        return vectors
+    return vectors - (vectors @ direction)[..., None] * direction
 
 
 def arc_through(start: SE3, goal: SE3, through: Vector) -> Arc:

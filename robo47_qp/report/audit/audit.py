@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 from robo47_qp.arrays import Matrix
 from robo47_qp.collision.closest_approach import ClosestApproach, closest_approach
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.model.arm import Arm, bare_arm
+from robo47_qp.model.arm import bare_arm
 from robo47_qp.model.obstacle import Obstacle
-from robo47_qp.report.audit.finding import Exempt, Finding, at_most, bounded, judged, within
+from robo47_qp.report.audit.finding import Exempt, Finding, at_most
+from robo47_qp.report.audit.joints import joint_bounds, reference_continuity
 from robo47_qp.report.audit.objects import object_jumps
 from robo47_qp.report.audit.tool import held_together, tool_paths, tool_rates
 from robo47_qp.run.scenario import Run
 
-_OWN = "the reference is the state of the arm itself, which torques move"
 _PLACE = 1e-9
 """Largest difference of lengths [m] and of rotation matrices [-] of the same obstacle."""
-_STREAMED = "the reference follows a moving target"
 _COMPLIANT = "the arm is compliant and need not follow its reference"
 _PRESSED = "the arm is compliant, or presses on what is fixed with the force that is judged"
 _TOUCHES = "the hand touches what is fixed, with the force that is judged"
@@ -34,7 +33,8 @@ def audit(run: Run) -> list[Finding]:
     """
     arm = bare_arm(run.scenario.robot)
     return [
-        *_joints(run, arm),
+        *joint_bounds(run, arm),
+        *reference_continuity(run),
         *tool_paths(run),
         *tool_rates(run, arm),
         *held_together(run),
@@ -42,48 +42,6 @@ def audit(run: Run) -> list[Finding]:
         *_contacts(run),
         *object_jumps(run),
     ]
-
-
-def _joints(run: Run, arm: Arm) -> list[Finding]:
-    scenario, rows = run.scenario, run.rows
-    robot, joints = scenario.robot, scenario.robot.joints
-    profile = scenario.planner.profile.slowed(scenario.planner.pace)
-    a_ref = rows["joints/a_ref"]
-    v_ref, j_ref = rows["joints/v_ref"], _rate(a_ref)
-    v_free, j_free = _exempt(run)
-    a, tau = rows["joints/a"], rows["joints/tau_command"]
-    unit = robot.units
-    efforts = ["N" if u == "m" else "N·m" for u in unit]
-    per_s, per_s2, per_s3, rate = (
-        [u + per for u in units]
-        for units, per in ((unit, "/s"), (unit, "/s²"), (unit, "/s³"), (efforts, "/s"))
-    )
-    return [
-        *within("reference q", unit, joints, rows["joints/q_ref"], arm.q_min, arm.q_max),
-        *judged("reference v", per_s, joints, v_ref, profile.v_max, Exempt(v_free, _OWN)),
-        bounded("reference a", per_s2, joints, a_ref, profile.a_max),
-        *judged("reference jerk", per_s3, joints, j_ref, profile.j_max, Exempt(j_free, _STREAMED)),
-        *within("measured q", unit, joints, rows["joints/q"], arm.q_min, arm.q_max),
-        bounded("measured v", per_s, joints, rows["joints/v"], robot.rated.v_max),
-        bounded("measured a", per_s2, joints, a, robot.rated.a_max),
-        bounded("torque", efforts, joints, tau, robot.tau_max),
-        bounded("torque rate", rate, joints, _rate(tau), robot.tau_rate_max),
-    ]
-
-
-def _exempt(run: Run) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return in which rows velocity (N,) and jerk (N - 1,) of the reference are not bounded."""
-    velocity, jerk = np.zeros(len(run.rows), bool), np.zeros(len(run.rows) - 1, bool)
-    for phase, rows in run.spans():
-        if phase.streamed:
-            # The period before it ends with its first acceleration.
-            jerk[max(0, rows.start - 1) : rows.stop] = True
-            velocity[rows] = phase.compliant
-    return velocity, jerk
-
-
-def _rate(values: Matrix) -> Matrix:
-    return np.diff(values, axis=0) / TIMESTEP
 
 
 def _contacts(run: Run) -> list[Finding]:

@@ -14,6 +14,7 @@ from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
 from robo47_qp.report.audit.finding import Exempt, Finding, bounded, judged
+from robo47_qp.run.control_loop import Phase
 from robo47_qp.run.scenario import Run
 
 LIN_COMMANDED = 10e-6
@@ -38,18 +39,22 @@ _RATES = (
 """Quantities in the order of `ToolMotion`."""
 _SPEEDS = (0, 3)
 _YIELDS = "the tool is compliant and gives way to what it touches"
+_PRESSES = "the tool presses, and goes along its axis as the force that it feels asks for"
+_TOUCHES = "the tool presses, or gives way to what it touches"
 
 
 def tool_paths(run: Run) -> list[Finding]:
-    """Check the distances from lines and arcs; in compliant motions, of the reference only."""
+    """Check the distances from lines and arcs; in contact, of the reference only.
+
+    Where the tool presses, distances along the axis of that do not count.
+    """
     findings = []
     for motion in Motion:
         for signal, limit in (("commanded", LIN_COMMANDED), ("measured", LIN_MEASURED)):
             for label, tool in run.scenario.robot.tool_labels():
-                off, covered, yields = _off_way(run, motion, (label, tool.name), signal)
+                off, covered, free = _off_way(run, motion, (label, tool.name), signal)
                 name, which = f"{motion.name} {signal}", tool.name if label else "tool"
-                free = yields & (signal == "measured")
-                exempt = Exempt(free, _YIELDS, covered)
+                exempt = Exempt(free & (signal == "measured"), _TOUCHES, covered)
                 findings += judged(name, ["m"], (which,), off, np.array([limit]), exempt)
     return findings
 
@@ -58,8 +63,8 @@ def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     """Check speed, acceleration and jerk of the tool in LIN and CIRC motions.
 
     The bounds are those of the tool's profile at the pace of each motion. The reference must keep
-    all of them, the tool itself, which also vibrates, its speeds; those of a compliant tool are
-    told, but not judged.
+    all of them, the tool itself, which also vibrates, its speeds. Told, but not judged, are the
+    speeds of a compliant tool, and but for its speed the reference of one that presses.
     """
     tools = enumerate(run.scenario.robot.tool_labels())
     return [found for i, (label, _) in tools for found in _rates_of(run, arm, i, label)]
@@ -69,40 +74,48 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
     findings: list[Finding] = []
     name_of_tool = arm.robot.tools[tool].name
     which = f"{name_of_tool} " if label else ""
-    for kind, yields in (("reference", None), ("measured", False), ("measured", True)):
-        title, measured = which + kind, kind == "measured"
-        spans = [
-            span
-            for span in _spans(run, yields)
-            if span[1].waypoint.prescribes_path and _is_asked_for(span[1], label, name_of_tool)
-        ]
-        if not spans:
-            continue
-        rows = np.concatenate([span for span, _ in spans])
-        names = [leg.waypoint.name for span, leg in spans for _ in span]
-        bounds = np.array([_bounds(run.scenario.planner, leg) for _, leg in spans])
-        if measured:
-            bounds *= 1.0 + MEASURED_EXCESS
-        limits = np.repeat(bounds, [len(span) for span, _ in spans], axis=0)
+    spans = [
+        (rows, phase, leg)
+        for rows, phase, leg in _spans(run)
+        if leg.waypoint.prescribes_path and _is_asked_for(leg, label, name_of_tool)
+    ]
+    if not spans:
+        return []
+    rows = np.concatenate([span for span, *_ in spans])
+    names = [leg.waypoint.name for span, _, leg in spans for _ in span]
+    lengths = [len(span) for span, *_ in spans]
+    bounds = np.array([_bounds(run.scenario.planner, leg) for *_, leg in spans])
+    yields = np.repeat([phase.compliant for _, phase, _ in spans], lengths)
+    presses = np.repeat([phase.axis is not None for _, phase, _ in spans], lengths)
+    for kind, slack in (("reference", 0.0), ("measured", MEASURED_EXCESS)):
+        measured = kind == "measured"
+        limits = np.repeat(bounds * (1.0 + slack), lengths, axis=0)
         motion = _motion(run, arm, rows, "" if measured else "_ref", tool)
-        for i, (part, (name, unit)) in enumerate(zip(motion, _RATES, strict=True)):
-            if (measured and i not in _SPEEDS) or not np.isfinite(bounds[:, i]).any():
-                continue
-            sizes = np.linalg.norm(part, axis=1)
-            k = int(np.argmax(sizes / limits[:, i]))
-            limit, extreme = float(limits[k, i]), float(sizes[k])
-            findings.append(
-                Finding(
-                    signal=f"{title} {name} ({names[k]})" + (", exempt" if yields else ""),
-                    unit=unit,
-                    limit=limit,
-                    extreme=extreme,
-                    time=float(rows[k]) * TIMESTEP,
-                    ok=bool(yields) or extreme <= limit * (1.0 + COMMANDED_EXCESS),
-                    exempt=_YIELDS if yields else "",
-                    share=len(rows) / len(run.rows),
-                )
+        for i in _SPEEDS if measured else range(len(_RATES)):
+            name, unit = _RATES[i]
+            sizes, bounded_at = np.linalg.norm(motion[i], axis=1), np.isfinite(limits[:, i])
+            exempt, why = (
+                (yields, _YIELDS) if measured else (presses & (i not in _SPEEDS), _PRESSES)
             )
+            for judged_at, reason in ((~exempt, ""), (exempt, why)):
+                of = judged_at & bounded_at
+                if not of.any():
+                    continue
+                k = int(np.argmax(np.where(of, sizes / limits[:, i], -1.0)))
+                limit, extreme = float(limits[k, i]), float(sizes[k])
+                told = f"{which}{kind} {name} ({names[k]})"
+                findings.append(
+                    Finding(
+                        signal=f"{told}, exempt" if reason else told,
+                        unit=unit,
+                        limit=limit,
+                        extreme=extreme,
+                        time=float(rows[k]) * TIMESTEP,
+                        ok=bool(reason) or extreme <= limit * (1.0 + COMMANDED_EXCESS),
+                        exempt=reason,
+                        share=np.count_nonzero(of) / len(run.rows),
+                    )
+                )
     return findings
 
 
@@ -112,8 +125,10 @@ def held_together(run: Run) -> list[Finding]:
     for title, kind in (("commanded", "_ref"), ("measured", "")):
         off = np.zeros((len(run.rows), 2))
         found = False
-        for rows, leg in _spans(run, None if kind else False):
+        for rows, phase, leg in _spans(run):
             holding = leg.waypoint.holding
+            if phase.compliant and not kind:
+                continue
             if holding is not None and len(holding) > 1:
                 found = True
                 off[rows] = _apart(run, rows, holding, kind)
@@ -170,11 +185,11 @@ def _bounds(planner: Planner, leg: Leg) -> Vector:
     return bounds
 
 
-def _spans(run: Run, yields: bool | None = None) -> Iterator[tuple[NDArray[np.intp], Leg]]:
-    """Yield the rows of each leg; if asked, only of those that are compliant, or are not."""
+def _spans(run: Run) -> Iterator[tuple[NDArray[np.intp], Phase, Leg]]:
+    """Yield the rows of each leg, with its phase."""
     for phase, rows in run.spans():
-        if phase.leg is not None and yields in (None, phase.compliant):
-            yield np.arange(rows.start, rows.stop), phase.leg
+        if phase.leg is not None:
+            yield np.arange(rows.start, rows.stop), phase, phase.leg
 
 
 def _off_way(
@@ -183,21 +198,20 @@ def _off_way(
     """Return a tool's distance from line or arc (N, 1), and in which rows there is one (N,).
 
     The tool is given by what its signals begin with, and its name. The last array tells in which
-    rows it is compliant (N,).
+    rows it touches something on purpose (N,).
     """
     label, name = tool
     poses = run.rows[f"tool/{label}pose{'' if signal == 'measured' else '_ref'}"]
     off = np.zeros((len(poses), 1))
-    covered, compliant = np.zeros((2, len(poses)), bool)
-    for yields in (False, True):
-        for rows, leg in _spans(run, yields):
-            if leg.waypoint.motion is not motion:
-                continue
-            if leg.path is not None and not label:
-                off[rows, 0] = leg.path.distances(poses[rows, :3])
-            elif leg.together is not None and leg.tools is not None and name in leg.tools:
-                off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
-            else:
-                continue
-            covered[rows], compliant[rows] = True, yields
-    return off, covered, compliant
+    covered, touches = np.zeros((2, len(poses)), bool)
+    for rows, phase, leg in _spans(run):
+        if leg.waypoint.motion is not motion:
+            continue
+        if leg.path is not None and not label:
+            off[rows, 0] = leg.path.distances(poses[rows, :3], phase.axis)
+        elif leg.together is not None and leg.tools is not None and name in leg.tools:
+            off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
+        else:
+            continue
+        covered[rows], touches[rows] = True, phase.compliant or phase.axis is not None
+    return off, covered, touches

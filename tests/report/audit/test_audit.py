@@ -34,6 +34,8 @@ PROMISES = [
     "measured a",
     "torque",
     "torque rate",
+    "reference q to v",
+    "reference v to a",
     "LIN commanded",
     "LIN measured",
     "reference tool speed",
@@ -50,7 +52,7 @@ PROMISES = [
     "object turn",
     "object kick",
 ]
-OF_JOINTS = PROMISES[:11]
+OF_JOINTS = PROMISES[:13]
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,11 @@ def with_value(run: Run, signal: str, row: int, column: int, value: float) -> Ru
 
 def broken(findings: Sequence[Finding]) -> list[str]:
     return [finding.signal for finding in findings if not finding.ok]
+
+
+def own_bounds(findings: Sequence[Finding]) -> list[str]:
+    """What is broken but for that q, v and a of the reference belong together."""
+    return [name for name in broken(findings) if " to " not in name.split(" (")[0]]
 
 
 def finding(findings: Sequence[Finding], signal: str) -> Finding:
@@ -88,7 +95,8 @@ def test_a_joint_beyond_its_range(
     value = limit + sign * 1e-6
     findings = audit(with_value(run, f"joints/{signal}", ROW, joint, value))
     name = f"{title} q {side} (joint{joint + 1})"
-    assert broken(findings) == [name]
+    apart = [f"reference q to v (joint{joint + 1})"] if signal == "q_ref" else []
+    assert broken(findings) == [name, *apart]
     found = finding(findings, name)
     assert (found.limit, found.extreme, found.unit) == (limit, value, "rad")
     assert found.time == pytest.approx(ROW * TIMESTEP)
@@ -116,18 +124,18 @@ def test_a_speed_beyond_its_limit(
     value = sign * limit * (1 + 1e-6)
     findings = audit(with_value(run, f"joints/{signal}", ROW, joint, value))
     name = f"{title} (joint{joint + 1})"
-    assert broken(findings) == [name]
+    assert own_bounds(findings) == [name]
     found = finding(findings, name)
     assert (found.limit, found.extreme, found.unit) == (limit, abs(value), unit)
     assert found.time == pytest.approx(ROW * TIMESTEP)
     # A touch below the limit is a promise kept.
     findings = audit(with_value(run, f"joints/{signal}", ROW, joint, value * (1 - 1e-5)))
-    assert broken(findings) == []
+    assert own_bounds(findings) == []
 
 
 def test_an_acceleration_beyond_its_limit_is_a_jump_too(run: Run) -> None:
     findings = audit(with_value(run, "joints/a_ref", ROW, 2, 3.1))
-    assert broken(findings) == ["reference a (joint3)", "reference jerk (joint3)"]
+    assert own_bounds(findings) == ["reference a (joint3)", "reference jerk (joint3)"]
     found = finding(findings, "reference a (joint3)")
     assert (found.limit, found.extreme, found.unit) == (3.0, 3.1, "rad/s²")
     assert found.time == pytest.approx(ROW * TIMESTEP)
@@ -233,7 +241,8 @@ def test_half_the_speed_is_held_against_half_the_profile() -> None:
     assert limits["reference a"] == pytest.approx(3.0 * 0.5**2)
     assert limits["reference jerk"] == pytest.approx(10.0 * 0.5**3)
     assert limits["measured v"] in PANDA.rated.v_max
-    assert broken(audit(with_value(slow, "joints/v_ref", ROW, 0, 1.01))) == ["reference v (joint1)"]
+    fast = audit(with_value(slow, "joints/v_ref", ROW, 0, 1.01))
+    assert own_bounds(fast) == ["reference v (joint1)"]
 
 
 def test_a_full_speed_run_is_not_a_half_speed_run(run: Run) -> None:
@@ -267,11 +276,11 @@ def test_derived_and_delivered_signals_are_not_what_is_judged(run: Run) -> None:
 # References that stream
 
 
-def streaming(run: Run, *, compliant: bool) -> tuple[Run, int, int]:
+def streaming(run: Run) -> tuple[Run, int, int]:
     """The same with its first phase at rest declared to stream; and its first and last row."""
     i = next(i for i, phase in enumerate(run.phases) if phase.leg is None)
     phases = list(run.phases)
-    phases[i] = replace(phases[i], streamed=True, compliant=compliant)
+    phases[i] = replace(phases[i], streamed=True)
     return replace(run, phases=phases), phases[i].start, phases[i + 1].start - 1
 
 
@@ -279,7 +288,7 @@ def streaming(run: Run, *, compliant: bool) -> tuple[Run, int, int]:
 def test_a_streamed_reference_may_jump_in_acceleration_but_no_other(
     run: Run, end: str, beyond: int
 ) -> None:
-    streamed, first, last = streaming(run, compliant=False)
+    streamed, first, last = streaming(run)
     row = first if end == "first" else last
     jerk = "reference jerk (joint1)"
     assert jerk in broken(audit(with_value(run, "joints/a_ref", row, 0, 0.5)))
@@ -288,13 +297,68 @@ def test_a_streamed_reference_may_jump_in_acceleration_but_no_other(
     assert jerk in broken(audit(with_value(streamed, "joints/a_ref", row + beyond, 0, 0.5)))
 
 
-def test_a_reference_that_is_the_state_itself_promises_no_speed(run: Run) -> None:
-    for compliant, told in ((False, ["reference v (joint1)"]), (True, [])):
-        streamed, first, last = streaming(run, compliant=compliant)
-        for row in (first, last):
-            assert broken(audit(with_value(streamed, "joints/v_ref", row, 0, 2.1))) == told
-        before = with_value(streamed, "joints/v_ref", first - 1, 0, 2.1)
-        assert "reference v (joint1)" in broken(audit(before))
+@pytest.mark.parametrize(("streamed", "compliant"), [(True, False), (False, True), (True, True)])
+def test_no_phase_is_free_to_have_any_reference_speed(
+    run: Run, streamed: bool, compliant: bool
+) -> None:
+    stream, first, _ = streaming(run)
+    phases = [
+        replace(phase, streamed=streamed, compliant=compliant) if phase.streamed else phase
+        for phase in stream.phases
+    ]
+    fast = with_value(replace(run, phases=phases), "joints/v_ref", first + 5, 0, 2.1)
+    assert "reference v (joint1)" in broken(audit(fast))
+
+
+# q, v and a of the reference belong together
+
+
+@pytest.mark.parametrize("name", ["approach", "descend", "close gripper", "carry"])
+def test_a_reference_that_jumps_for_a_while_is_told(run: Run, name: str) -> None:
+    start = next(phase.start for phase in run.phases if phase.name == name)
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    rows["joints/q_ref"][start + 20 : start + 60, 1] += 0.05
+    found = finding(audit(replace(run, rows=rows)), "reference q to v (joint2)")
+    assert (found.ok, found.unit) == (False, "rad/s")
+    assert found.limit == pytest.approx(0.5 * 3.0 * TIMESTEP)
+    assert found.extreme == pytest.approx(50.0, rel=0.02)
+    assert round(found.time / TIMESTEP) - start in (19, 59)
+
+
+@pytest.mark.parametrize(
+    ("signal", "told"),
+    [("v_ref", {"reference q to v", "reference v to a"}), ("a_ref", {"reference v to a"})],
+)
+def test_a_reference_that_claims_to_rest_as_it_moves_is_told(
+    run: Run, signal: str, told: set[str]
+) -> None:
+    """Each would keep every bound of its own."""
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    rows[f"joints/{signal}"][:] = 0.0
+    assert {name.split(" (")[0] for name in broken(audit(replace(run, rows=rows)))} == told
+
+
+def test_a_step_is_allowed_where_the_reference_is_taken_anew_and_nowhere_else(run: Run) -> None:
+    row = next(phase.start for phase in run.phases if phase.name == "close gripper") + 50
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    for part in ("q", "q_ref"):
+        rows[f"joints/{part}"][row:, 0] += 0.004
+    moved = replace(run, rows=rows)
+    step = "reference q to v (joint1)"
+    assert step in broken(audit(moved))
+    for other in (row - 1, row + 1):
+        assert step in broken(audit(replace(moved, retaken=[0, other])))
+    findings = audit(replace(moved, retaken=[0, row]))
+    assert step not in broken(findings)
+    told = next(f for f in findings if f.signal.startswith("reference q to v") and f.exempt)
+    assert told.extreme == pytest.approx(4.0, rel=1e-3)
+    assert told.time == pytest.approx((row - 1) * TIMESTEP)
+    assert told.share == pytest.approx(1.0 / (len(rows) - 1))
+    # It is taken from where the arm is.
+    rows["joints/q"][row, 0] += 0.021
+    off = [name for name in broken(audit(replace(moved, retaken=[0, row]))) if "retaken" in name]
+    assert off == ["retaken q (joint1)"]
+    assert "retaken q (joint1)" not in broken(audit(moved))
 
 
 # Phases that yield
@@ -312,7 +376,7 @@ A, TORQUE = "measured a (joint1)", "torque (joint1)"
 
 
 def test_an_arm_that_yields_is_held_to_its_acceleration_and_commanded_torque(run: Run) -> None:
-    stiff, first, last = streaming(run, compliant=False)
+    stiff, first, last = streaming(run)
     phases = [
         replace(phase, streamed=False, compliant=True) if phase.streamed else phase
         for phase in stiff.phases
@@ -329,32 +393,36 @@ def test_an_arm_that_yields_is_held_to_its_acceleration_and_commanded_torque(run
 
 
 def test_what_is_not_judged_is_told_with_its_true_extreme_its_share_and_why(run: Run) -> None:
-    streamed, first, last = streaming(run, compliant=True)
+    _, first, last = streaming(run)
+    taken = replace(run, retaken=range(first, last + 1))
     share = (last - first + 1) / len(run.rows)
-    wild = with_value(streamed, "joints/v_ref", first + 5, 2, -17.0)
+    wild = with_value(taken, "joints/v_ref", first + 5, 2, -17.0)
     found = next(f for f in audit(wild) if f.signal == "reference v (joint3), exempt")
     assert (found.extreme, found.ok) == (17.0, True)
     assert found.time == pytest.approx((first + 5) * TIMESTEP)
     assert found.share == pytest.approx(share)
-    assert found.exempt == "the reference is the state of the arm itself, which torques move"
+    assert found.exempt.startswith("the reference is taken anew from the arm")
     assert f"not judged in {100 * share:.1f} % of the time: the reference is" in str(found)
-    own = next(f for f in audit(wild) if f.signal.startswith("reference v") and not f.exempt)
-    plain = next(f for f in audit(run) if f.signal.startswith("reference v"))
+    own = next(f for f in audit(wild) if f.signal.startswith("reference v (") and not f.exempt)
+    plain = next(f for f in audit(run) if f.signal.startswith("reference v ("))
     assert own.extreme == plain.extreme
     assert own.share == pytest.approx(1.0 - share)
+    streamed, first, _ = streaming(run)
     jump = with_value(streamed, "joints/a_ref", first + 5, 0, 0.5)
     jerk = next(f for f in audit(jump) if f.signal == "reference jerk (joint1), exempt")
     assert jerk.extreme == pytest.approx(500.0, rel=0.01)
 
 
-def test_a_run_that_streams_from_end_to_end_is_told_to_be_unjudged(run: Run) -> None:
+def test_a_run_that_is_exempt_from_end_to_end_is_told_to_be_unjudged(run: Run) -> None:
     phases = [replace(phase, streamed=True, compliant=True) for phase in run.phases]
     phases[0] = replace(phases[0], start=0)
-    found = [f for f in audit(replace(run, phases=phases)) if f.exempt]
+    free = replace(run, phases=phases, retaken=range(len(run.rows)))
+    found = [f for f in audit(free) if f.exempt]
     names = {f.signal.split(" (")[0] for f in found}
-    assert {"reference v", "reference jerk", "LIN measured"} <= names
-    assert next(f for f in found if f.signal.startswith("reference v")).share == 1.0
-    off = with_value(replace(run, phases=phases), "tool/pose", ROW, 1, 5.0)
+    assert {"reference v", "reference jerk", "reference q to v", "LIN measured"} <= names
+    shares = [f.share for f in found if f.signal.startswith("reference v (")]
+    assert shares == [pytest.approx(1.0, abs=2.0 / len(run.rows))]
+    off = with_value(free, "tool/pose", ROW, 1, 5.0)
     line = [f for f in audit(off) if f.signal.startswith("LIN measured")]
     assert [f.exempt != "" for f in line] == [True]
 
@@ -367,7 +435,7 @@ def test_a_number_that_is_none_breaks_a_promise(run: Run, signal: str) -> None:
 
 
 def test_the_audit_changes_nothing_that_was_recorded(run: Run) -> None:
-    streamed, _, _ = streaming(run, compliant=True)
+    streamed, *_ = streaming(run)
     before = streamed.rows.values.copy()
     audit(streamed)
     assert np.array_equal(streamed.rows.values, before)
