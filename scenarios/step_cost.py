@@ -142,7 +142,7 @@ def _replay(done: Run) -> float:
     task = PickPlace()
     simulation = Simulation(PANDA, task.build_scene)
     task.reset(simulation, None)
-    simulation.command_grip(Grip(width=simulation.gripper.width_max, force=task.grip_force))
+    simulation.command_grip(Grip(width=simulation.gripper_of().width_max, force=task.grip_force))
     m, d = simulation.model, simulation.data
     controls = np.hstack([done.rows["joints/tau"], done.rows["gripper/width_command"]])
     started = perf_counter()

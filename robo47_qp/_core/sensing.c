@@ -44,9 +44,9 @@ static void measure(r47_joint_sensor *s, const double *q, const double *v) {
 
 static void feel(r47_force_sensor *s) {
   const double *drawn = next(s->drawn);
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < s->n; i++) {
     s->offset[i] = s->keep * s->offset[i] + s->fresh * drawn[i];
-    s->error[i] = s->offset[i] + s->noise * drawn[3 + i];
+    s->error[i] = s->offset[i] + s->noise * drawn[s->n + i];
   }
 }
 

@@ -30,11 +30,12 @@ typedef struct {
   double *q, *v; /* (n,) as measured last */
 } r47_joint_sensor;
 
-/* Errors of the force at the wrist; see ForceSensor. */
+/* Errors of the forces at the wrists; see ForceSensor. */
 typedef struct {
-  const r47_draws *drawn; /* (6,) each */
+  int n;                  /* three for each */
+  const r47_draws *drawn; /* (2, n) each */
   double keep, fresh, noise;
-  double *offset, *error; /* (3,) */
+  double *offset, *error; /* (n,) */
 } r47_force_sensor;
 
 /* Each is NULL where there is none. */

@@ -1,7 +1,7 @@
 """ControlLoop: reference, controller, simulation and recording, period by period."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from math import inf
 from time import perf_counter
 
@@ -22,6 +22,7 @@ from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.run import signals
 from robo47_qp.run.failure import Failure
 from robo47_qp.run.observers import Observer
+from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Recording
 from robo47_qp.run.touch_sense import TouchSense
 from robo47_qp.sim.compiled import CompiledWorld
@@ -51,24 +52,6 @@ class Aborted(Exception):  # noqa: N818  # it is caught by the runner and never 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.evidence)
         self.failure = failure
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Phase:
-    """A part of the run with one name and at most one planned motion."""
-
-    name: str
-    start: int
-    """First row."""
-    leg: Leg | None
-    """The planned motion; None while the arm holds still."""
-    compliant: bool = False
-    """True where the tool is compliant: it may leave its reference."""
-    streamed: bool = False
-    """True where the reference follows a moving target, or a force: its jerk is not bounded."""
-    axis: Vector | None = None
-    """Direction in which the reference leaves the planned motion as the tool presses along it: a
-    unit vector in the world (3,). None where it does not press, or is compliant."""
 
 
 class ControlLoop:
@@ -342,6 +325,7 @@ class ControlLoop:
                     done += self._run(compiled, world, left, rows[done : done + ahead])
         finally:
             self.recording.close_rows()
+        sim.lately = partial(self._columns.of, rows)
         self.seconds += perf_counter() - started
 
     def _period(self, references: JointReference, row: Vector) -> None:

@@ -9,8 +9,8 @@ from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg, Planner
-from robo47_qp.run.control_loop import Phase
 from robo47_qp.run.failure import Failure
+from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.task import Task
 from robo47_qp.run.watchdog import Watchdog

@@ -182,6 +182,11 @@ class Columns:
         self.now, self.last = span(simulation.signals_now), span(simulation.signals_last)
         self.command = span([command(simulation.robot)])
         self.extra = span(extra) if extra else slice(0, 0)
+        self._found = found
+
+    def of(self, rows: Matrix, name: str) -> Matrix:
+        """Return the columns of a signal in some rows (N, size)."""
+        return rows[:, self._found[name]]
 
 
 class _CompiledReferences:

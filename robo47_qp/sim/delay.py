@@ -44,6 +44,35 @@ class Draws:
         return Structure("r47_draws", width=self._rows.shape[1], rows=self._rows, at=self._at)
 
 
+def moments(span: Span) -> tuple[float, float]:
+    """Return mean and standard deviation of the delay of a `Delay` [s].
+
+    Where the range is wider than a period, they are less than those of what is drawn. With U
+    drawn evenly and L' = min(U, L + 1) in periods,
+
+        P(L > x) = P(U > x) P(L > x - 1)
+
+    so that it is a product of as many straight lines as there are periods below x in the range.
+    """
+    low, high = _periods(span)
+    width, (at, weights) = high - low, np.polynomial.legendre.leggauss(32)
+    mean = square = 0.0
+    for first in range(int(np.ceil(width))):
+        half = 0.5 * (min(first + 1.0, width) - first)
+        x = first + half * (1.0 + at)
+        beyond = np.prod([1.0 - (x - k) / width for k in range(first + 1)], axis=0)
+        mean += half * float(weights @ beyond)
+        square += half * float(weights @ (2.0 * x * beyond))
+    # Rounded, so that halves stay halves.
+    return round(low + mean, 9) * TIMESTEP, float(np.sqrt(square - mean**2)) * TIMESTEP
+
+
+def _periods(span: Span) -> tuple[float, float]:
+    """Return a range in periods, rounded so that whole periods stay whole."""
+    low, high = (round(end / TIMESTEP, 6) for end in ends(span))
+    return low, high
+
+
 class Delay:
     """A signal that is sampled once per control period, read as it was some time ago.
 
@@ -59,8 +88,7 @@ class Delay:
         Args:
             span: The delay, or the range that it is drawn from in every period [s].
         """
-        # Rounded, so that whole periods stay whole.
-        self._low, self._high = (round(end / TIMESTEP, 6) for end in ends(span))
+        self._low, self._high = _periods(span)
         self._late, self._newest = np.zeros(1), np.zeros(1, np.int64)
         self._past: Matrix = np.zeros((int(self._high) + 2, 0))
         self._drawn: Draws | None = None

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
 from typing import Annotated, Any
 
 import mujoco
@@ -20,7 +19,7 @@ from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.camera import ObjectCamera
 from robo47_qp.sim.compiled import CompiledWorld
-from robo47_qp.sim.delay import AHEAD, Delay
+from robo47_qp.sim.delay import AHEAD, Delay, moments
 from robo47_qp.sim.push import Push, Pushes
 from robo47_qp.sim.scene import BuildScene, free_bodies
 from robo47_qp.sim.sensing import (
@@ -129,7 +128,7 @@ class DisturbedSimulation(Simulation):
         )
         self._joint_sensor, self._force_sensor = (
             JointSensor(disturbance),
-            ForceSensor(disturbance, disturbance.force_drift_time),
+            ForceSensor(disturbance, disturbance.force_drift_time, len(robot.tools)),
         )
         self._torque_delay = Delay(disturbance.torque_delay)
         self._camera: ObjectCamera | None = None
@@ -220,7 +219,7 @@ class DisturbedSimulation(Simulation):
     def felt_force(self, tool: int = 0) -> Vector:
         """See `Simulation.felt_force`."""
         force = super().felt_force(tool)
-        return force if self._force_sensor.ideal else force + self._force_sensor.error
+        return force if self._force_sensor.ideal else force + self._force_sensor.error[tool]
 
     def true_state(self) -> JointState:
         """See `Simulation.true_state`."""
@@ -259,11 +258,10 @@ class DisturbedSimulation(Simulation):
 
     @property
     def joint_data_sheet(self) -> tuple[float, float, float, float]:
-        """See `Simulation.joint_data_sheet`; a delay that varies does so uniformly."""
+        """See `Simulation.joint_data_sheet`."""
         wrong = self.disturbance
-        state, command = (sum(ends(span)) / 2.0 for span in (wrong.state_delay, wrong.torque_delay))
-        low, high = ends(wrong.state_delay)
-        return wrong.noise_q, state, command, (high - low) / sqrt(12.0)
+        (state, jitter), (command, _) = moments(wrong.state_delay), moments(wrong.torque_delay)
+        return wrong.noise_q, state, command, jitter
 
     def place_object(self, name: str, T_world_object: SE3) -> None:
         """See `Simulation.place_object`; the camera sees it there at once."""

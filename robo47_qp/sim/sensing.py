@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from robo47_qp._core.library import Structure
-from robo47_qp.arrays import Checked, Ends, NotNegative, Positive, Range, Span, Vector, ends
+from robo47_qp.arrays import Checked, Ends, Matrix, NotNegative, Positive, Range, Span, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import JointState
 from robo47_qp.sim.delay import Delay, Draws
@@ -305,34 +305,36 @@ class JointSensor:
 
 
 class ForceSensor:
-    """Errors of the measured force at the wrist: white noise and a slow drift."""
+    """Errors of the measured forces at the wrists: white noise and a slow drift of each."""
 
-    def __init__(self, errors: SensorErrors, drift_time: float) -> None:
-        """Set the sensor up; its errors begin with `start`.
+    def __init__(self, errors: SensorErrors, drift_time: float, wrists: int = 1) -> None:
+        """Set the sensors up; their errors begin with `start`.
 
         Args:
             errors: Sizes of noise and drift.
             drift_time: Time constant of the drift [s].
+            wrists: Number of sensors, which know nothing of each other.
         """
         self._noise = errors.noise_force
         self._drift = GaussMarkov(errors.force_drift, TIMESTEP, drift_time)
         self.ideal = not (errors.noise_force or errors.force_drift)
         """True where it measures the true force."""
-        self._offset, self.error = np.zeros(3), np.zeros(3)
-        """Error of this period (3,) [N]."""
+        self._offset = np.zeros((wrists, 3))
+        self.error = np.zeros((wrists, 3))
+        """Errors of this period, in the world [N]."""
 
     def start(self, rng: np.random.Generator) -> None:
         """Begin with a drift as at any time."""
-        self._drawn = Draws(6, rng.standard_normal)
-        drawn = self._drawn.next()
-        self._offset[:] = self._drift.start(drawn[:3])
-        self.error[:] = self._offset + self._noise * drawn[3:]
+        self._drawn = Draws(2 * self.error.size, rng.standard_normal)
+        drift, noise = self._next()
+        self._offset[:] = self._drift.start(drift)
+        self.error[:] = self._offset + self._noise * noise
 
     def sample(self) -> None:
         """Draw the error of the next period."""
-        drawn = self._drawn.next()
-        self._offset[:] = self._drift.advance(self._offset, drawn[:3])
-        self.error[:] = self._offset + self._noise * drawn[3:]
+        drift, noise = self._next()
+        self._offset[:] = self._drift.advance(self._offset, drift)
+        self.error[:] = self._offset + self._noise * noise
 
     def prepare(self) -> None:
         """Have random numbers for the next periods; see `Draws`."""
@@ -342,6 +344,7 @@ class ForceSensor:
         """Return the same for the compiled core, on the arrays of this object since `start`."""
         return Structure(
             "r47_force_sensor",
+            n=self.error.size,
             drawn=self._drawn.compiled(),
             keep=self._drift.keep,
             fresh=self._drift.new,
@@ -349,3 +352,7 @@ class ForceSensor:
             offset=self._offset,
             error=self.error,
         )
+
+    def _next(self) -> Matrix:
+        """Return normal numbers for the drifts and for the noise (2, wrists, 3)."""
+        return self._drawn.next().reshape(2, *self.error.shape)

@@ -1,12 +1,13 @@
 """Simulation: robot and objects in MuJoCo."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import MANY
 from robo47_qp.errors import NoGripperError
 from robo47_qp.model.arm import JointState
@@ -102,11 +103,15 @@ class Simulation:
         self._motors = SimulatedMotors(robot, self._ctrl.whole)
         columns, views = (self._q, self._v, self._ctrl), (self._views_now, self._views_last)
         self._compiled = compiled_world(robot, m, d, columns, hands, self._contact, views)
+        self.lately: Callable[[str], Matrix] | None = None
+        """Returns the values of a signal in the control periods since the last look at the world
+        (N, size), from who records them; None where nobody does."""
         self.reset()
 
     def reset(self) -> None:
         """Put the robot at home, held at rest, its gripper open, and the objects at their start."""
         mujoco.mj_resetData(self.model, self.data)
+        self.lately = None
         self._contact.reset()
         self._q.write(self.robot.home)
         for hand in self._grippers:
@@ -163,16 +168,7 @@ class Simulation:
     def look(self) -> None:
         """Let a camera take and show what is due after periods in the core: here, there is none."""
 
-    @property
-    def gripper(self) -> Gripper:
-        """The gripper of the main tool.
-
-        Raises:
-            NoGripperError: The tool has no gripper.
-        """
-        return self.gripper_of(0)
-
-    def gripper_of(self, tool: int) -> Gripper:
+    def gripper_of(self, tool: int = 0) -> Gripper:
         """Return the gripper of a tool, by its place in `Robot.tools`, as everywhere below.
 
         Raises:

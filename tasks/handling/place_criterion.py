@@ -65,9 +65,20 @@ class PlaceCriterion(Checked):
         add_task_state(spec, count)
 
     def monitor(self, simulation: Simulation, names: Sequence[str]) -> None:
-        """Note the time if one of the objects moves; call it every few control periods."""
-        if any(self._moves(simulation, name) for name in names):
-            moved_last(simulation)[0] = simulation.time
+        """Note the time if one of the objects moves, or did since the last call.
+
+        Call it every few control periods.
+        """
+        moved, now = moved_last(simulation), simulation.time
+        for name in names:
+            if self._moves(simulation, name):
+                moved[0] = now
+            elif simulation.lately is not None:
+                twists = simulation.lately(f"motion/{name} velocity")
+                v, w = ((part**2).sum(axis=1) for part in np.hsplit(twists, 2))
+                rows = np.flatnonzero((v > self.speed**2) | (w > self.spin**2))
+                if len(rows):
+                    moved[0] = max(moved[0], simulation.lately("time")[rows[-1], 0])
 
     def against(self, simulation: Simulation, item: Item, T_world_goal: SE3) -> str | None:
         """Return why an item is not placed; None if it is.

@@ -177,8 +177,9 @@ class ObstacleReach(Task):
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
         for name in self._targets:
+            hold = self._held.hold(sensed, name)
             yield self._reach(sensed, name)
-            yield self._held.hold(sensed, name)
+            yield hold
         yield HOME
         return None
 

@@ -8,7 +8,7 @@ import pytest
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.metrics import SETTLED, metrics, smoothness
-from robo47_qp.run.control_loop import Phase
+from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Rows
 from tests.runs import Reach, carry_out, picked_and_placed
 

@@ -78,7 +78,10 @@ def moved(robot: Robot, wrong: Disturbance, *, core: bool, backend: str = "compi
     def look() -> bool:
         pose, state = simulation.seen_pose("box"), simulation.state()
         time = [simulation.seen_time("box")]
-        felt = simulation.felt_force(), simulation.last_tool_force()
+        tools = range(len(robot.tools))
+        felt = [
+            read(i) for i in tools for read in (simulation.felt_force, simulation.last_tool_force)
+        ]
         sensed.append(np.concatenate([pose.wxyz_xyz, *state, *felt, time]))
         if len(sensed) == 10:
             simulation.command_grip(Grip(width=0.02, force=20.0))

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Span
-from robo47_qp.sim.delay import Delay, Draws
+from robo47_qp.sim.delay import Delay, Draws, moments
 
 MS = 1e-3
 
@@ -61,6 +61,25 @@ def test_a_delay_that_varies_fills_its_range_and_never_goes_back() -> None:
     short = ramp - delayed((0.5 * MS, 1.0 * MS), ramp)
     assert short[10:].mean() == pytest.approx(0.75, abs=0.01)
     assert short[10:].std() == pytest.approx(0.5 / np.sqrt(12), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "span", [(0.0, 1.0), (0.5, 1.0), (1.0, 2.0), (0.0, 1.5), (1.0, 4.0), (1.0, 10.0), (0.3, 6.1)]
+)
+def test_mean_and_deviation_are_those_of_what_arrives(span: tuple[float, float]) -> None:
+    """A range wider than a period is not filled evenly: what has arrived stays the newest."""
+    low, high = (MS * end for end in span)
+    ramp = np.arange(200_000.0)
+    late = (ramp - delayed((low, high), ramp))[50:]
+    mean, deviation = moments((low, high))
+    assert late.mean() == pytest.approx(mean / MS, abs=0.01)
+    assert late.std() == pytest.approx(deviation / MS, rel=0.01)
+
+
+def test_a_range_within_a_period_is_filled_evenly_and_a_delay_that_stays_has_no_range() -> None:
+    assert moments((1.0 * MS, 1.8 * MS)) == pytest.approx((1.4 * MS, 0.8 * MS / np.sqrt(12)))
+    assert moments(2.5 * MS) == (2.5 * MS, 0.0)
+    assert moments((1.0 * MS, 10.0 * MS))[0] == pytest.approx(3.93 * MS, abs=0.01 * MS)
 
 
 def test_numbers_that_are_drawn_ahead_are_those_of_the_generator() -> None:

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensing import ForceSensor, GaussMarkov, SensorErrors
 from tests.controlled import DT
@@ -130,13 +131,28 @@ def test_the_force_drifts_slowly_from_a_start_that_differs() -> None:
     for seed in range(400):
         sensor, rng = ForceSensor(SensorErrors(force_drift=1.0), 30.0), np.random.default_rng(seed)
         sensor.start(rng)
-        starts.append(sensor.error.copy())
+        starts.append(sensor.error[0].copy())
         for _ in range(300):
             sensor.sample()
-        changes.append(sensor.error - starts[-1])
+        changes.append(sensor.error[0] - starts[-1])
     assert np.std(starts) == pytest.approx(1.0, rel=0.06)
     # Of an exponential correlation over 30 s, 0.3 s later.
     assert np.std(changes) == pytest.approx(np.sqrt(2 * (1 - np.exp(-0.3 / 30.0))), rel=0.06)
+
+
+def test_each_of_two_wrists_has_its_own_errors() -> None:
+    wrong = Disturbance(noise_force=0.3, force_drift=1.0, force_drift_time=0.02)
+    sim = DisturbedSimulation(panda_pair(), no_objects, wrong, np.random.default_rng(3))
+    felt = []
+    for _ in range(4000):
+        sim.step(sim.motor_torque())
+        felt.append([sim.felt_force(i) - sim.last_tool_force(i) for i in range(2)])
+    left, right = np.swapaxes(felt, 0, 1)
+    for one in (left, right):
+        assert np.std(one) == pytest.approx(np.hypot(0.3, 1.0), rel=0.1)
+    # Some 200 values of each are independent of each other.
+    correlation = np.corrcoef(np.hstack([left, right]).T)
+    assert np.abs(correlation - np.eye(6)).max() < 0.3
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 0.02, 0.3])

@@ -14,7 +14,7 @@ from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
 from robo47_qp.report.audit.finding import Exempt, Finding, bounded, judged
-from robo47_qp.run.control_loop import Phase
+from robo47_qp.run.phase import Phase
 from robo47_qp.run.scenario import Run
 
 LIN_COMMANDED = 10e-6

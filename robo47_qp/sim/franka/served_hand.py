@@ -30,8 +30,8 @@ class ServedHand:
 
     def start(self, command: HandCommand, body: bytes) -> HandStatus | None:
         """Start to carry out a command; return its answer, or None while it takes time."""
-        width, force = self._sim.width(), self._sim.gripper.force_max
-        speed = self._sim.gripper.speed_max
+        width, force = self._sim.width(), self._sim.gripper_of().force_max
+        speed = self._sim.gripper_of().speed_max
         within = None
         if command is HandCommand.GRASP:
             asked, inner, outer, speed, force = protocol.GRASP.unpack(body)
@@ -40,7 +40,7 @@ class ServedHand:
         elif command is HandCommand.MOVE:
             width, speed = protocol.HAND_MOVE.unpack(body)
         elif command is HandCommand.HOMING:
-            width = self._sim.gripper.width_max
+            width = self._sim.gripper_of().width_max
         try:
             self._sim.command_grip(Grip(width=width, force=force, speed=speed))
         except InvalidValueError:
@@ -79,7 +79,7 @@ class ServedHand:
         return protocol.HAND_STATE.pack(
             message_id & 0xFFFFFFFF,
             sim.width(),
-            sim.gripper.width_max,
+            sim.gripper_of().width_max,
             self.is_grasped,
             _TEMPERATURE,
         )

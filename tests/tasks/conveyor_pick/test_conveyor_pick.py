@@ -234,7 +234,9 @@ def test_only_streamed_rows_may_jump_in_acceleration() -> None:
     def jumped(row: int) -> list[str]:
         rows = Rows(run.rows.signals, run.rows.values.copy())
         rows["joints/a_ref"][row, 4] += 0.05
-        return [f.signal for f in audit(replace(run, rows=rows)) if not f.ok]
+        broken = [f.signal for f in audit(replace(run, rows=rows)) if not f.ok]
+        # The velocity does not change with it.
+        return [name for name in broken if not name.startswith("reference v to a")]
 
     assert jumped(first + 1) == jumped(last - 1) == []
     assert jumped(first - 1) == jumped(last + 1) == ["reference jerk (joint5)"]

@@ -22,7 +22,7 @@ from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.sort.sort import Sort
 from robo47_qp.tasks.stack.stack import Stack
-from robo47_qp.tasks.task_state import task_state
+from robo47_qp.tasks.task_state import moved_last, task_state
 from robo47_qp.tasks.wipe.board import MARKS, mark
 from robo47_qp.tasks.wipe.wipe import Wipe
 from tests.runs import Holder, at_rest
@@ -114,6 +114,28 @@ def test_what_is_placed_is_success_once_it_has_been_at_rest_for_half_a_second(ta
     task.monitor(simulation)
     simulation.data.time += 0.01
     assert task.verdict(simulation) is None
+
+
+@pytest.mark.parametrize(("part", "size"), [(2, 1.1e-3), (3, 0.021)])
+def test_what_moved_between_two_looks_was_not_at_rest(part: int, size: float) -> None:
+    task = PickPlace()
+    simulation, name, _ = placed(task)
+    rows = {
+        f"motion/{name} velocity": np.zeros((20, 6)),
+        "time": 0.98 + 1e-3 * np.arange(20.0)[:, None],
+    }
+    simulation.data.time, simulation.lately = 1.0, rows.__getitem__
+    task.monitor(simulation)
+    assert task.verdict(simulation) is None
+    rows[f"motion/{name} velocity"][4, part] = -size
+    task.monitor(simulation)
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "been at rest for 0.5 s, but for 0.02 s" in failure.evidence
+    # Earlier rows do not take back what was seen.
+    moved_last(simulation)[0] = 0.995
+    task.monitor(simulation)
+    assert moved_last(simulation)[0] == 0.995
 
 
 @pytest.mark.parametrize("task", CUBES, ids=lambda task: task.name)

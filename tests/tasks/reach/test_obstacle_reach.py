@@ -83,7 +83,7 @@ def test_near_is_not_there(away: float, turn: float, held: bool) -> None:
     simulation.place_marker("behind post", simulation.tool_pose() @ off)
     against = task._held.held(live(simulation), "behind post").against()
     assert against is not None
-    words = "does not count as held yet" if held else "allowed are 1.00 mm, 0.50°"
+    words = "tells little of its speed yet" if held else "allowed are 1.00 mm, 0.50°"
     assert words in against
 
 

@@ -63,7 +63,8 @@ def test_every_pose_is_held(seed: int | None) -> None:
     for name, target in targets.items():
         (hold,) = (i for i, phase in enumerate(run.phases) if phase.name == f"hold {name}")
         rows = slice(run.phases[hold].start, run.phases[hold + 1].start)
-        assert 500 <= rows.stop - rows.start < 600
+        # 0.2 s tell the speed, and 0.2 s are for certainty.
+        assert 900 <= rows.stop - rows.start < 1000
         for pose in run.rows["tool/pose"][rows][-500::20]:
             position, angle = distance(SE3(np.concatenate([pose[3:], pose[:3]])), target)
             assert position < 1e-3
@@ -266,7 +267,7 @@ def test_only_what_is_close_enough_is_held(
     simulation = Simulation(PANDA, Reach().build_scene)
     against = Displaced(simulation=simulation, shift=shift, turn=turn).against()
     assert against is not None
-    assert (evidence or "pose 1 does not count as held yet") in against
+    assert (evidence or "at pose 1 tells little of its speed yet") in against
 
 
 def test_a_tool_in_motion_is_not_held() -> None:

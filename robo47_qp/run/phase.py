@@ -1,0 +1,24 @@
+"""Phase: a part of a run, and how the arm follows its reference in it."""
+
+from dataclasses import dataclass
+
+from robo47_qp.arrays import Vector
+from robo47_qp.motion.planner import Leg
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Phase:
+    """A part of the run with one name and at most one planned motion."""
+
+    name: str
+    start: int
+    """First row."""
+    leg: Leg | None
+    """The planned motion; None while the arm holds still."""
+    compliant: bool = False
+    """True where the tool is compliant: it may leave its reference."""
+    streamed: bool = False
+    """True where the reference follows a moving target, or a force: its jerk is not bounded."""
+    axis: Vector | None = None
+    """Direction in which the reference leaves the planned motion as the tool presses along it: a
+    unit vector in the world (3,). None where it does not press, or is compliant."""
