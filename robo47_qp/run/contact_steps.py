@@ -322,28 +322,28 @@ class _Depth(_Tracker):
                 rows.append(row)
             yield along(curve, np.array(rows), path.dt)
 
-    def _moved(self, part: Trajectory, q: Vector) -> Trajectory:
-        """Return a part of a path with the displacement, that in q (n,) its first."""
+    def _moved(self, part: Trajectory, q_now: Vector) -> Trajectory:
+        """Return a part of a path with the displacement, that in q_now (n,) its first."""
         step = self._step
-        goal = self._wanted_ways(part.q[0], q)
+        goal = self._wanted_ways(part.q[0], q_now)
         ways = goal if self._ways is None else self._ways
         # Not at once: the speed of the joints would jump with them.
         turn = (goal - ways) / (part.steps * TIMESTEP)
         asked = step.force - step.felt() if step.force else 0.0
         largest = _SHARE * float((self._a_max / np.maximum(np.abs(goal[0]), 1e-9)).min())
-        states, end = list[Matrix](), part.steps
-        for i in range(end + 1):
-            along, back = ways
-            v = self._speed * along + back
-            if i:
-                self.q = self.q + 0.5 * TIMESTEP * (states[-1][1] + v)
-            a = self._acceleration * along + self._speed * turn[0] + turn[1]
-            states.append(np.array([self.q, v, a]))
-            if i < end:
-                self._advance(asked, largest)
-                ways = ways + TIMESTEP * turn
-        self._ways = ways
-        q, v, a = np.swapaxes(states, 0, 1)
+        states = [(self._speed, self._acceleration)]
+        for _ in range(part.steps):
+            self._advance(asked, largest)
+            states.append((self._speed, self._acceleration))
+        speed, acceleration = np.array(states).T[:, :, None]
+        times = TIMESTEP * np.arange(part.steps + 1.0)[:, None]
+        along, back = ways[:, None] + times * turn[:, None]
+        v = speed * along + back
+        a = acceleration * along + speed * turn[0] + turn[1]
+        q = np.empty_like(v)
+        q[0] = self.q
+        q[1:] = self.q + np.cumsum(0.5 * TIMESTEP * (v[1:] + v[:-1]), axis=0)
+        self._ways, self.q = goal, q[-1]
         return Trajectory(dt=part.dt, q=part.q + q, v=part.v + v, a=part.a + a)
 
     def _wanted_ways(self, q_path: Vector, q: Vector) -> Matrix:

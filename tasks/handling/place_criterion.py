@@ -70,11 +70,14 @@ class PlaceCriterion(Checked):
         Call it every few control periods.
         """
         moved, now = moved_last(simulation), simulation.time
+        still = min(self.speed, self.spin) / np.sqrt(3.0)
         for name in names:
             if self._moves(simulation, name):
                 moved[0] = now
             elif simulation.lately is not None:
                 twists = simulation.lately(f"motion/{name} velocity")
+                if np.abs(twists).max(initial=0.0) <= still:
+                    continue
                 v, w = ((part**2).sum(axis=1) for part in np.hsplit(twists, 2))
                 rows = np.flatnonzero((v > self.speed**2) | (w > self.spin**2))
                 if len(rows):
