@@ -17,6 +17,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.report.audit import tool as tool_audit
+from robo47_qp.run.phase import Phase
 from tests.robots import MAKERS, robot_named, robot_or_skip
 
 
@@ -45,7 +46,7 @@ def followed(planner: Planner, arm: Arm, leg: Leg) -> Any:
         def __len__(self) -> int:
             return len(flat)
 
-    phase = SimpleNamespace(start=0, leg=leg, compliant=False)
+    phase = Phase(name="ahead", start=0, leg=leg)
     scenario = SimpleNamespace(planner=planner, robot=arm.robot)
     spans = [(phase, slice(0, len(flat)))]
     return SimpleNamespace(rows=Rows(rows), spans=lambda: spans, scenario=scenario)
