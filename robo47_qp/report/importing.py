@@ -3,7 +3,7 @@
 import gc
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from signal import SIGINT, signal
 from threading import current_thread, main_thread
 
@@ -33,6 +33,10 @@ def _interrupted() -> Iterator[None]:
 
     def leave(*_: object) -> None:
         os.write(2, b"interrupted; nothing has run\n")
+        # GLFW is looked for in a process of its own, which would complain that nobody listens.
+        with suppress(OSError):
+            while True:
+                os.waitpid(-1, 0)
         os._exit(130)
 
     before = signal(SIGINT, leave)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import inf
+from math import e, inf
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -32,7 +32,9 @@ _PRESS_ROWS = 10
 """The same while a stiff tool presses: often enough for an admittance of a few hertz."""
 
 _PACE = 100.0
-"""Rate at which a path that waits slows down and goes on [1/s]."""
+"""Largest rate at which a path that waits slows down and goes on [1/s]."""
+_STOPPING = 0.5
+"""Share of the accelerations that it may use for that."""
 _BACK = 0.1
 """Time constant by which a tool that presses gets back to its path [s]."""
 _SHARE = 0.3
@@ -311,11 +313,14 @@ class _Depth(_Tracker):
             return
         times = np.linspace(0.0, path.duration, path.steps + 1)
         curve, row = CubicHermiteSpline(times, path.q, path.v), (0.0, 1.0, 0.0)
+        # A step of the pace by 1 changes it by up to PACE / e in a second.
+        fastest = float((np.abs(path.v) / self._a_max).max())
+        quick = min(_PACE, _STOPPING * e / max(fastest, 1e-9))
         while row[0] < path.duration:
             goal, rows = pace(), [row]
             for _ in range(_PRESS_ROWS):
                 time, rate, change = row
-                bend = _PACE * (_PACE * (goal - rate) - 2.0 * change)
+                bend = quick * (quick * (goal - rate) - 2.0 * change)
                 time += TIMESTEP * (rate + 0.5 * TIMESTEP * change)
                 rate += TIMESTEP * (change + 0.5 * TIMESTEP * bend)
                 row = (min(time, path.duration), rate, change + TIMESTEP * bend)

@@ -290,6 +290,8 @@ class FeelingInserter(FeelingPicker):
             raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="insert"))
         yield from self._ease(stiff, free)
         yield Release(name="let go")
+        # The wrist has drifted: what it reads is not what is touched.
+        yield from read_free_wrist(self.sensed, untouched=True)
         over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
         yield self._line("over the peg", over @ self.sensed.tool_pose())
         yield Grasp(name="close gripper", force=self.force)

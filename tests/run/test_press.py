@@ -101,7 +101,7 @@ def test_an_arm_that_does_not_insist_loads_itself_no_further() -> None:
     assert np.ptp(held[-500:]) < 0.05
 
 
-def along(pace: Callable[[float], float] | None) -> Run:
+def along(pace: Callable[[float], float] | None, speed: float = 0.03) -> Run:
     """Presses on the plate and slides over it, at a pace over the time since that began."""
 
     def program(sensed: Sensed) -> Program:
@@ -109,7 +109,7 @@ def along(pace: Callable[[float], float] | None) -> Run:
         to, start = line(sensed, [0.0, 0.06, 0.0], "to"), sensed.time
         paced = None if pace is None else lambda: pace(sensed.time - start)
         # The second way has no length.
-        yield press(sensed, waypoints=(to, replace(to, name="there")), speed=0.03, pace=paced)
+        yield press(sensed, waypoints=(to, replace(to, name="there")), speed=speed, pace=paced)
         return None
 
     return run_program(program)
@@ -143,6 +143,15 @@ def test_a_path_waits_and_goes_on_smoothly_while_it_is_pressed_on() -> None:
         np.testing.assert_allclose(x[1:] - x[0], gone, atol=1e-4)
     assert np.abs(np.diff(a, axis=0)).max() < 0.6
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
+
+
+def test_a_fast_path_waits_within_the_accelerations_of_the_joints() -> None:
+    run = along(lambda time: float(not 0.35 <= time < 0.9), speed=0.15)
+    speed = np.gradient(rows_of(run, "to", "tool/pose_ref")[:, 1]) / 1e-3
+    assert speed[:350].max() > 0.12
+    assert np.abs(speed[820:890]).max() < 2e-3
+    told = [finding.signal for finding in audit(run) if not finding.ok]
+    assert not [name for name in told if name.startswith("reference")]
 
 
 def test_a_press_that_never_touches_fails_with_its_cause() -> None:

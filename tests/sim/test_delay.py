@@ -69,11 +69,11 @@ def test_a_delay_that_varies_fills_its_range_and_never_goes_back() -> None:
 def test_mean_and_deviation_are_those_of_what_arrives(span: tuple[float, float]) -> None:
     """A range wider than a period is not filled evenly: what has arrived stays the newest."""
     low, high = (MS * end for end in span)
-    ramp = np.arange(200_000.0)
+    ramp = np.arange(40_000.0)
     late = (ramp - delayed((low, high), ramp))[50:]
     mean, deviation = moments((low, high))
-    assert late.mean() == pytest.approx(mean / MS, abs=0.01)
-    assert late.std() == pytest.approx(deviation / MS, rel=0.01)
+    assert late.mean() == pytest.approx(mean / MS, abs=0.05)
+    assert late.std() == pytest.approx(deviation / MS, rel=0.03)
 
 
 def test_a_range_within_a_period_is_filled_evenly_and_a_delay_that_stays_has_no_range() -> None:
