@@ -4,6 +4,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.optimize import brentq
 
@@ -33,8 +34,8 @@ class Bandwidths:
     Errors of the measured positions become accelerations by feedback and compensation, and torques
     by the mass matrix. What is usual keeps the torque rates at rest in four of five configurations;
     where the arm is stretched and its inertia larger than that, or where jitter adds its part to
-    the noise because joints are fast, bandwidths are lower, by steps. While the arm rests, they are
-    as low as noise needs not to shake it.
+    the noise because joints are fast, bandwidths are lower, by steps. While joints rest, theirs
+    are as low as noise needs not to shake them.
     """
 
     def __init__(
@@ -57,14 +58,14 @@ class Bandwidths:
         self.at_rest: Vector = np.array([_still(float(w), noise_q, dt) for w in self.usual])
         """Bandwidths while the reference rests (n,) [rad/s]."""
 
-    def at(self, arm: Arm, q: Vector, v: Vector, *, rests: bool) -> Vector:
+    def at(self, arm: Arm, q: Vector, v: Vector, *, rests: NDArray[np.bool_]) -> Vector:
         """Return the bandwidths at a state q, v (n,) [rad/s], by the inertias of an arm.
 
         Args:
             arm: The belief.
             q: Positions of the reference (n,) [rad].
             v: Its velocities (n,) [rad/s].
-            rests: Whether it has been at rest for a while.
+            rests: Which joints have been where they are to rest for a while (n,).
         """
         if not any(self._errors):
             return self.usual
@@ -74,7 +75,7 @@ class Bandwidths:
             steps = _steps(float(self.usual[j]), self._dt)
             quiet = steps[:, 1] <= gains_now[j]
             now[j] = steps[quiet, 0].max(initial=steps[-1, 0])
-        return np.minimum(now, self.at_rest) if rests else now
+        return np.where(rests, np.minimum(now, self.at_rest), now)
 
 
 class _Errors(NamedTuple):

@@ -108,7 +108,7 @@ class ObservedJoints:
         delay = (settings.state_delay or 0) + command_delay
         self._bandwidths = settings.bandwidths(arm, dt)
         self._omegas, self._rested = self._bandwidths.usual.copy(), 0
-        self._quiet = False
+        self._quiet = np.zeros(n, bool)
         filters = [update(gains(omega, dt), dt) for omega in self._omegas]
         self._update = per_joint(filters)
         self._last, self._now = _Known(n), _Known(n)
@@ -142,12 +142,12 @@ class ObservedJoints:
         """Let bandwidths be those of the reference's state after some periods; see `Bandwidths`."""
         q, v, a = reference
         self._rested = 0 if v.any() or a.any() else self._rested + periods
-        off, near = np.abs(self._now.state.q - q).max(), _BEYOND if self._quiet else _WITHIN
-        self._quiet = self._rested * self._dt >= _SETTLING and bool(off <= near * self.noise_q)
+        near = np.where(self._quiet, _BEYOND, _WITHIN) * self.noise_q
+        rests = self._rested * self._dt >= _SETTLING
+        self._quiet = rests & (np.abs(self._now.state.q - q) <= near)
         omegas = self._bandwidths.at(arm, q, v, rests=self._quiet)
-        if self._quiet:
-            # At once, the noise that is in d would stay in it for long.
-            omegas = np.maximum(omegas, _SLOWER * self._omegas)
+        # At once, the noise that is in d would stay in it for long.
+        omegas = np.where(self._quiet, np.maximum(omegas, _SLOWER * self._omegas), omegas)
         if (omegas == self._omegas).all():
             return
         for j in np.flatnonzero(omegas != self._omegas):

@@ -9,14 +9,14 @@ from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.trajectory import Trajectory
+from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.run.control_loop import ControlLoop
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from tests.controlled import DT, LOAD
 from tests.runs import no_objects
 
 STRETCHED = np.array([0.0, 1.4, 0.0, -0.2, 0.0, 1.6, 0.0])
-STILL = np.zeros(7)
+STILL, MOVES = np.zeros(7), np.zeros(7, bool)
 
 
 @pytest.fixture(scope="module", name="panda")
@@ -30,26 +30,26 @@ def bandwidths(arm: Arm, noise_q: float = 5e-5, jitter: float = 0.0) -> Bandwidt
 
 def test_exact_positions_leave_all_bandwidth_everywhere(panda: Arm) -> None:
     exact = bandwidths(panda, noise_q=0.0)
-    for rests in (False, True):
+    for rests in (MOVES, ~MOVES):
         assert (exact.at(panda, STRETCHED, np.ones(7), rests=rests) == 140.0).all()
 
 
 def test_a_heavy_load_takes_bandwidth_and_home_does_not(panda: Arm) -> None:
     loud = bandwidths(panda, noise_q=1e-4)
-    assert (loud.at(panda, panda.home, STILL, rests=False) == loud.usual).all()
-    heavy = loud.at(panda.with_payload(LOAD), STRETCHED, STILL, rests=False)
+    assert (loud.at(panda, panda.home, STILL, rests=MOVES) == loud.usual).all()
+    heavy = loud.at(panda.with_payload(LOAD), STRETCHED, STILL, rests=MOVES)
     assert (heavy <= loud.usual).all()
     assert heavy[0] < 0.9 * loud.usual[0]
 
 
 def test_jitter_takes_bandwidth_where_joints_are_fast(panda: Arm) -> None:
     late = bandwidths(panda, jitter=1e-4)
-    assert (late.at(panda, panda.home, STILL, rests=False) == late.usual).all()
-    fast = late.at(panda, panda.home, np.full(7, 2.0), rests=False)
+    assert (late.at(panda, panda.home, STILL, rests=MOVES) == late.usual).all()
+    fast = late.at(panda, panda.home, np.full(7, 2.0), rests=MOVES)
     assert (fast <= late.usual).all()
     assert (fast < 0.9 * late.usual).any()
     # All positions are late by the same time: opposite joints may cancel in a torque.
-    other = late.at(panda, panda.home, 2.0 * np.resize([1.0, -1.0], 7), rests=False)
+    other = late.at(panda, panda.home, 2.0 * np.resize([1.0, -1.0], 7), rests=MOVES)
     assert (other != fast).any()
 
 
@@ -91,3 +91,16 @@ def test_noise_does_not_shake_an_arm_that_rests(noise_q: float) -> None:
     assert np.abs(v[700:]).max() < 2e-3
     # As long as it has not rested for a while, it follows faster.
     assert v[:100].std(axis=0)[4:].min() > 1.5 * v[700:].std(axis=0)[4:].max()
+
+
+def test_a_joint_that_rubs_beside_its_place_lets_the_others_rest() -> None:
+    wrong = Disturbance(noise_q=1e-4, dry_friction=np.array([4.0, *[0.3] * 6]))
+    simulation = DisturbedSimulation(PANDA, no_objects, wrong, np.random.default_rng(2))
+    loop = ControlLoop(Arm(PANDA), ComputedTorque(), simulation, observer=DisturbanceObserver())
+    beside = np.array([0.6e-3, *[0.0] * 6])
+    loop.begin("hold")
+    loop.track(hold(loop.arm.home + beside, 1500, DT))
+    rows = loop.recording.rows()
+    assert np.abs(rows["joints/q_ref"] - rows["joints/q"])[500:, 0].min() > 4e-4
+    assert np.abs(rows["joints/v"][500:]).max() < 2e-3
+    assert np.abs(rows["joints/v"][500:, 4:]).max() < 5e-4
