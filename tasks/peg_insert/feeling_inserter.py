@@ -349,11 +349,11 @@ class FeelingInserter(FeelingPicker):
         Points of the tool when the peg's end touches the block beside the hole lie in a plane
         parallel to it, however the peg is tilted.
         """
-        points = []
+        points, hole = [], self.T_world_hole
         for k in range(3):
             angle = 2.0 * np.pi * k / 3.0
             way = _AROUND * np.array([np.cos(angle), np.sin(angle), 0.0])
-            hand = replace(self, T_world_hole=self.T_world_hole @ SE3.from_translation(way))
+            hand = replace(self, T_world_hole=hole @ SE3.from_translation(way))
             if k == 0:
                 yield from self._lower(hand, offset)
             else:
@@ -361,6 +361,9 @@ class FeelingInserter(FeelingPicker):
                 yield hand.to_hole(offset)[1:]
             touch, _ = yield from self._touch()
             points.append(self.sensed.tool_pose().translation())
+            if k == 0:
+                # As high as it was felt: the camera may err by all of the way that is left above.
+                hole = SE3.from_translation(hand._height(offset) * self._axis) @ hole
             yield self._lift_off(touch, _FAR)
         normal = np.cross(points[1] - points[0], points[2] - points[0])
         normal /= np.linalg.norm(normal)

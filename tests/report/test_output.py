@@ -120,3 +120,24 @@ def test_ctrl_c_in_the_imports_is_one_line(after: float, tmp_path: Path) -> None
     assert "Traceback" not in said
     assert said.count("interrupted") == 1
     assert process.returncode == 130
+
+
+@posix
+def test_ctrl_c_in_the_imports_waits_for_processes_that_packages_have_started() -> None:
+    """GLFW's tells the process that looks for it what it found, and would complain."""
+    code = (
+        "import subprocess, sys, time\n"
+        "from robo47_qp.report.importing import importing\n"
+        "with importing():\n"
+        "    late = \"import time; print('began', flush=True); time.sleep(1); print('done')\"\n"
+        "    child = subprocess.Popen([sys.executable, '-c', late])\n"
+        "    time.sleep(30)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"began\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+        # A child that was left alone would have told nothing yet.
+        os.set_blocking(process.stdout.fileno(), False)
+        assert process.stdout.read() == b"done\n"

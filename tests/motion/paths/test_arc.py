@@ -100,6 +100,20 @@ def test_distances_are_those_to_the_nearest_point() -> None:
     assert arc.distances(around) == pytest.approx(nearest, abs=1e-5)
 
 
+def test_along_the_axis_of_its_circle_a_point_may_be_anywhere() -> None:
+    start, goal = pose(1.0, 0.2, 0.1), pose(0.1, 1.1, 0.3)
+    arc = arc_through(start, goal, np.array([0.9, 0.8, 0.0]))
+    begin, middle, end = places(arc, np.array([0.0, 0.5, 1.0]))
+    axis = np.cross(middle - begin, end - begin)
+    axis /= np.linalg.norm(axis)
+    across = np.eye(3) - np.outer(axis, axis)
+    fine = places(arc, np.linspace(0.0, 1.0, 20001)) @ across
+    around = np.random.default_rng(1).uniform(-2.0, 2.0, (40, 3))
+    nearest = [np.linalg.norm(fine - place, axis=1).min() for place in around @ across]
+    assert arc.distances(around, axis) == pytest.approx(nearest, abs=1e-5)
+    assert (arc.distances(around) > arc.distances(around, axis) + 1e-3).all()
+
+
 @pytest.mark.parametrize("along", [0.0, 0.3, 1.0, 2.0, -1.0])
 def test_three_points_on_a_line_are_refused(along: float) -> None:
     through = np.array([along, 0.0, 0.0])

@@ -82,6 +82,27 @@ def test_distances_are_those_from_the_closest_point_between_the_ends(
         assert distance >= closest - np.linalg.norm(b - a) / 8000 - 1e-9
 
 
+@given(
+    start=poses,
+    goal=poses,
+    free=arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)),
+    points=arrays(np.float64, (4, 3), elements=st.floats(-2.0, 2.0)),
+)
+def test_along_a_free_direction_a_point_may_be_anywhere(
+    start: SE3, goal: SE3, free: Vector, points: Vector
+) -> None:
+    assume(np.linalg.norm(free) > 0.1)
+    free = free / np.linalg.norm(free)
+    across = np.eye(3) - np.outer(free, free)
+    found = Line(start, goal).distances(points, free)
+    a, b = start.wxyz_xyz[4:], goal.wxyz_xyz[4:]
+    between = (a + np.linspace(0.0, 1.0, 4001)[:, None] * (b - a)) @ across
+    for point, distance in zip(points @ across, found, strict=True):
+        closest = float(np.linalg.norm(between - point, axis=1).min())
+        assert distance <= closest + 1e-9
+        assert distance >= closest - np.linalg.norm(b - a) / 8000 - 1e-9
+
+
 def test_distances_beyond_the_ends_are_those_from_the_ends() -> None:
     start = SE3.identity()
     line = Line(start, SE3.from_translation(np.array([1.0, 0.0, 0.0])))
