@@ -15,8 +15,9 @@ from robo47_qp.control.jitter import Jitter, left
 from robo47_qp.control.joint_filter import gains, per_joint, prediction, update
 from robo47_qp.model.arm import Arm, JointReference, JointState
 
-_SETTLING = 0.1
-"""Time at rest until the observer follows as slowly as is good there [s]."""
+_SETTLING, _STUCK = 0.1, 0.5
+"""Time at rest until the observer follows as slowly as is good there, and the same where dry
+friction may hold a joint beside its place [s]."""
 _WITHIN, _BEYOND = 4.0, 10.0
 """Standard deviations of the noise within which joints are where they are to rest, and beyond
 which they are not any more [-]."""
@@ -141,10 +142,12 @@ class ObservedJoints:
     def tune(self, arm: Arm, reference: JointReference, periods: int) -> None:
         """Let bandwidths be those of the reference's state after some periods; see `Bandwidths`."""
         q, v, a = reference
-        self._rested = 0 if v.any() or a.any() else self._rested + periods
-        near = np.where(self._quiet, _BEYOND, _WITHIN) * self.noise_q
-        rests = self._rested * self._dt >= _SETTLING
-        self._quiet = rests & (np.abs(self._now.state.q - q) <= near)
+        off = np.abs(self._now.state.q - q)
+        pushed = off.max() > _BEYOND * self.noise_q
+        self._rested = 0 if pushed or v.any() or a.any() else self._rested + periods
+        there = off <= np.where(self._quiet, _BEYOND, _WITHIN) * self.noise_q
+        rests = self._rested * self._dt >= (_SETTLING if there.all() else _STUCK)
+        self._quiet = rests & there
         omegas = self._bandwidths.at(arm, q, v, rests=self._quiet)
         # At once, the noise that is in d would stay in it for long.
         omegas = np.where(self._quiet, np.maximum(omegas, _SLOWER * self._omegas), omegas)

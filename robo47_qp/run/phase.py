@@ -16,7 +16,7 @@ class Phase:
     leg: Leg | None
     """The planned motion; None while the arm holds still."""
     compliant: bool = False
-    """True where the tool is compliant: it may leave its reference."""
+    """True where the tool may leave its reference: it is compliant, or stops where it touched."""
     streamed: bool = False
     """True where the reference follows a moving target, or a force: its jerk is not bounded."""
     axis: Vector | None = None

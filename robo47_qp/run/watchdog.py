@@ -1,12 +1,12 @@
 """Watchdog: bounds that end a run at once."""
 
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, Range
+from robo47_qp.arrays import Checked, Range, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.run.failure import Cause, Failure
@@ -80,7 +80,7 @@ class Watchdog(Checked):
     def _touched(
         self, simulation: Simulation, force_max: float, fixed_force_max: float
     ) -> str | None:
-        force = simulation.last_links_force()
+        force = _largest(simulation, "contact/links", np.array([simulation.last_links_force()]))
         if force > self.links_force_max:
             return (
                 f"the contact force on the links before the tool is {force:.1f} N; "
@@ -88,8 +88,7 @@ class Watchdog(Checked):
             )
         for i, (label, tool) in enumerate(simulation.robot.tool_labels()):
             which = f"{tool.name} tool" if label else "tool"
-            pressing = simulation.last_tool_force(i)
-            force = sqrt(pressing.dot(pressing))
+            force = _largest(simulation, f"contact/{label}tool", simulation.last_tool_force(i))
             if force > force_max:
                 return (
                     f"the contact force on the {which} is {force:.1f} N; "
@@ -102,3 +101,9 @@ class Watchdog(Checked):
                     f"{force:.1f} N; allowed are {fixed_force_max:.1f} N"
                 )
         return None
+
+
+def _largest(simulation: Simulation, signal: str, last: Vector) -> float:
+    """Return the largest force in the control periods since the last check, or of the last [N]."""
+    rows = last[None] if simulation.lately is None else simulation.lately(signal)
+    return float(np.sqrt(np.square(rows).sum(axis=1).max()))

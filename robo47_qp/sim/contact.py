@@ -12,8 +12,11 @@ from robo47_qp.errors import UnknownNameError
 from robo47_qp.model.robot import Robot
 from robo47_qp.sim.signal import XYZ, Signal
 
-_PARAMETERS = [1 << 1, 3, 1]
+_NET = [1 << 1, 3, 1]
 """Of MuJoCo's contact sensor: the force field, reduced to the net force, in one slot."""
+_EACH = [1 << 1, 2, 16]
+"""The same of the contacts with the largest forces, each in a slot of its own: opposite forces,
+as of fingers that close on a wall, cancel in their sum."""
 _LINK, _FIXED = "contact/link", "contact/fixed"
 
 
@@ -54,7 +57,8 @@ def add_contact_sensors(spec: mujoco.MjSpec, robot: Robot, fixed: Sequence[str] 
     # Grouped by the tool, so that the sensors of one are contiguous.
     for (label, _), tool in zip(robot.tool_labels(), tools, strict=True):
         for i, other in enumerate(fixed):
-            _add(spec, f"{_FIXED} {label}{i}", subtree, tool, other=other, other_kind=body)
+            name = f"{_FIXED} {label}{i}"
+            _add(spec, name, subtree, tool, other=other, other_kind=body, parameters=_EACH)
 
 
 class ContactSensing:
@@ -70,17 +74,14 @@ class ContactSensing:
         self._tools = [(*two, force) for two, force in zip(sensors, self._forces, strict=True)]
         names = [model.sensor(i).name for i in range(model.nsensor)]
         links = [i for i, name in enumerate(names) if name.startswith(_LINK)]
-        # Added one after the other, their values are contiguous.
-        start = model.sensor_adr[links[0]] if links else 0
-        self._on_links = data.sensordata[start : start + 3 * len(links)]
+        self._on_links = _together(model, data, links)
         self.sums = np.zeros(1 + len(labels))
         """Sums of magnitudes on the links, then of each tool on what is fixed [N]."""
         self._links = self.sums[:1]
         fixed = [_views(model, data, f"{_FIXED} {label}") for label in labels]
         self._fixed = [(view, self.sums[i : i + 1]) for i, view in enumerate(fixed, start=1)]
         summed = [i for i, name in enumerate(names) if name.startswith((_LINK, _FIXED))]
-        ends = (model.sensor_adr[summed[0]], model.sensor_adr[summed[-1]] + 3) if summed else (0, 0)
-        self.summed: Vector = data.sensordata[slice(*ends)]
+        self.summed: Vector = _together(model, data, summed)
         """The values that `sums` come from, all zero where nothing touches."""
         standing = {int(model.sensor_refid[i]) for i, n in enumerate(names) if n.startswith(_FIXED)}
         self.fixed_geoms = [
@@ -154,8 +155,15 @@ def _views(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> Vector:
         for i in range(model.nsensor)
         if model.sensor(i).name.startswith(prefix) and model.sensor(i).name[len(prefix) :].isdigit()
     ]
-    start = int(model.sensor_adr[found[0]]) if found else 0
-    view: Vector = data.sensordata[start : start + 3 * len(found)]
+    return _together(model, data, found)
+
+
+def _together(model: mujoco.MjModel, data: mujoco.MjData, sensors: Sequence[int]) -> Vector:
+    """Return the values of sensors that were added one after the other, as one view."""
+    if not sensors:
+        return data.sensordata[:0]
+    end = model.sensor_adr[sensors[-1]] + model.sensor_dim[sensors[-1]]
+    view: Vector = data.sensordata[model.sensor_adr[sensors[0]] : end]
     return view
 
 
@@ -202,13 +210,14 @@ def _add(
     body: str,
     other: str | None = None,
     other_kind: mujoco.mjtObj | None = None,
+    parameters: Sequence[int] = _NET,
 ) -> None:
     sensor = spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=kind,
         objname=body,
-        intprm=_PARAMETERS,
+        intprm=parameters,
     )
     if other is not None:
         sensor.reftype, sensor.refname = kind if other_kind is None else other_kind, other

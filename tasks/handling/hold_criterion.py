@@ -23,7 +23,7 @@ _HOME = 0.01
 """Largest distance of a joint from home at the end [rad]."""
 HOME_WORDS = f"every joint within {_HOME:g} rad of home (slides: m)"
 """What the end of the motion must be, in words."""
-_PATIENCE = 8.0
+_PATIENCE = 20.0
 """Longest time to wait until a pose counts as held, beside the time that is asked for [s]: the arm
 comes to rest, or comes back from where it was pushed."""
 _SURE, _QUIVER = 0.2, 1e4

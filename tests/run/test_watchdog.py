@@ -68,6 +68,32 @@ def test_the_tool_may_be_pushed_up_to_its_limit(force: float, told: bool) -> Non
     assert failure is None or failure.cause is Cause.COLLISION
 
 
+@pytest.mark.parametrize(
+    ("signal", "size", "told"),
+    [
+        ("contact/tool", 59.9, None),
+        ("contact/tool", 60.1, "on the tool is 60.1 N"),
+        ("contact/links", 0.9, None),
+        ("contact/links", 1.1, "before the tool is 1.1 N"),
+    ],
+)
+def test_contact_in_any_period_since_the_last_check_counts(
+    signal: str, size: float, told: str | None
+) -> None:
+    simulation, arm = Simulation(PANDA, no_objects), Arm(PANDA)
+
+    def lately(name: str) -> np.ndarray:
+        rows = np.zeros((20, 3 if name == "contact/tool" else 1))
+        rows[7, -1] = size if name == signal else 0.0
+        return rows
+
+    simulation.lately = lately
+    there = JointReference(PANDA.home, ZEROS, ZEROS)
+    failure = Watchdog().check(simulation, arm, there, stiff=True, force_max=60.0)
+    assert (failure is None) == (told is None)
+    assert failure is None or (told or "") in failure.evidence
+
+
 def test_a_joint_outside_its_limits_ends_the_run() -> None:
     def bend(simulation: Simulation) -> None:
         joint = simulation.model.joint("joint4")
@@ -132,7 +158,7 @@ class Press(Reach):
 
 
 @pytest.mark.parametrize(
-    ("held", "depth", "limit"), [(False, 0.0, None), (False, 4e-3, 10.0), (True, 4e-3, None)]
+    ("held", "depth", "limit"), [(False, 0.0, None), (False, 0.5e-3, 10.0), (True, 1e-3, None)]
 )
 def test_the_hand_itself_has_a_limit_of_its_own_on_the_table(
     held: bool, depth: float, limit: float | None

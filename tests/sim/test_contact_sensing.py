@@ -14,8 +14,8 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.simulation import Simulation
-from tests.runs import no_objects
-from tests.sim.shelf import WEIGHT, cube_on_a_shelf, grasp
+from tests.runs import Holder, no_objects
+from tests.sim.shelf import HOME_TOOL, WEIGHT, cube_on_a_shelf, grasp
 from tests.small_robots import small_robot
 
 BALL, RADIUS = 0.7, 0.06
@@ -167,6 +167,22 @@ def test_a_held_cube_pulls_with_its_weight_and_a_table_pushes_up() -> None:
     assert world.last_tool_force()[2] > 1.0
 
 
+def test_fingers_that_close_on_what_stands_fixed_press_on_it_with_both() -> None:
+    """Opposite forces, whose sum is zero."""
+    world = Simulation(PANDA, cube_on_a_shelf)
+    x, y, z = HOME_TOOL.translation()
+    world.place_marker("shelf", SE3.from_translation(np.array([x, y, z])))
+    world.place_object("cube", SE3.from_translation(np.array([2.0, 2.0, 1.0])))
+    holder = Holder(world)
+    world.command_grip(Grip(width=0.0, force=30.0))
+    holder.hold(900)
+    world.fixed_force_peak()
+    holder.hold(20)
+    assert np.linalg.norm(world.last_tool_force()) < 1.0
+    assert world.last_finger_forces() == pytest.approx([30.0, 30.0], rel=0.02)
+    assert world.fixed_force_peak() == pytest.approx(60.0, rel=0.02)
+
+
 def test_what_was_felt_does_not_change_any_more() -> None:
     world = Simulation(PANDA, cube_on_a_shelf)
     holder = grasp(world, 30.0)
@@ -237,6 +253,6 @@ def test_a_peak_is_told_once_and_then_counts_from_the_last_look(world: Simulatio
     force = world.data.sensor("contact/fixed 0").data
     told = []
     for pressed in (5.0, 2.0, 0.0, 0.0):
-        force[:] = [0.6 * pressed, 0.0, 0.8 * pressed]
+        force[:3] = [0.6 * pressed, 0.0, 0.8 * pressed]
         told.append(world.fixed_force_peak(0))
     assert told == pytest.approx([5.0, 5.0, 2.0, 0.0])

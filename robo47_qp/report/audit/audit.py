@@ -20,8 +20,11 @@ from robo47_qp.run.scenario import Run
 
 _PLACE = 1e-9
 """Largest difference of lengths [m] and of rotation matrices [-] of the same obstacle."""
-_COMPLIANT = "the arm is compliant and need not follow its reference"
-_PRESSED = "the arm is compliant, or presses on what is fixed with the force that is judged"
+_COMPLIANT = "the arm is compliant, or stops where it has touched something"
+_PRESSED = (
+    "the arm is compliant, stops where it has touched something, or presses on what is fixed with "
+    "the force that is judged"
+)
 _TOUCHES = "the hand touches what is fixed, with the force that is judged"
 
 

@@ -38,7 +38,7 @@ _RATES = (
 )
 """Quantities in the order of `ToolMotion`."""
 _SPEEDS = (0, 3)
-_YIELDS = "the tool is compliant and gives way to what it touches"
+_YIELDS = "the tool is compliant and gives way to what it touches, or stops where it has touched"
 _PRESSES = "the tool presses, and goes along its axis as the force that it feels asks for"
 _TOUCHES = "the tool presses, or gives way to what it touches"
 
@@ -46,7 +46,7 @@ _TOUCHES = "the tool presses, or gives way to what it touches"
 def tool_paths(run: Run) -> list[Finding]:
     """Check the distances from lines and arcs; in contact, of the reference only.
 
-    Where the tool presses, distances along the axis of that do not count.
+    Where the tool presses, distances of the reference along the axis of that do not count.
     """
     findings = []
     for motion in Motion:
@@ -208,7 +208,9 @@ def _off_way(
         if leg.waypoint.motion is not motion:
             continue
         if leg.path is not None and not label:
-            off[rows, 0] = leg.path.distances(poses[rows, :3], phase.axis)
+            # Where the tool itself is as it presses is told, not judged: all of it.
+            free = None if signal == "measured" else phase.axis
+            off[rows, 0] = leg.path.distances(poses[rows, :3], free)
         elif leg.together is not None and leg.tools is not None and name in leg.tools:
             off[rows, 0] = leg.together.distances(name, poses[rows, :3], poses[rows, 3:])
         else:

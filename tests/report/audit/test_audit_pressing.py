@@ -73,11 +73,12 @@ def test_its_reference_keeps_to_its_path_but_along_the_axis(name: str) -> None:
     assert shifted(run, name, 0.05 * ASIDE, "_ref") == ["LIN commanded (tool)"]
 
 
-def test_where_the_tool_is_while_it_presses_is_told() -> None:
+@pytest.mark.parametrize("way", [ASIDE, DEEPER])
+def test_where_the_tool_is_while_it_presses_is_told(way: np.ndarray) -> None:
     run = slid()
     assert shifted(run, "to", 0.05 * ASIDE, "") == []
     rows = Rows(run.rows.signals, run.rows.values.copy())
-    rows["tool/pose"][rows_in(run, "to"), 0] += 0.05
+    rows["tool/pose"][rows_in(run, "to"), :3] += 0.05 * way
     found = exempt(audit(replace(run, rows=rows)), "LIN measured (tool)")
     assert found.extreme == pytest.approx(0.05, rel=0.02)
     assert "presses" in found.exempt
