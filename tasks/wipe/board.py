@@ -11,7 +11,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.place_criterion import PlaceCriterion
 from robo47_qp.tasks.table import TABLE_TOP
 from robo47_qp.tasks.task_state import hide_marker, task_state
-from robo47_qp.tasks.wipe.sponge import Sponge
+from robo47_qp.tasks.wipe.sponge import FOAM, Sponge
 
 SURFACE = TABLE_TOP + 0.03
 """Nominal height of the board's surface, which the robot knows [m]."""
@@ -29,6 +29,9 @@ _SLIDING = 5e-3
 """Speed above which the sponge counts as sliding [m/s]."""
 _TOUCHING = 2e-3
 """Height above a mark below which the foam touches it [m]."""
+_PRESSED = "foam on the board"
+_NET_FORCE = [1 << 1, 3, 1]
+"""Of MuJoCo's contact sensor: the force field, reduced to the net force, in one slot."""
 _SLID, _OUTSIDE, _WORST, _LAST = range(4)
 """Indices of the task state: time of sliding [s], time of sliding with a force outside the band
 [s], largest force error [N], and time of the last update [s]."""
@@ -51,7 +54,10 @@ class WipeSettings(Checked):
 
 
 def add_board(spec: mujoco.MjSpec) -> None:
-    """Add the board, a body that the task places, its frame at the centre of its surface."""
+    """Add the board, a body that the task places, its frame at the centre of its surface.
+
+    The scene needs a sponge, too: a sensor tells the force of its foam on the board.
+    """
     PlaceCriterion.add_state(spec, 4)
     box, disc = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     board = spec.worldbody.add_body(name="board", mocap=True)
@@ -62,6 +68,15 @@ def add_board(spec: mujoco.MjSpec) -> None:
         pos=[0.0, 0.0, -0.015],
         size=[0.5 * x, 0.5 * y, 0.015],
         rgba=[0.93, 0.94, 0.96, 1.0],
+    )
+    spec.add_sensor(
+        name=_PRESSED,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_GEOM,
+        objname=FOAM,
+        reftype=mujoco.mjtObj.mjOBJ_GEOM,
+        refname="board",
+        intprm=_NET_FORCE,
     )
     for i in range(MARKS):
         spot = spec.worldbody.add_body(name=mark(i), mocap=True)
@@ -86,9 +101,10 @@ class WipeMonitor:
         self._simulation, self._sponge, self._settings = simulation, sponge, settings
 
     def pressed(self) -> float:
-        """Return the force of the sponge on the board: that on the hand without its weight [N]."""
-        mass = float(self._simulation.model.body(self._sponge.name).mass[0])
-        return float(self._simulation.last_tool_force()[2]) + 9.81 * mass
+        """Return the force of the foam on the board, along the board's normal [N]."""
+        normal = self._simulation.marker_pose("board").rotation().as_matrix()[:, 2]
+        # MuJoCo reports the force of the foam on the board.
+        return -float(normal @ self._simulation.data.sensor(_PRESSED).data)
 
     def update(self) -> None:
         """Wipe marks off, and record the force error if the sponge slides."""

@@ -6,6 +6,8 @@ import mujoco
 
 from robo47_qp.tasks.item import SPINNING, Item
 
+FOAM = "foam"
+"""Name of its geom."""
 _SOFT = [-700.0, -12.0]
 """Stiffness and damping of the foam as MuJoCo's solref, which refers to the sponge's mass: for its
 40 g and four corners, 10 N compress the foam by 9 mm. When it slides with a speed v, MuJoCo's
@@ -43,7 +45,7 @@ class Sponge(Item):
             friction=[sum(self.friction) / 2.0, *SPINNING],
         )
         body.add_geom(
-            name="foam",
+            name=FOAM,
             type=box,
             pos=[0.0, 0.0, 0.5 * (deep - z)],
             size=[0.5 * self.foam[0], 0.5 * self.foam[1], 0.5 * deep],

@@ -16,7 +16,6 @@ from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.watchdog import Watchdog
-from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -26,7 +25,6 @@ from robo47_qp.tasks.wipe.board import (
     BOARD,
     MARKS,
     SURFACE,
-    WipeMonitor,
     WipeSettings,
     mark,
 )
@@ -205,14 +203,6 @@ def test_the_foam_tells_the_force_whatever_its_stiffness_and_its_friction(
         cell.clock, cell.pressed = cell.clock + 0.01, cell.pressed + 0.01
         felt = spring.force_dragged(cell, touch, free.force, way)
     assert felt == pytest.approx(cell.true_force, abs=0.06)
-
-
-def test_the_force_is_judged_with_the_weight_that_the_sponge_has() -> None:
-    task = Wipe()
-    light = DisturbedSimulation(PANDA, task.build_scene, Disturbance(object_mass_factor=0.5))
-    task.reset(light, None)
-    lifted = WipeMonitor(light, task.sponge, task.settings).pressed()
-    assert lifted == pytest.approx(0.5 * WEIGHT)
 
 
 def test_a_sponge_lost_on_the_board_is_a_drop() -> None:

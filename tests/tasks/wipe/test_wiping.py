@@ -11,8 +11,10 @@ from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import Observation, ToolTarget, vector_of
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import upright
+from robo47_qp.tasks.table import TABLE_TOP
 from robo47_qp.tasks.task_state import task_state
 from robo47_qp.tasks.wipe.board import (
     MARKS,
@@ -23,6 +25,7 @@ from robo47_qp.tasks.wipe.board import (
 from robo47_qp.tasks.wipe.wipe import Wipe
 from tests.examples import shifted
 from tests.policies import Scripted, follow
+from tests.runs import Holder
 
 
 class Pressed(WipeMonitor):
@@ -138,6 +141,19 @@ def test_a_mark_goes_where_the_foam_lies_on_it(
     assert len(marks_left(simulation)) == left
 
 
+def test_the_force_is_that_of_the_foam_on_the_board() -> None:
+    """A light sponge on the table, then on the board, by its weight alone."""
+    task = Wipe()
+    light = DisturbedSimulation(PANDA, task.build_scene, Disturbance(object_mass_factor=0.5))
+    task.reset(light, None)
+    monitor, holder = WipeMonitor(light, task.sponge, task.settings), Holder(light)
+    holder.hold(300)
+    assert monitor.pressed() == 0.0
+    light.place_object("sponge", upright(list(_lying(light)), 0.0))
+    holder.hold(1000)
+    assert monitor.pressed() == pytest.approx(0.5 * 9.81 * task.sponge.mass, rel=1e-3)
+
+
 @pytest.mark.parametrize(("turn", "gone"), [(0.5 * np.pi, 2), (0.0, 0)])
 def test_marks_vanish_under_whoever_presses_the_sponge_on_them(turn: float, gone: int) -> None:
     """A policy comes down on a sponge that lies on two marks, or between them, until it feels 8 N.
@@ -159,6 +175,22 @@ def test_marks_vanish_under_whoever_presses_the_sponge_on_them(turn: float, gone
     assert run.failure.evidence.startswith(f"{MARKS - gone} of 8 marks are left")
     assert run.measures["marks_left"] == MARKS - gone
     assert abs(run.rows["contact/tool"][2550, 2] - 8.0) < 1.5
+
+
+def test_a_hand_that_presses_on_the_table_wipes_nothing_off() -> None:
+    """The sponge lies on two marks meanwhile, let go."""
+    height = TABLE_TOP + 0.03
+
+    def press(seen: Observation) -> ToolTarget:
+        nonlocal height
+        if seen.time > 2.0 and seen.force[2] < 6.0:
+            height -= 2e-4 if height > TABLE_TOP + 0.011 else 2e-5
+        return ToolTarget(pose=vector_of(tool_down([0.45, 0.25, height], 0.0)), width=0.0)
+
+    task, timing = _Lying(turn=0.5 * np.pi), PolicyTiming(rate=100.0, seconds=4.6)
+    run = follow(Scripted(press), task=task, timing=timing)
+    assert run.rows["contact/tool"][4400:4600, 2].min() > 5.5
+    assert run.measures["marks_left"] == MARKS
 
 
 def _lying(simulation: Simulation) -> np.ndarray:
