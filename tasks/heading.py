@@ -40,6 +40,12 @@ def face_tilt(T_world_body: SE3) -> float:
     return float(np.arctan2(np.hypot(*np.delete(up, axis)), up[axis]))
 
 
+def end_tilt(T_world_body: SE3) -> float:
+    """Return the angle between the vertical and the z axis of a pose, whichever end is up [rad]."""
+    angle = tilt(T_world_body)
+    return min(angle, np.pi - angle)
+
+
 def raised(T_world_body: SE3, height: float) -> SE3:
     """Return a pose that is higher by so much [m]."""
     return SE3.from_translation(np.array([0.0, 0.0, height])) @ T_world_body

@@ -25,7 +25,7 @@ from robo47_qp.tasks.handling.place_criterion import (
     unfinished,
 )
 from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, estimate_poses
-from robo47_qp.tasks.heading import face_tilt, heading, upright
+from robo47_qp.tasks.heading import end_tilt, face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
@@ -111,7 +111,8 @@ class Sort(Task):
         rim = 1e3 * min(place.height for place in self.bins)
         return (
             "each item: all of it between the walls of the bin of its colour, its centre below "
-            f"the rim ({rim:g} mm), and a face level within {np.degrees(self.placed.tilt):.3g}°",
+            f"the rim ({rim:g} mm), and a face level within {np.degrees(self.placed.tilt):.3g}°: "
+            "of a cylinder, one of its ends",
             f"all {self.placed.rest_words}",
             END,
         )
@@ -218,7 +219,8 @@ class Sort(Task):
                 f"is at ({x:.3f}, {y:.3f}, {z:.3f}) m, and not all of it is in the "
                 f"{home.name}: {home.room}"
             )
-        off = Miss(distance=0.0, turn=0.0, tilt=face_tilt(pose))
+        tilted = end_tilt(pose) if item.round else face_tilt(pose)
+        off = Miss(distance=0.0, turn=0.0, tilt=tilted)
         return told(f"the {item.name}", [*reasons, *self.placed.against_pose(off)])
 
     def measures(self, simulation: Simulation) -> dict[str, float]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mink import SE3
+from mink import SE3, SO3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.perturbation import Perturbation
@@ -165,6 +165,40 @@ def test_every_item_must_be_in_its_own_bin(
     assert failure.cause is Cause.PLACE
     assert f"the {name} is at" in failure.evidence
     assert task.measures(simulation) == {"sorted": 5.0}
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.02, 0.5 * np.pi, np.pi])
+def test_a_cylinder_that_lies_on_its_round_side_is_not_sorted(
+    done: tuple[Sort, Simulation], roll: float
+) -> None:
+    task, simulation = done
+    x, y, _ = simulation.object_pose("red cylinder").translation()
+    lying = SO3.from_z_radians(0.3) @ SO3.from_x_radians(0.5 * np.pi) @ SO3.from_z_radians(roll)
+    at = SE3.from_rotation_and_translation(lying, np.array([x, y, 0.02]))
+    simulation.place_object("red cylinder", at)
+    failure = task.verdict(simulation)
+    assert failure is not None
+    assert "the red cylinder is tilted by 90.0° (allowed are 3°)" in failure.evidence
+
+
+@pytest.mark.parametrize("name", ["red cylinder", "red box"])
+@pytest.mark.parametrize(("tilt", "ok"), [(0.0, True), (0.05, True), (0.055, False)])
+def test_an_item_may_stand_upside_down(
+    done: tuple[Sort, Simulation], name: str, tilt: float, ok: bool
+) -> None:
+    task, simulation = done
+    pose = simulation.object_pose(name)
+    turned = pose @ SE3.from_rotation(SO3.from_x_radians(np.pi - tilt))
+    simulation.place_object(name, turned)
+    assert (task.verdict(simulation) is None) == ok
+
+
+def test_a_box_may_lie_on_any_face(done: tuple[Sort, Simulation]) -> None:
+    task, simulation = done
+    pose = simulation.object_pose("red box")
+    for turn in (SO3.from_x_radians(0.5 * np.pi), SO3.from_y_radians(-0.5 * np.pi)):
+        simulation.place_object("red box", pose @ SE3.from_rotation(turn))
+        assert task.verdict(simulation) is None
 
 
 def test_an_item_in_motion_is_not_sorted(done: tuple[Sort, Simulation]) -> None:
