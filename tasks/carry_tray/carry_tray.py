@@ -8,8 +8,9 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 from mink import SE3
+from scipy.spatial.transform import Rotation
 
-from robo47_qp.arrays import Positive
+from robo47_qp.arrays import Matrix, Positive, Vector
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Motion, Waypoint
@@ -19,7 +20,7 @@ from robo47_qp.run.steps import Move, Release, StepLike, Wait
 from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.carry_tray.tray import CUP, NAME, Tray
+from robo47_qp.tasks.carry_tray.tray import CUP, NAME, PLATE, Tray
 from robo47_qp.tasks.goal import estimate_goal
 from robo47_qp.tasks.handling.hand import Hand, settled, still_poses
 from robo47_qp.tasks.handling.item_handler import HOME, NEAR
@@ -41,6 +42,8 @@ _ASIDE, _TURN = 0.04, 0.12
 """Ranges of random starts and goals about the middle: y [m] and heading [rad]."""
 _THICK, _HIGH = (0.01, 0.02), (0.03, 0.10)
 """Sizes of random walls [m]."""
+_WIDE = 0.20
+"""Length of the wall along y [m]."""
 _MASSES, _BALLS, _CUPS, _OFF = (0.3, 0.8), (0.02, 0.05), (0.05, 0.2), 0.02
 """Masses of random trays, balls and cups [kg], and their place beside the middle [m]."""
 _ABOVE = 0.10
@@ -116,7 +119,8 @@ class CarryTray(Task):
             f"{np.degrees(placed.tilt):.3g}°",
             f"tray and cup {placed.rest_words}",
             f"on the way never tilted by more than {self.tilt_max:g}° nor squeezed or pulled by "
-            f"more than {self.squeeze_max:g} N; the tray was above the wall, which was not touched",
+            f"more than {self.squeeze_max:g} N, in every period; the tray was over the wall, above "
+            "it, and nothing touched the wall at any look, every 20 ms",
             *self.tray.judged,
             END,
         )
@@ -145,7 +149,7 @@ class CarryTray(Task):
         spec.worldbody.add_geom(
             name=_OBSTACLE,
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * thick, 0.10, 0.5 * high],
+            size=[0.5 * thick, 0.5 * _WIDE, 0.5 * high],
             pos=[x, 0.0, TABLE_TOP + 0.5 * high],
             rgba=[0.45, 0.47, 0.50, 1.0],
         )
@@ -218,17 +222,37 @@ class CarryTray(Task):
         return None
 
     def monitor(self, simulation: Simulation) -> None:
-        """See `Task.monitor`: note tilt, internal force and the wall while the tray is carried."""
+        """See `Task.monitor`: note tilt, internal force and the wall while the tray is carried.
+
+        In every control period where these are recorded, but for contacts with the wall: these are
+        not, and are looked at now.
+        """
         self.placed.monitor(simulation, (NAME, CUP))
-        tray, notes = simulation.object_pose(NAME), task_state(simulation)
-        height = tray.translation()[2] - TABLE_TOP
-        if height > _LIFTED:
-            notes[_TILT] = max(notes[_TILT], tilt(tray))
-            notes[_FORCE] = max(notes[_FORCE], squeeze(simulation))
-        if height > self.wall[2]:
-            notes[_WENT] = 1.0
+        tray, robot = simulation.object_pose(NAME), simulation.robot
+        pose = np.concatenate([tray.translation(), tray.rotation().wxyz])
+        self._note(simulation, pose[None], [simulation.last_tool_force(i)[None] for i in (0, 1)])
+        if simulation.lately is not None:
+            felt = [simulation.lately(f"contact/{label}tool") for label, _ in robot.tool_labels()]
+            self._note(simulation, simulation.lately(f"objects/{NAME}"), felt)
         if _touches_wall(simulation):
-            notes[_TOUCHED] = 1.0
+            task_state(simulation)[_TOUCHED] = 1.0
+
+    def _note(self, simulation: Simulation, poses: Matrix, felt: Sequence[Matrix]) -> None:
+        """Note what counts of some poses of the tray (N, 7) and forces on the hands (N, 3) [N]."""
+        notes, lifted = task_state(simulation), poses[:, 2] - TABLE_TOP > _LIFTED
+        if not lifted.any():
+            return
+        at, turns = poses[lifted, :3], Rotation.from_quat(poses[lifted, 3:], scalar_first=True)
+        R = turns.as_matrix()
+        tilts = np.arctan2(np.hypot(R[:, 2, 0], R[:, 2, 1]), R[:, 2, 2])
+        notes[_TILT] = max(notes[_TILT], tilts.max())
+        left, right = felt[:2]
+        notes[_FORCE] = max(notes[_FORCE], squeeze(left, right)[lifted].max())
+        x, thick, high = self.wall
+        reach = np.abs(R[:, :2]) @ PLATE + 0.5 * np.array([thick, _WIDE])
+        over = (np.abs(at[:, :2] - [x, 0.0]) < reach).all(axis=1)
+        if (over & (at[:, 2] - TABLE_TOP > high)).any():
+            notes[_WENT] = 1.0
 
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
@@ -331,14 +355,14 @@ class CarryTray(Task):
         return simulation.marker_pose(_GOAL)
 
 
-def squeeze(simulation: Simulation) -> float:
-    """Return the internal force of two hands on what both hold [N].
+def squeeze(left: Matrix, right: Matrix) -> Vector:
+    """Return the internal force of two hands on what both hold (N,), from that on each (N, 3) [N].
 
     The part of their contact forces that moves nothing: half the difference of what they feel,
     of which the weight they share cancels.
     """
-    left, right = (simulation.last_tool_force(tool) for tool in (0, 1))
-    return float(0.5 * np.linalg.norm(left - right))
+    force: Vector = 0.5 * np.linalg.norm(left - right, axis=1)
+    return force
 
 
 def _line(name: str, tray: SE3, holding: ToolPoses) -> Waypoint:

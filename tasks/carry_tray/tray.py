@@ -12,7 +12,7 @@ from robo47_qp.tasks.heading import heading, tilt
 from robo47_qp.tasks.item import SPINNING, Item
 
 NAME, BALL, CUP = "tray", "ball", "cup"
-_PLATE = (0.10, 0.15, 0.004)
+PLATE = (0.10, 0.15, 0.004)
 """Half lengths of the plate [m]."""
 _HANDLE = (0.010, 0.035, 0.018)
 """Half lengths of a handle [m]."""
@@ -63,9 +63,9 @@ class Tray:
         tray.add_freejoint()
         handles = 0.3 * self.mass
         box = mujoco.mjtGeom.mjGEOM_BOX
-        plate = [0.0, 0.0, _PLATE[2]]
+        plate = [0.0, 0.0, PLATE[2]]
         tray.add_geom(
-            name="plate", type=box, size=_PLATE, pos=plate, mass=self.mass - handles, rgba=WOOD
+            name="plate", type=box, size=PLATE, pos=plate, mass=self.mass - handles, rgba=WOOD
         )
         for side in (-1.0, 1.0):
             tray.add_geom(
@@ -78,7 +78,7 @@ class Tray:
                 friction=[_HANDLE_FRICTION, *SPINNING],
             )
         self._add_rim(tray)
-        top = z + 2.0 * _PLATE[2]
+        top = z + 2.0 * PLATE[2]
         ball = spec.worldbody.add_body(
             name=BALL, pos=[x + self.aside, y + _DISH_Y, top + _BALL_RADIUS]
         )
@@ -112,7 +112,7 @@ class Tray:
                 name=f"rim {k}",
                 type=mujoco.mjtGeom.mjGEOM_BOX,
                 size=[_RIM[0], half, _RIM[1]],
-                pos=[self.aside + x, _DISH_Y + y, 2.0 * _PLATE[2] + _RIM[1]],
+                pos=[self.aside + x, _DISH_Y + y, 2.0 * PLATE[2] + _RIM[1]],
                 quat=[np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)],
                 mass=0.0,
                 rgba=STEEL,
@@ -120,7 +120,7 @@ class Tray:
 
     def place(self, simulation: Simulation, T_world_tray: SE3) -> None:
         """Put the tray at a pose, with ball and cup at rest on it."""
-        top = 2.0 * _PLATE[2]
+        top = 2.0 * PLATE[2]
         simulation.place_object(NAME, T_world_tray)
         for name, point in (
             (BALL, [self.aside, _DISH_Y, top + _BALL_RADIUS]),
@@ -145,7 +145,7 @@ class Tray:
     def lost(self, simulation: Simulation) -> str | None:
         """Return what is not as it was on the tray; None if ball and cup are where they were."""
         T_tray_world = simulation.object_pose(NAME).inverse()
-        top = 2.0 * _PLATE[2]
+        top = 2.0 * PLATE[2]
         ball = T_tray_world.apply(simulation.object_pose(BALL).translation())
         off = float(np.linalg.norm(ball[:2] - [self.aside, _DISH_Y]))
         if off > _DISH_RADIUS or abs(ball[2] - top - _BALL_RADIUS) > 0.5 * _BALL_RADIUS:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.evaluation.perturbation import PRESETS
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda_pair import panda_pair
@@ -20,7 +20,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.carry_tray.carry_tray import CarryTray, squeeze
 from robo47_qp.tasks.carry_tray.tray import BALL, CUP, NAME
-from robo47_qp.tasks.heading import tilt
+from robo47_qp.tasks.heading import tilt, upright
 from robo47_qp.tasks.task_state import task_state
 from tests.runs import at_rest
 
@@ -178,12 +178,72 @@ class Pulled(Simulation):
 
 
 def test_the_internal_force_is_what_moves_nothing() -> None:
-    assert squeeze(Pulled(PAIR, TASK.build_scene)) == pytest.approx(5.0)
+    pulled = Pulled(PAIR, TASK.build_scene)
+    left, right = (pulled.last_tool_force(tool)[None] for tool in (0, 1))
+    assert squeeze(left, right) == pytest.approx([5.0])
+    TASK.tray.place(pulled, SE3.from_translation(np.array([0.35, 0.0, 0.02])))
+    TASK.monitor(pulled)
+    assert task_state(pulled)[1] == pytest.approx(5.0)
 
 
-def test_a_tray_that_is_only_lifted_was_not_above_the_wall() -> None:
+@pytest.mark.parametrize(
+    ("at", "turn", "went"),
+    [
+        # At its start; with its edge over the wall, and just not; beyond, beside and below.
+        ((0.35, 0.0, 0.09), 0.0, False),
+        ((0.394, 0.0, 0.09), 0.0, True),
+        ((0.391, 0.0, 0.09), 0.0, False),
+        ((0.391, 0.0, 0.09), 0.1, True),
+        ((0.606, 0.0, 0.09), 0.0, True),
+        ((0.609, 0.0, 0.09), 0.0, False),
+        ((0.5, 0.24, 0.09), 0.0, True),
+        ((0.5, 0.26, 0.09), 0.0, False),
+        ((0.5, 0.0, 0.079), 0.0, False),
+    ],
+)
+def test_the_tray_was_above_the_wall_where_it_is_over_it(
+    at: tuple[float, float, float], turn: float, went: bool
+) -> None:
     simulation = start()
-    for height, went in ((0.02, 0.0), (TASK.wall[2] + 0.01, 1.0)):
-        TASK.tray.place(simulation, SE3.from_translation(np.array([0.35, 0.0, height])))
-        TASK.monitor(simulation)
-        assert task_state(simulation)[3] == went
+    TASK.tray.place(simulation, upright(at, turn))
+    TASK.monitor(simulation)
+    assert task_state(simulation)[3] == went
+
+
+@pytest.fixture
+def recorded() -> tuple[Simulation, dict[str, Matrix]]:
+    """A world with the tray on the table, and its last 20 periods with the tray 20 mm above."""
+    simulation = start()
+    kept = {f"motion/{name} velocity": np.zeros((20, 6)) for name in (NAME, CUP)}
+    kept[f"objects/{NAME}"] = np.tile([0.35, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0], (20, 1))
+    kept |= {f"contact/{one}tool": np.zeros((20, 3)) for one in ("", "right_")}
+    simulation.lately = kept.__getitem__
+    return simulation, kept
+
+
+@pytest.mark.parametrize("row", [0, 7, 19])
+def test_what_happens_between_two_looks_is_noted(
+    recorded: tuple[Simulation, dict[str, Matrix]], row: int
+) -> None:
+    simulation, kept = recorded
+    TASK.monitor(simulation)
+    assert not task_state(simulation).any()
+    tilted = SO3.from_z_radians(0.7) @ SO3.from_x_radians(0.04)
+    kept[f"objects/{NAME}"][row, 3:] = tilted.wxyz
+    kept["contact/tool"][row] = [0.0, 21.0, -4.0]
+    kept["contact/right_tool"][row] = [0.0, -21.0, -4.0]
+    TASK.monitor(simulation)
+    np.testing.assert_allclose(task_state(simulation), [0.04, 21.0, 0.0, 0.0])
+    kept[f"objects/{NAME}"][row, :3] = [TASK.wall[0], 0.0, 0.09]
+    TASK.monitor(simulation)
+    np.testing.assert_allclose(task_state(simulation), [0.04, 21.0, 0.0, 1.0])
+
+
+def test_forces_on_a_tray_that_stands_do_not_count(
+    recorded: tuple[Simulation, dict[str, Matrix]],
+) -> None:
+    simulation, kept = recorded
+    kept["contact/tool"][7] = [0.0, 42.0, 0.0]
+    kept[f"objects/{NAME}"][7, 2] = 0.0
+    TASK.monitor(simulation)
+    assert task_state(simulation)[1] == 0.0
