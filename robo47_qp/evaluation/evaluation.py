@@ -37,6 +37,9 @@ from robo47_qp.stack import ClassicalStack
 Show = Callable[[Sequence[EpisodeResult]], None]
 Episodes: TypeAlias = Annotated[int, Range(at_least=1, at_most=1_000_000, whole=True)]
 """Number of episodes of an evaluation, whose results are all held in memory."""
+_CODE = (".py", ".xml", ".c", ".h")
+"""Endings of what decides outcomes: Python, models, and the sources of the compiled core, which is
+built anew where they change."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,14 +236,14 @@ def robot_digest(robot: Robot) -> str:
 
 
 def code_digest(places: Sequence[Path]) -> str:
-    """Return the SHA-256 of all Python and model files in some folders, links followed."""
+    """Return the SHA-256 of all code and models in some folders, links followed; see `_CODE`."""
     digest = sha256()
     for place in places:
         inside = [
             Path(at, name) for at, _, names in walk(place, followlinks=True) for name in names
         ]
         for path in sorted(inside) or [place]:
-            if path.suffix in (".py", ".xml"):
+            if path.suffix in _CODE:
                 digest.update(path.relative_to(place.parent).as_posix().encode() + b"\0")
                 digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -6,20 +6,29 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from robo47_qp._core.library import using
 from robo47_qp.errors import InvalidValueError, RecordingError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.evaluation import Evaluation, _sources, code_digest
+from robo47_qp.evaluation.evaluation import (
+    _CODE,
+    Evaluation,
+    PolicyEvaluation,
+    _sources,
+    code_digest,
+)
 from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.replay import picked
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run import foreign_code
 from robo47_qp.run.registry import load_task
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -57,7 +66,7 @@ def evaluated(
     episodes: int = 12,
     seed: int = 40,
     resume: bool = False,
-    settings: dict[str, Any] = SETTINGS,
+    settings: Mapping[str, Any] = SETTINGS,
 ) -> EvaluationReport:
     evaluation = Evaluation(episode=Toy(), settings=settings, episodes=episodes, seed=seed)
     return evaluation.run(executor, path, resume=resume)
@@ -287,6 +296,33 @@ def test_other_code_has_another_digest(tmp_path: Path) -> None:
     alone = code_digest([one])
     one.write_text("x = 3")
     assert code_digest([one]) != alone
+
+
+@pytest.mark.parametrize("name", ["friction.c", "friction.h", "arm.xml"])
+def test_the_compiled_core_and_models_are_code(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("one law")
+    before = code_digest([tmp_path])
+    (tmp_path / name).write_text("another law")
+    assert code_digest([tmp_path]) != before
+
+
+def test_all_that_the_package_ships_is_code() -> None:
+    """What a wheel holds beside Python: its patterns are those of the digest."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    shipped = project["tool"]["setuptools"]["package-data"].values()
+    endings = {Path(pattern).suffix for patterns in shipped for pattern in patterns}
+    assert endings - {".typed"} <= set(_CODE)
+    assert ".py" in _CODE
+
+
+def test_another_backend_is_another_evaluation(tmp_path: Path) -> None:
+    with using("compiled"):
+        before = PolicyEvaluation(task=Reach(), robot=PANDA).evaluation.settings
+    with using("numpy"):
+        after = PolicyEvaluation(task=Reach(), robot=PANDA).evaluation.settings
+    evaluated(tmp_path / "eval.jsonl", Here(), episodes=1, settings=before)
+    with pytest.raises(JournalError, match=r"these differ: versions\."):
+        evaluated(tmp_path / "eval.jsonl", Here(), episodes=1, settings=after, resume=True)
 
 
 def test_code_behind_a_link_counts(tmp_path: Path) -> None:
