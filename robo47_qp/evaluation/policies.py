@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.evaluation.policy_files import digest_of, files_in, package_folder
 from robo47_qp.run.foreign_code import absolute
 from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
 from robo47_qp.run.policy.process import PolicyProcess
@@ -58,15 +59,23 @@ class PolicyReference:
 
     @cached_property
     def digest(self) -> str | None:
-        """SHA-256 of the source file and of what it loads from beside it; None without a file.
+        """SHA-256 of the policy's files; None for a module without any.
+
+        Those are the modules that it loads from beside it, and all in the folder of its file or
+        of its package; see `files_in`.
 
         Raises:
             ClassLoadError: See `load`.
+            InvalidValueError: See `files_in`.
         """
-        digest, files = sha256(), self.load()
-        for file in map(Path, files):
-            digest.update(file.name.encode() + b"\0" + file.read_bytes())
-        return digest.hexdigest() if files else None
+        files = {Path(file) for file in self.load()}
+        place, _, _ = self.absolute.text.rpartition(":")
+        folder = Path(place).parent if place.endswith(".py") else None
+        if folder is None and files:
+            folder = package_folder(min(files))
+        if folder is not None:
+            files.update(files_in(folder))
+        return digest_of(files, folder) if files else None
 
 
 IK_NAMES: tuple[str, ...] = tuple(IK_SOLVERS)
