@@ -10,6 +10,7 @@ from typing import Any
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.policy_files import digest_of, files_in, package_folder
+from robo47_qp.files import plain
 from robo47_qp.run.foreign_code import absolute
 from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
 from robo47_qp.run.policy.process import PolicyProcess
@@ -138,12 +139,12 @@ def check_different(contenders: Sequence[Contender]) -> None:
 
 def labels(contenders: Sequence[Contender]) -> list[str]:
     """Return a part of a file name for each policy, all different even if case is ignored."""
-    plain = [re.sub(r"[^A-Za-z0-9_]+", "-", c.name)[-_LONGEST:].strip("-") for c in contenders]
-    lower = [label.lower() for label in plain]
+    bare = [re.sub(r"[^A-Za-z0-9_]+", "-", c.name)[-_LONGEST:].strip("-") for c in contenders]
+    lower = [label.lower() for label in bare]
     digests = [sha256(contender.name.encode()).hexdigest()[:8] for contender in contenders]
     return [
         label if lower.count(label.lower()) == 1 else f"{label}-{digest}"
-        for label, digest in zip(plain, digests, strict=True)
+        for label, digest in zip(bare, digests, strict=True)
     ]
 
 
@@ -156,9 +157,13 @@ def policy_settings(policy: ClassicalStack | PolicyReference, name: str | None) 
     timing, stack = policy.timing, policy.stack
     settings = {"name": name or policy.text, "sha256": policy.digest, "process": "of its own"}
     settings |= {"rate": timing.rate}
+    if timing.seconds is not None:
+        settings["seconds"] = timing.seconds
     return {**settings, "speed": stack.pace, **_control(stack)}
 
 
 def _control(stack: ClassicalStack) -> dict[str, Any]:
-    observed = stack.observer is not None
-    return {"controller": stack.controller, "observer": observed, "profile": stack.profile}
+    # As in reports that were kept before settings of an observer were told.
+    usual = stack.observer in (None, ClassicalStack.observer)
+    observer = stack.observer is not None if usual else plain(stack.observer)
+    return {"controller": stack.controller, "observer": observer, "profile": stack.profile}

@@ -1,5 +1,6 @@
 """Policies as they are named: which stack or class each is, labels, what makes no sense."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,18 @@ import pytest
 from rich.console import Console
 
 from robo47_qp.cli import main
+from robo47_qp.control.friction import FrictionLearning
+from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.policies import IK_NAMES, NAMES, Contender, labels
+from robo47_qp.evaluation.policies import (
+    IK_NAMES,
+    NAMES,
+    Contender,
+    PolicyReference,
+    labels,
+    policy_settings,
+)
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
@@ -19,6 +29,7 @@ from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.stack import ClassicalStack
 from tests.runs import Reach
 
@@ -159,3 +170,30 @@ def test_policies_are_named_one_by_one_on_the_command_line(
         main(EvaluateOptions, run, "", repeated=True)
     assert end.value.code == 2
     assert "classical:qp" in capsys.readouterr().err
+
+
+def test_settings_of_an_observer_are_told_and_the_usual_ones_as_they_were() -> None:
+    def observer(chosen: DisturbanceObserver | None) -> Any:
+        own = policy_settings(ClassicalStack(observer=chosen), None)
+        stack = ClassicalStack(observer=chosen)
+        theirs = PolicyReference(text="tests.toy_policies:LazyPolicy", stack=stack)
+        assert policy_settings(theirs, None)["observer"] == own["observer"]
+        return json.loads(json.dumps(own["observer"]))
+
+    assert observer(DisturbanceObserver()) is True
+    assert observer(None) is False
+    slow = observer(DisturbanceObserver(bandwidth=70.0))
+    assert (slow["class"], slow["bandwidth"]) == ("DisturbanceObserver", 70.0)
+    learning = FrictionLearning(most=0.2)
+    assert observer(DisturbanceObserver(friction=learning))["friction"]["most"] == 0.2
+    assert observer(DisturbanceObserver(friction=None))["friction"] is None
+
+
+def test_the_length_of_a_policys_episodes_is_told_where_it_is_its_own() -> None:
+    def seconds(chosen: float | None) -> Any:
+        timing = PolicyTiming(seconds=chosen)
+        policy = PolicyReference(text="tests.toy_policies:LazyPolicy", timing=timing)
+        return policy_settings(policy, None).get("seconds")
+
+    assert seconds(None) is None
+    assert seconds(2.5) == 2.5
