@@ -84,7 +84,9 @@ class Evaluation(CheckedOptions):
             if path is not None:
                 journal = stack.enter_context(closing(Journal(path, self.settings, resume=resume)))
             known = {} if journal is None else journal.judged
-            done = [known[spec.seed] for spec in self.specs if spec.seed in known]
+            wanted = [spec for spec in self.specs if spec.seed in known]
+            # The journal may have begun at another seed.
+            done = [replace(known[spec.seed], index=spec.index) for spec in wanted]
             left = [spec for spec in self.specs if spec.seed not in known]
             if show is not None:
                 show(done)

@@ -181,6 +181,24 @@ def test_an_evaluation_can_be_made_longer(tmp_path: Path) -> None:
     assert shorter.ran == []
 
 
+@pytest.mark.parametrize(("seed", "left"), [(42, [43, 44, 45]), (39, [39]), (60, [60, 61, 62, 63])])
+def test_an_evaluation_can_go_on_from_another_seed(
+    tmp_path: Path, seed: int, left: list[int]
+) -> None:
+    """The results are those of an evaluation from that seed: a place belongs to one seed."""
+    path = tmp_path / "eval.jsonl"
+    evaluated(path, Here(), episodes=3)
+    rest = Here()
+    done = evaluated(path, rest, episodes=4, seed=seed, resume=True)
+    assert sorted(rest.ran) == left
+    assert [(r.index, r.seed) for r in done.results] == [(i, seed + i) for i in range(4)]
+    assert figures(done) == figures(
+        evaluated(tmp_path / "whole.jsonl", Here(), episodes=4, seed=seed)
+    )
+    again = evaluated(path, Here(), episodes=3, resume=True)
+    assert [(r.index, r.seed) for r in again.results] == [(i, 40 + i) for i in range(3)]
+
+
 def test_without_resume_the_journal_is_put_aside(tmp_path: Path) -> None:
     path = tmp_path / "eval.jsonl"
     evaluated(path, Here(), episodes=3)
