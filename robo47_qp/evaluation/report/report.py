@@ -4,12 +4,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.paired import CycleTimes, PairedComparison, UnequalEpisode
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_difference, wilson
 from robo47_qp.report.metrics import FAILED_STEPS
 from robo47_qp.report.run_report import versions
@@ -17,9 +18,12 @@ from robo47_qp.stack import ClassicalStack
 
 CYCLE = "cycle_time_s"
 """The metric of comparisons."""
-PAIRED = ("task", "robot", "perturbation")
+PAIRED = ("task", "robot", "perturbation", "time_limit")
 """Settings that paired evaluations share."""
-_SHARED = (*PAIRED, "code")
+_TOLD = ("code", "versions", "robot_sha256")
+"""Settings that may differ where versions are compared, but are told. The digest of a robot changes
+with MuJoCo and the code; where these are the same, it is another robot."""
+_SHARED = (*PAIRED, "robot_sha256", "code")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,59 +67,6 @@ class Throughput:
             episodes_per_minute_per_worker=rate / workers,
             busy=busy / (seconds * workers),
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class CycleTimes:
-    """Difference of cycle times over the episodes that both policies solved."""
-
-    episodes: int
-    median_difference: float | None
-    """Median of a less b [s]; None without such an episode."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnequalEpisode:
-    """An episode that only one of two policies solved, and what stopped the other."""
-
-    seed: int
-    solved_by: Literal["a", "b"]
-    cause: str | None
-    """Value of `Cause`, or "error"."""
-    evidence: str
-    step: str | None
-    time: float | None
-    """Simulated time of the failure [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PairedComparison:
-    """Policy a against policy b, episode by episode."""
-
-    a: str
-    b: str
-    episodes: int
-    """Seeds that both have, without those of internal errors."""
-    successes_a: int
-    successes_b: int
-    only_a: int
-    only_b: int
-    p: float
-    """Of McNemar's exact test, two-sided."""
-    difference: float
-    """Success rate of a less that of b."""
-    interval: tuple[float, float]
-    """Of the difference, 95 %."""
-    identical: int
-    """Episodes whose recorded signals are the same bit by bit."""
-    cycle_time_s: CycleTimes
-    differing: tuple[UnequalEpisode, ...]
-    p_holm: float | None = None
-    """p corrected for several comparisons; None for a single one."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the comparison as JSON."""
-        return {k: v for k, v in asdict(self).items() if (k, v) != ("p_holm", None)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -358,6 +309,7 @@ def compare(a: EvaluationReport, b: EvaluationReport) -> PairedComparison:
         identical=sum(x.sha256 is not None and x.sha256 == y.sha256 for x, y in pairs),
         cycle_time_s=_cycle_times(pairs),
         differing=tuple(_unequal(x, y) for x, y in pairs if x.success != y.success),
+        settings=_differing(a.settings, b.settings, _TOLD),
     )
 
 
@@ -367,14 +319,21 @@ def check_paired(
     """Check that an evaluation with these settings and seeds can be compared with another one.
 
     Raises:
-        InvalidValueError: Task, robot or perturbation differ, or there is no common seed.
+        InvalidValueError: Task, robot, perturbation or time limit differ, or there is no common
+            seed.
     """
-    for name in PAIRED:
-        if settings.get(name) != other.settings.get(name):
-            found, expected = f"one with another {name}", "a result of the same task and world"
-            raise InvalidValueError("--against", found, expected)
+    differing = _differing(settings, other.settings, PAIRED)
+    told = _differing(settings, other.settings, _TOLD)
+    if differing or told == ("robot_sha256",):
+        found = f"one with another {', '.join(differing or told)}"
+        expected = "a result of the same task, world and time limit"
+        raise InvalidValueError("--against", found, expected)
     if not {result.seed for result in other.results}.intersection(seeds):
         raise InvalidValueError("--against", "one without any of these seeds", "of the same seeds")
+
+
+def _differing(a: Mapping[str, Any], b: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in names if a.get(name) != b.get(name))
 
 
 def _cycle_times(pairs: Sequence[tuple[EpisodeResult, EpisodeResult]]) -> CycleTimes:

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.paired import PairedComparison
 from robo47_qp.evaluation.report.report import (
     EvaluationReport,
-    PairedComparison,
     PolicyComparison,
     Throughput,
     median_cycle_time,
@@ -43,15 +43,20 @@ def causes_tail(report: EvaluationReport) -> str:
 
 
 def comparison_line(comparison: PairedComparison) -> str:
-    """Return a paired comparison as a sentence, with the corrected p if there is one."""
+    """Return a paired comparison as a sentence, with the corrected p if there is one.
+
+    Settings beside the policy that differ are told.
+    """
     low, high = (100 * bound for bound in comparison.interval)
     p = f"p = {comparison.p:.3g} (McNemar, exact)"
     if comparison.p_holm is not None:
         p = f"p = {comparison.p_holm:.3g} (McNemar, exact; corrected by Holm)"
+    names = ", ".join(comparison.settings)
+    also = f"; not the policy alone differs, also: {names}" if names else ""
     return (
         f"{comparison.a} against {comparison.b} on {comparison.episodes} episodes: "
         f"{100 * comparison.difference:+.1f} points (95 %: {low:+.1f} to {high:+.1f}); "
-        f"{comparison.only_a} to {comparison.only_b} that only one solved, {p}"
+        f"{comparison.only_a} to {comparison.only_b} that only one solved, {p}{also}"
     )
 
 

@@ -7,13 +7,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.paired import CycleTimes, PairedComparison
 from robo47_qp.evaluation.report.plots import _factors, _spread
-from robo47_qp.evaluation.report.report import (
-    CycleTimes,
-    EvaluationReport,
-    PairedComparison,
-    Throughput,
-)
+from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
 from robo47_qp.evaluation.report.words import (
     broken_line,
     cause_lines,

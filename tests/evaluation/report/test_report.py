@@ -42,13 +42,31 @@ def test_two_results_are_compared_seed_by_seed() -> None:
 
 
 def test_what_is_no_pair_is_not_compared() -> None:
-    for name in ("task", "robot", "perturbation"):
+    for name in ("task", "robot", "perturbation", "time_limit", "robot_sha256"):
         other = of(entries("++"), **{name: {"name": "other"}})
         with pytest.raises(InvalidValueError, match=f"one with another {name}"):
             compare(of(entries("++")), other)
     far = [replace(entry, seed=entry.seed + 50) for entry in entries("++")]
     with pytest.raises(InvalidValueError, match="without any of these seeds"):
         compare(of(entries("++")), of(far))
+
+
+def test_what_differs_beside_the_policy_is_told() -> None:
+    """Versions are compared so, in which the digest of a robot may be another one."""
+    now = {"code": "a", "versions": {"mujoco": "4.0.0"}, "robot_sha256": "b"}
+    alike = compare(of(entries("++"), **now), of(entries("+-"), **now))
+    assert alike.settings == ()
+    assert "differs" not in comparison_line(alike)
+    for before, named in (
+        ({"code": "z"}, "code"),
+        ({"versions": {"mujoco": "3.9.0"}}, "versions"),
+        ({"code": "z", "robot_sha256": "y"}, "code, robot_sha256"),
+    ):
+        report = of(entries("++"), **now)
+        found = compare(report, of(entries("+-"), **{**now, **before}))
+        assert found.as_json()["settings"] == tuple(named.split(", "))
+        assert comparison_line(found).endswith(f"; not the policy alone differs, also: {named}")
+        assert f"also: {named}." in markdown(replace(report, comparison=found), [])
 
 
 def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:
