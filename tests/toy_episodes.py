@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from robo47_qp._core.library import backend
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
 from robo47_qp.run.failure import Cause, Failure
 
@@ -26,7 +27,7 @@ class Toy:
     """Draws a success from the seed, unless something else is asked for."""
 
     does: Mapping[int, str] = field(default_factory=dict)
-    """What seeds do instead: raise, hang, exit, print, litter."""
+    """What seeds do instead: raise, hang, exit, print, litter, backend."""
     foreign: bool = True
     pause: float = 0.0
 
@@ -46,6 +47,9 @@ class Toy:
                 return EpisodeResult(
                     index=spec.index, seed=spec.seed, success=True, metrics={"grown": _littered()}
                 )
+            case "backend":
+                told = {"backend": backend()}
+                return EpisodeResult(index=spec.index, seed=spec.seed, success=True, metrics=told)
         drawn = np.random.default_rng(spec.seed).uniform(size=3)
         more: dict[str, Any] = {
             "metrics": {"cycle_time_s": float(drawn[1]), "threads": threads()},

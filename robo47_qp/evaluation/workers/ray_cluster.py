@@ -14,7 +14,7 @@ from typing import Any
 from robo47_qp.arrays import CheckedOptions, Count, Positive
 from robo47_qp.errors import MissingExtraError
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
-from robo47_qp.evaluation.workers.worker import ENVIRONMENT, WorkerError, run_guarded
+from robo47_qp.evaluation.workers.worker import WorkerError, run_guarded, worker_environment
 
 _START_TIMEOUT = 300.0
 """Time limit until an actor is ready [s]."""
@@ -70,7 +70,7 @@ class RayCluster(CheckedOptions):
         joined = "RAY_ADDRESS" in os.environ
         path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
         # Nodes of a real cluster have the package installed in places of their own.
-        variables = ENVIRONMENT if joined else {**ENVIRONMENT, "PYTHONPATH": path}
+        variables = worker_environment() | ({} if joined else {"PYTHONPATH": path})
         ray.init(
             num_cpus=None if joined else self.workers,
             runtime_env={"env_vars": variables},

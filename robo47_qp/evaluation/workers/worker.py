@@ -15,6 +15,7 @@ from threading import Thread
 from time import monotonic
 from typing import Any
 
+from robo47_qp._core.library import VARIABLE, backend
 from robo47_qp.errors import Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.run.foreign_code import Guard, file_module, loaded_files
@@ -22,8 +23,8 @@ from robo47_qp.run.foreign_code import Guard, file_module, loaded_files
 READY = "ready"
 """Message of a worker that is ready; any other one says why it cannot start."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-ENVIRONMENT = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
-"""Environment of workers: numerical libraries use one thread, and glibc returns large blocks at
+_ALWAYS = {**dict.fromkeys(_THREADS, "1"), "MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
+"""Variables of workers: numerical libraries use one thread, and glibc returns large blocks at
 once. Otherwise MuJoCo's arenas of 14 MB fragment the heap, which grows beyond 1 GB."""
 _LONGEST = 64 << 20
 """Longest message of a worker that is read [B]."""
@@ -137,11 +138,17 @@ def wait_for(workers: list[Worker]) -> None:
     connection.wait(signs, timeout=min(max(0.0, left), _LONGEST_WAIT))
 
 
+def worker_environment() -> dict[str, str]:
+    """Return the variables of workers; their backend is this process's, which reports name."""
+    return {**_ALWAYS, VARIABLE: backend()}
+
+
 @contextmanager
 def _environment() -> Iterator[None]:
     """Start processes in the environment of workers."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
+    chosen = worker_environment()
+    before = {name: os.environ.get(name) for name in chosen}
+    os.environ.update(chosen)
     try:
         yield
     finally:

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from robo47_qp._core.library import BACKENDS, using
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, died
 from robo47_qp.evaluation.workers import executor as executor_module
 from robo47_qp.evaluation.workers.executor import LocalProcesses, cores
-from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for
+from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for, worker_environment
 from robo47_qp.run.foreign_code import file_module
 from tests.toy_episodes import Toy, Unloadable
 
@@ -128,6 +129,15 @@ def test_the_environment_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     assert heard.metrics["threads"] == 1
     assert os.environ["OMP_NUM_THREADS"] == "5"
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize("chosen", BACKENDS)
+def test_workers_have_the_backend_that_reports_name(chosen: str) -> None:
+    with using(chosen):
+        assert worker_environment()["ROBO47_BACKEND"] == chosen  # for Ray, too
+        toy = Toy(does={100: "backend"})
+        (result,) = LocalProcesses(workers=1, timeout=60.0).run(toy, specs(1))
+    assert result.metrics == {"backend": chosen}
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="tunes the allocator of glibc")
