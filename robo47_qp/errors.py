@@ -158,7 +158,7 @@ class MissingExtraError(Robo47Error):
         """Say what needs the package and which extra brings it."""
         super().__init__(
             f"{wanted} needs the package {package}, which is not installed; "
-            f"install it with: pip install 'robo47_qp[{extra}]'."
+            f"install it where the project's files are: pip install '.[{extra}]'."
         )
         self.package = package
         self.extra = extra

@@ -88,7 +88,7 @@ def test_kept_evaluations_become_rows(results: Path) -> None:
     (results / "success_severe_reach.json").write_text(json.dumps(to_keep(REPORT)))
     page = "a\n<!-- table: success -->\nold\n<!-- end -->\nb\n"
     lines = rendered(page, TABLES).splitlines()
-    row = "| `reach` | severe | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s |"
+    row = "| `reach` | severe | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s | 7 |"
     assert lines[4] == row
     assert lines[6] == "Commit `0123456789`, 2026-01-02; `docs/results/success_*.json`."
     assert lines[-2:] == ["<!-- end -->", "b"]
@@ -127,7 +127,7 @@ def test_worlds_that_are_wrong_in_one_way_become_rows(
         with pytest.raises(InvalidValueError, match="--name must be"):
             keep.run(keep.KeepOptions(report=report, name=name), Console(quiet=True))
     keep.run(keep.KeepOptions(report=report, name=f"alone_{kind}_reach"), Console(quiet=True))
-    row = f"| `reach` | {ALONE[kind].words} | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s |"
+    row = f"| `reach` | {ALONE[kind].words} | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s | 7 |"
     assert TABLES["alone"]().splitlines()[2] == row
 
 

@@ -114,6 +114,7 @@ def _by_task(head: str, worlds: Mapping[str, str], files: str) -> str:
         "causes of failure": "---",
         "audits kept": "--:",
         "median cycle": "--:",
+        "first seed": "--:",
     }
     rows = [
         [f"`{found['task']}`", worlds[name], *_evaluation(found)] for name, found in results.items()
@@ -151,6 +152,7 @@ def _evaluation(result: Result) -> list[str]:
         _causes(result),
         str(result["judged"] - result["broken_audits"]),
         "–" if cycle is None else f"{cycle:.1f} s",
+        str(result["seeds"][0]),
     ]
 
 

@@ -328,7 +328,7 @@ def test_without_ray_it_is_told_how_to_get_it(
 
 
 def test_ray_gives_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("ray", reason="ray is not installed: pip install 'robo47_qp[ray]'")
+    pytest.importorskip("ray", reason="ray is not installed: pip install '.[ray]'")
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     toy = Toy(does={1: "raise", 2: "hang", 3: "exit"})
     specs = [EpisodeSpec(index=i, seed=i) for i in range(6)]

@@ -22,7 +22,7 @@ from tests.runs import Reach, make_runner
 SCRIPT = Path(__file__).resolve().parents[2] / "scenarios" / "pickplace.py"
 encoder = pytest.mark.skipif(
     find_spec("imageio_ffmpeg") is None or find_spec("imageio") is None,
-    reason="imageio-ffmpeg is not installed: pip install 'robo47_qp[video]'",
+    reason="imageio-ffmpeg is not installed: pip install '.[video]'",
 )
 
 

@@ -21,7 +21,7 @@ from tests.runs import make_runner, no_objects, picked_and_placed
 
 installed = pytest.mark.skipif(
     find_spec("mujoco_menagerie") is None,
-    reason="mujoco_menagerie is not installed: pip install 'robo47_qp[visuals]'",
+    reason="mujoco_menagerie is not installed: pip install '.[visuals]'",
 )
 
 
