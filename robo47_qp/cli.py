@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, make_dataclass
 from inspect import getdoc
@@ -29,8 +29,8 @@ from robo47_qp.report.importing import importing
 from robo47_qp.report.output import forgiving_output
 from robo47_qp.report.run_plot import Plotter
 from robo47_qp.report.terminal import ProgressBar, print_summary
-from robo47_qp.report.video import Video
-from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
+from robo47_qp.run.foreign_code import Blamed
+from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS
 from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
@@ -302,9 +302,10 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     def run(options: RunOptions, console: Console) -> int:
-        robot = options.robot_for(kind)
-        task = task_of_options(kind, vars(options), options.seed, robot)
-        return run_task(task, robot, options, console)
+        with Blamed(kind):
+            robot = options.robot_for(kind)
+            task = task_of_options(kind, vars(options), options.seed, robot)
+            return run_task(task, robot, options, console)
 
     return run
 
@@ -331,7 +332,7 @@ def run_task(
     """
     # Rerun takes a third of the time of a start, and help or bad input does not need it.
     with importing():
-        from robo47_qp.report.recorded import recorded
+        from robo47_qp.report.recorded import observers, recorded
     robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
     dressed = options.visuals == "menagerie"
@@ -352,7 +353,9 @@ def run_task(
             check_writable(path)
         with ExitStack() as stack:
             shown: list[Observer] = []
-            for observer in _observers(options, simulation, driver):
+            for observer in observers(
+                simulation, driver, options.video, options.viewer, options.paced
+            ):
                 stack.callback(observer.close)
                 shown.append(observer)
             chunk_rows = CHUNK_ROWS
@@ -385,15 +388,3 @@ def _files(options: RunOptions) -> dict[str, Path]:
         "plot": options.plot or options.log.with_suffix(".png"),
     }
     return files if options.video is None else {**files, "video": options.video}
-
-
-def _observers(
-    options: RunOptions, simulation: Simulation, driver: TeleopDriver | None
-) -> Iterator[Observer]:
-    """Make the observers that were asked for, in their order."""
-    if options.video is not None:
-        yield Video(simulation, options.video)
-    if options.viewer:
-        yield ViewerWindow(simulation, driver)
-    if options.paced:
-        yield RealTime()

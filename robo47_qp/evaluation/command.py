@@ -7,6 +7,7 @@ from rich.console import Console
 from robo47_qp.cli import main
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.run.foreign_code import Blamed
 from robo47_qp.run.registry import load_task
 
 
@@ -17,6 +18,8 @@ def evaluate_command(args: Sequence[str] | None = None, prog: str | None = None)
 
 def evaluate_chosen(options: EvaluateOptions, console: Console) -> int:
     """Run the evaluation that was chosen, and return the exit code."""
-    task = load_task(options.task)()
-    robot = options.robot_for(task)
-    return evaluate(task.laid_out(robot), robot, options, console)
+    kind = load_task(options.task)
+    with Blamed(kind):
+        task = kind()
+        robot = options.robot_for(task)
+        return evaluate(task.laid_out(robot), robot, options, console)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.foreign_code import TaskError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,10 @@ class EpisodeResult:
     @property
     def explanation(self) -> str:
         """The evidence of the failure, or the last line of the error."""
-        return self.evidence or "" if self.error is None else self.error.splitlines()[-1]
+        if self.error is None:
+            return self.evidence or ""
+        task_error = f"{TaskError.__module__}.{TaskError.__name__}: "
+        return self.error.splitlines()[-1].removeprefix(task_error)
 
     @property
     def timed_out(self) -> bool:

@@ -139,8 +139,8 @@ def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) 
         return INTERRUPTED
     # At the end: a resumed evaluation of several policies records the first ones only once.
     reports = [job.finish(report) for job, report in zip(jobs, reports, strict=True)]
-    for report in reports:
-        _print_unsound(report, console)
+    for job, report in zip(jobs, reports, strict=True):
+        _print_unsound(report, job.options.files["journal"], console)
     if several:
         _conclude(jobs, reports, options, console)
     elif options.json:
@@ -213,8 +213,8 @@ def _replay(job: Job, seed: int, console: Console) -> int:
     else:
         words = "success" if result.success else f"{result.failure}: {result.explanation}"
         lines = [f"seed {seed}: {words}"]
-        lines += [] if result.error is None else [result.error]
-        if same is not None:
+        lines += [] if result.error is None else [f"  traceback  {report}"]
+        if same is not None and result.error is None:
             lines.append(f"  identical to the evaluated episode: {'yes' if same else 'NO'}")
         _print(console, [*lines, f"  recording  {path}"])
     return FAILED if result.error is not None or same is False else OK
@@ -260,12 +260,12 @@ def _summary(report: EvaluationReport, options: EvaluateOptions) -> list[str]:
     return lines + [f"  {n:<10} {path}" for n, path in options.files.items() if path.exists()]
 
 
-def _print_unsound(report: EvaluationReport, console: Console) -> None:
+def _print_unsound(report: EvaluationReport, journal: Path, console: Console) -> None:
     """Print internal errors, and replays that differed."""
     if report.errors:
         count = counted(len(report.errors), "episode")
         console.print(f"[bold red]{count} ended with an internal error[/], the first:")
-        _print(console, [str(report.errors[0].error)])
+        _print(console, [report.errors[0].explanation, f"  tracebacks {journal}"])
     other = [seed for seed, same in report.replayed.items() if same is False]
     if other:
         console.print(f"[bold red]the replays of these seeds differed:[/] {other}")

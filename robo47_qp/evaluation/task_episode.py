@@ -17,6 +17,7 @@ from robo47_qp.report.audit.audit import audit
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.run_report import report, summary_markdown
 from robo47_qp.run.failure import Cause, Failure, refusal
+from robo47_qp.run.foreign_code import Blamed
 from robo47_qp.run.runner import Driver, ProgramDriver, Runner
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.task import Task
@@ -72,6 +73,10 @@ class TaskEpisode:
 
     def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
         """See `Episode`."""
+        with Blamed(type(self.task)):
+            return self._run(spec)
+
+    def _run(self, spec: EpisodeSpec) -> EpisodeResult:
         started = perf_counter()
         scenario = self.scenario(spec.seed)
         simulation = self.simulation(scenario, spec.seed, drawn=spec.recording is not None)

@@ -15,7 +15,7 @@ from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.blending import least_with_stops, quickest
 from robo47_qp.motion.branch_choice import BranchChoice
 from robo47_qp.motion.motion_type import PlannerSettings
-from robo47_qp.motion.paths.segments import Segment
+from robo47_qp.motion.paths.segments import PathProfile, Segment
 from robo47_qp.motion.paths.together import ToolsPath
 from robo47_qp.motion.request import Planned, Request
 from robo47_qp.motion.trajectory import Trajectory
@@ -174,6 +174,20 @@ class Planner(PlannerSettings):
             return best
         name = legs[-1].waypoint.name
         raise PlanError(name, f"its motors would have to do {max(most):.2g} times what they may")
+
+    def slower(self, speed: float) -> "Planner":
+        """Return it with a speed limit of the tool [m/s] and the same accelerations."""
+
+        def bounded(profile: PathProfile) -> PathProfile:
+            v, a, j = profile.linear
+            return replace(profile, linear=(min(speed, v), a, j))
+
+        lin, continuous = self.lin, self.continuous
+        return replace(
+            self,
+            lin=replace(lin, profile=bounded(lin.profile)),
+            continuous=replace(continuous, profile=bounded(continuous.profile)),
+        )
 
     def gentler(self, torque: float, rate: float) -> "Planner":
         """Return the planner with accelerations and jerks that are smaller by these factors."""

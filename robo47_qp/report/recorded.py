@@ -1,8 +1,9 @@
 """A run with its recording: row file, Rerun file, figures, audit and report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 from robo47_qp.report.audit.audit import audit
@@ -12,15 +13,34 @@ from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.rerun.viewer import viewer_url
 from robo47_qp.report.run_plot import Plotter
 from robo47_qp.report.run_report import report, summary_markdown
-from robo47_qp.run.observers import Observer
+from robo47_qp.report.video import Video
+from robo47_qp.run.foreign_code import TaskError
+from robo47_qp.run.observers import Observer, RealTime, ViewerWindow
 from robo47_qp.run.recording import CHUNK_ROWS
 from robo47_qp.run.row_file import ENDING, RowFile
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.simulation import Simulation
 
 _LIVE_ROWS = 400
 """Rows that a live viewer gets at once."""
+
+
+def observers(
+    simulation: Simulation,
+    driver: TeleopDriver | None,
+    video: Path | None,
+    window: bool,
+    paced: bool,
+) -> Iterator[Observer]:
+    """Make the observers that were asked for, in their order."""
+    if video is not None:
+        yield Video(simulation, video)
+    if window:
+        yield ViewerWindow(simulation, driver)
+    if paced:
+        yield RealTime()
 
 
 def recorded(
@@ -45,6 +65,7 @@ def recorded(
 
     Raises:
         RecordingError, RenderingError: The recording cannot be written, or not be shown.
+        TaskError: Code of the task raised something; what was recorded is kept, with the traceback.
     """
     viewer = viewer_url() if live else None
     # What is left of an earlier run must not stand beside the beginning of this one.
@@ -62,6 +83,11 @@ def recorded(
             log.break_off()
             rows.remove()
             raise
+        except TaskError as error:
+            log.note(simulation.time, "".join(format_exception(error)).rstrip(), "ERROR")
+            log.break_off()
+            rows.remove()
+            raise TaskError(f"{error} The traceback is in {files['recording']}.") from error
         plotter.take(run)
         figures, findings = metrics(run), audit(run)
         summary = report(run, figures, findings)

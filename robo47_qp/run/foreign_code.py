@@ -41,6 +41,50 @@ class Guard:
         return "" if error is None else "".join(traceback.format_exception(error)).rstrip()
 
 
+class TaskError(Robo47Error):
+    """Code of a task that raised an error: the robot has not failed, and nothing is judged."""
+
+
+class Blamed:
+    """Turns what the code of a task raises in a `with` block into a `TaskError` with its place.
+
+    What is raised with no part of that code under way passes through.
+    """
+
+    def __init__(self, kind: type, passed: tuple[type[Exception], ...] = (Robo47Error,)) -> None:
+        """Take the class of a task, and the errors that pass through all the same."""
+        self._kind, self._passed = kind, passed
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raise the `TaskError`.
+
+        Raises:
+            TaskError: There was an error in code of the task.
+        """
+        if not isinstance(error, Exception) or isinstance(error, (TaskError, *self._passed)):
+            return
+        own = {getattr(sys.modules[m], "__file__", None) for m in _modules(self._kind)}
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in own]
+        if frames:
+            name = getattr(self._kind, "name", None)
+            name = name if isinstance(name, str) else self._kind.__name__
+            part = frames[0].name if frames[0].name.isidentifier() else "code"
+            where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
+            words = str(error).removesuffix(".") or "no reason given"
+            raise TaskError(
+                f"The {part} of {name} raised {type(error).__name__}: {words}, at {where}."
+            ) from error
+
+
+def _modules(kind: type) -> list[str]:
+    """Return the modules that define a task, without those of what all tasks derive from."""
+    common = ("robo47_qp.run.task", "robo47_qp.arrays")
+    return [c.__module__ for c in kind.__mro__ if c.__module__ not in common]
+
+
 class ClassLoadError(Robo47Error):
     """A class that cannot be loaded from its module or file."""
 

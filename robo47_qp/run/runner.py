@@ -1,13 +1,19 @@
 """Runner: connects task, planner, control loop and recording in one run."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Protocol
 
 import numpy as np
 
-from robo47_qp.errors import ArmStopped, NoGripperError, PlanError
+from robo47_qp.errors import (
+    ArmStopped,
+    InvalidValueError,
+    NoGripperError,
+    PlanError,
+    Robo47Error,
+)
 from robo47_qp.files import plain
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
@@ -15,6 +21,7 @@ from robo47_qp.motion.planner import Leg
 from robo47_qp.run import signals
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure, StepFailed
+from robo47_qp.run.foreign_code import Blamed, TaskError
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS, Rows, Sink, Store
 from robo47_qp.run.scenario import Run, Scenario
@@ -56,23 +63,28 @@ class ProgramDriver:
         return failure
 
     def _run_program(self, runner: "Runner") -> Failure | None:
-        loop, program = runner.loop, runner.scenario.task.program(runner.loop.senses.read())
-        failed: StepFailed | None = None
+        loop, task = runner.loop, runner.scenario.task
+        program = task.program(loop.senses.read())
+        if not isinstance(program, Generator):
+            raise TaskError(f"The program of {task.name} must yield its steps; found {program!r}.")
+        failed: Robo47Error | None = None
         runner.failed_steps = 0
         try:
             runner.executor.go_home()
             while True:
-                step = next(program) if failed is None else program.throw(failed)
+                with Blamed(type(task), passed=(StopIteration, StepFailed, PlanError)):
+                    step = next(program) if failed is None else program.throw(failed)
                 failed = None
                 try:
                     runner.executor.perform(as_step(step))
+                except InvalidValueError as error:
+                    failed = error
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=loop.sim.time))
                     runner.failed_steps += 1
                     loop.note(f"step failed: {failed}", failed.failure)
         except StopIteration as end:
-            failure: Failure | None = end.value
-            return failure
+            return _told(f"What the program of {task.name} returns", end.value)
         except StepFailed as error:
             return error.failure
 
@@ -157,6 +169,7 @@ class Runner:
 
         Raises:
             RecordingError: A sink or the store could not write the recording.
+            TaskError: Code of the task raised something.
         """
         loop, task = self.loop, self.scenario.task
         recording = loop.recording
@@ -166,8 +179,9 @@ class Runner:
             recording.store = store
         loop.observers = tuple(observers)
         try:
-            failure = self.finish()
-        except KeyboardInterrupt:
+            with Blamed(type(task)):
+                failure = self.finish()
+        except (KeyboardInterrupt, TaskError):
             self._sim.stand_by()
             recording.flush()
             raise
@@ -177,12 +191,14 @@ class Runner:
             f"failed ({failure.cause.value}): {failure.evidence}" if failure else "success", failure
         )
         recording.flush()
+        with Blamed(type(task)):
+            measures = task.measures(self._sim)
         return Run(
             scenario=self.scenario,
             rows=recording.rows(copied=False),
             phases=loop.phases,
             failure=failure,
-            measures=task.measures(self._sim),
+            measures=measures,
             loop_seconds=loop.seconds,
             objects={name: np.array(self._sim.model.body(name).ipos) for name in self._sim.objects},
             fixed=self._sim.fixed(),
@@ -203,7 +219,8 @@ class Runner:
         except (Aborted, ArmStopped) as stopped:
             failure = replace(self._why(stopped), time=self._sim.time)
             loop.note(f"stopped: {failure.evidence}", failure)
-        return failure or self.scenario.task.verdict(self._sim)
+        task = self.scenario.task
+        return failure or _told(f"The verdict of {task.name}", task.verdict(self._sim))
 
     def _why(self, stopped: Aborted | ArmStopped) -> Failure:
         """Return the failure of a run that was stopped; an arm that still moves is stopped, too."""
@@ -234,6 +251,17 @@ class Runner:
         )
         if failure is not None:
             raise Aborted(failure)
+
+
+def _told(what: str, failure: object) -> Failure | None:
+    """Return what a task tells of its end.
+
+    Raises:
+        TaskError: It is no failure and not None.
+    """
+    if failure is None or isinstance(failure, Failure):
+        return failure
+    raise TaskError(f"{what} must be a Failure, or None for a success; found {failure!r}.")
 
 
 def _unstoppable(error: PlanError) -> Failure:

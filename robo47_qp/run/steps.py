@@ -18,7 +18,6 @@ from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.ik.stream.stream import StreamIk
 from robo47_qp.model.arm import JOINT_MARGIN, Arm
 from robo47_qp.model.gripper import Grip
-from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.smooth_stream import SmoothStream
 from robo47_qp.motion.waypoint import Place, Waypoint
@@ -116,7 +115,7 @@ class StepExecutor:
         Raises:
             StepFailed: The plan is refused.
         """
-        planner = self._planner if speed == inf else _limited(self._planner, speed)
+        planner = self._planner if speed == inf else self._planner.slower(speed)
         try:
             return self._planned(planner, waypoints, self.loop.reference.q)
         except PlanError as error:
@@ -181,21 +180,6 @@ class StepExecutor:
         if len(waypoints) == 1:
             return [planner.plan(arm, waypoints[0], q, TIMESTEP)]
         return planner.plan_chain(arm, waypoints, q, TIMESTEP)
-
-
-def _limited(planner: Planner, speed: float) -> Planner:
-    """Return the planner with a lower speed limit of the tool and the same accelerations."""
-
-    def bounded(profile: PathProfile) -> PathProfile:
-        v, a, j = profile.linear
-        return replace(profile, linear=(min(speed, v), a, j))
-
-    lin, continuous = planner.lin, planner.continuous
-    return replace(
-        planner,
-        lin=replace(lin, profile=bounded(lin.profile)),
-        continuous=replace(continuous, profile=bounded(continuous.profile)),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -392,7 +376,15 @@ StepLike: TypeAlias = Waypoint | tuple[Waypoint, ...] | Step
 
 
 def as_step(step: StepLike) -> Step:
-    """Return the step that an entry of a program stands for."""
-    if isinstance(step, Waypoint):
-        return Move(waypoints=(step,))
-    return Move(waypoints=step) if isinstance(step, tuple) else step
+    """Return the step that an entry of a program stands for.
+
+    Raises:
+        InvalidValueError: It stands for none.
+    """
+    if isinstance(step, Step):
+        return step
+    waypoints = step if isinstance(step, tuple) else (step,)
+    if not all(isinstance(one, Waypoint) for one in waypoints):
+        expected = "a Step, a Waypoint or a tuple of Waypoints"
+        raise InvalidValueError("what a program yields", repr(step), expected)
+    return Move(waypoints=waypoints)

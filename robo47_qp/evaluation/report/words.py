@@ -27,6 +27,8 @@ _UNEQUAL = ("seed", "solved by", "not by", "cause", "step", "time s", "evidence"
 
 def rate_line(report: EvaluationReport) -> str:
     """Return successes, those at the first attempt as far as measured, and their interval."""
+    if not report.judged:
+        return "no episode was judged"
     low, high = report.interval
     first = report.first_attempts
     retried = "" if first is None else f" ({first} at the first attempt)"
