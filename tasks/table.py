@@ -24,14 +24,27 @@ SURFACE_FRICTION = [0.25, 0.003, 1e-4]
 the larger one [-, m, m]."""
 
 
-def check_place(name: str, where: Sequence[float]) -> None:
-    """Check that a position on the table is two finite numbers, x and y [m].
+def check_place(name: str, where: Sequence[float], size: Sequence[float] = (0.0, 0.0)) -> None:
+    """Check that what is put at a position stands on the table with all of its base.
+
+    Args:
+        name: What the position is, for messages.
+        where: The position of its middle, x and y [m].
+        size: Its extent along x and y, and more that is not used [m].
 
     Raises:
-        InvalidValueError: It is not.
+        InvalidValueError: It does not, or the position is not two finite numbers.
     """
     if len(where) != 2 or not np.isfinite(where).all():
         raise InvalidValueError(name, where, "two finite numbers, x and y [m]")
+    middle, room = (
+        TABLE.T_world_obstacle.translation()[:2],
+        np.array(TABLE.size[:2]) - 0.5 * np.array(size[:2]),
+    )
+    if (np.abs(where - middle) > room + 1e-9).any():
+        (x_min, y_min), (x_max, y_max) = middle - room, middle + room
+        sides = f"x {x_min:.2f} to {x_max:.2f}, y {y_min:.2f} to {y_max:.2f}"
+        raise InvalidValueError(name, where, f"on the table ({sides})")
 
 
 def add_table(spec: mujoco.MjSpec) -> None:

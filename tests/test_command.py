@@ -163,7 +163,13 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         (["--speed", "2"], ["speed must be", "found 2.0"]),
         (["--speed", "nan"], ["speed must be", "found nan"]),
         (["--pick", "nan", "0"], ["pick must be two finite numbers", "nan"]),
-        (["--place", "2", "0"], ["Waypoint 'carry' cannot be planned", "beyond the reach"]),
+        (
+            ["--place", "2", "0"],
+            ["--place must be on the table (x -0.28 to 0.88, y -0.58 to 0.58)"],
+        ),
+        (["--place", "-0.4", "0"], ["--place must be on the table", "found (-0.4, 0.0)"]),
+        (["--pick", "0.1", "-0.585"], ["--pick must be on the table", "found (0.1, -0.585)"]),
+        (["--place", "0.88", "0.58"], ["Waypoint 'carry' cannot be planned", "no closer than"]),
         (["--seed", "-1"], ["seed", "-1"]),
         (["--seed", "1", "--pick", "0.5", "0.1"], ["--pick must be left out with --seed", "0.5"]),
         (["--speed", "1e-5"], ["speed"]),
@@ -226,7 +232,7 @@ def test_a_rehearsal_that_fails_does_not_touch_the_last_recording(tmp_path: Path
     for name, path in last.items():
         path.write_text(f"the last {name}")
         os.utime(path, (1e9, 1e9))
-    done = run_here("--log", "run.rrd", "--pick", "2", "0", cwd=tmp_path)
+    done = run_here("--log", "run.rrd", "--pick", "0.88", "0.58", cwd=tmp_path)
     assert_one_message(done, "Waypoint 'approach' cannot be planned")
     for name, path in last.items():
         assert path.read_text() == f"the last {name}"

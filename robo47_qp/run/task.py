@@ -203,7 +203,12 @@ def task_of_options(
         InvalidValueError: An option has no sense, or the seed draws it in place of what is given.
     """
     own = own_options(kind)
-    task = kind(**{one.name: given[one.name] for one in own}).laid_out(robot)
+    try:
+        task = kind(**{one.name: given[one.name] for one in own}).laid_out(robot)
+    except InvalidValueError as error:
+        if error.name in (one.name for one in own):
+            raise InvalidValueError(f"--{error.name}", error.found, error.expected) from error
+        raise
     if seed is None:
         return task
     for one in own:

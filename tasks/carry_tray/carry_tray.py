@@ -101,8 +101,8 @@ class CarryTray(Task):
     def __post_init__(self) -> None:
         """Check the fields; see `Checked`."""
         super().__post_init__()
-        check_place("start", self.start)
-        check_place("end", self.end)
+        check_place("start", self.start, self.tray.size)
+        check_place("end", self.end, self.tray.size)
 
     @cached_property
     def placed(self) -> PlaceCriterion:

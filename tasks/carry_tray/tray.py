@@ -1,6 +1,7 @@
 """The tray: a plate with two handles, a shallow dish with a loose ball, and a cup."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -38,6 +39,8 @@ RED = (0.85, 0.22, 0.18, 1.0)
 class Tray:
     """A tray and what stands on it. Its frame is in the middle of its lower side, z up."""
 
+    size: ClassVar[tuple[float, float]] = (2.0 * _PLATE[0], 2.0 * _PLATE[1])
+    """Extent of the plate along x and y [m]."""
     mass: float = 0.5
     """Mass of plate and handles [kg]."""
     ball_mass: float = 0.03

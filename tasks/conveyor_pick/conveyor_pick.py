@@ -70,7 +70,7 @@ class ConveyorPick(Task):
     def __post_init__(self) -> None:
         """Check the fields; see `Checked`."""
         super().__post_init__()
-        check_place("goal", self.goal)
+        check_place("goal", self.goal, self.item.size)
         if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
 

@@ -88,8 +88,8 @@ class Handover(Task):
             InvalidValueError: The bar is too short for two hands, or too thick for one.
         """
         super().__post_init__()
-        check_place("start", self.start)
-        check_place("end", self.end)
+        check_place("start", self.start, self.bar.size)
+        check_place("end", self.end, self.bar.size)
         if self.bar.size[1] < _LONG[0] or self.bar.size[0] > 0.07:
             expected = f"at most 0.07 m along x and at least {_LONG[0]} m along y"
             raise InvalidValueError("size of the bar", self.bar.size, expected)

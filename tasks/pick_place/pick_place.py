@@ -70,8 +70,8 @@ class PickPlace(Task):
     def __post_init__(self) -> None:
         """Check the fields; see `Checked`."""
         super().__post_init__()
-        check_place("pick", self.pick)
-        check_place("place", self.place)
+        check_place("pick", self.pick, self.item.size)
+        check_place("place", self.place, self.item.size)
 
     @cached_property
     def placed(self) -> PlaceCriterion:

@@ -93,7 +93,7 @@ class Stack(Task):
         if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
             found = [cube.size for cube in self.cubes]
             raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
-        check_place("goal", self.goal)
+        check_place("goal", self.goal, self.cubes[0].size)
 
     @property
     def edge(self) -> float:

@@ -303,6 +303,7 @@ def test_the_cube_is_carried_above_the_tower() -> None:
             r"cubes must be 2 to 3 cubes of one edge",
         ),
         ({"goal": (0.4, np.nan)}, r"goal must be two finite numbers"),
+        ({"goal": (-0.4, 0.3)}, r"goal must be on the table .*found \(-0.4, 0.3\)"),
         ({"tolerance": 0.0}, r"^tolerance must be above 0 and finite"),
         ({"height_tolerance": -1.0}, r"height_tolerance must be above 0 and finite"),
         ({"grip_force": np.nan}, r"grip_force must be above 0 and finite"),
