@@ -172,6 +172,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         (["--place", "0.88", "0.58"], ["Waypoint 'carry' cannot be planned", "no closer than"]),
         (["--seed", "-1"], ["seed", "-1"]),
         (["--seed", "1", "--pick", "0.5", "0.1"], ["--pick must be left out with --seed", "0.5"]),
+        (["--seed", "1", "--pick", "0.4", "0.2"], ["--pick must be left out with --seed", "0.4"]),
         (["--speed", "1e-5"], ["speed"]),
     ],
     ids=" ".join,

@@ -212,7 +212,8 @@ def task_of_options(
     if seed is None:
         return task
     for one in own:
-        if one.metadata.get("drawn") and given[one.name] != one.default:
+        # An option that is left out has this very object; one that is given may be equal to it.
+        if one.metadata.get("drawn") and given[one.name] is not one.default:
             expected = "left out with --seed, which draws it"
             raise InvalidValueError(f"--{one.name}", given[one.name], expected)
     stream = getattr(kind, "scene_stream", None)
