@@ -15,7 +15,7 @@ from robo47_qp.cli import FAILED, INTERRUPTED, OK
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
-from robo47_qp.evaluation.replay import picked, record_failures, replay
+from robo47_qp.evaluation.replay import evaluated, picked, record_failures, replay
 from robo47_qp.evaluation.report.progress import EvaluationBar
 from robo47_qp.evaluation.report.report import (
     EvaluationReport,
@@ -198,6 +198,7 @@ def _other(path: Path) -> EvaluationReport:
 def _replay(job: Job, seed: int, console: Console) -> int:
     """Run the episode of a seed again, recorded; returns the exit code."""
     options = job.options
+    before = evaluated(job.evaluation, seed, options.files["journal"])
     path = options.log.with_name(f"{options.log.stem}-{job.chosen.task.name}-{seed}.rrd")
     report = path.with_suffix(".json")
     with claimed(path):
@@ -205,7 +206,7 @@ def _replay(job: Job, seed: int, console: Console) -> int:
         check_writable(report)
         report.unlink(missing_ok=True)
         executor = replace(job.chosen, workers=1, cluster="local").executor
-        result, same = replay(job.evaluation, seed, executor, options.files["journal"], path)
+        result, same = replay(job.evaluation, seed, executor, before, path)
         entry = {**result.entry(), "same_as_evaluated": same}
         write_json(report, entry)
     if options.json:
@@ -216,6 +217,9 @@ def _replay(job: Job, seed: int, console: Console) -> int:
         lines += [] if result.error is None else [f"  traceback  {report}"]
         if same is not None and result.error is None:
             lines.append(f"  identical to the evaluated episode: {'yes' if same else 'NO'}")
+        if result.audit_ok is not None:
+            broken = ", ".join(result.broken_promises)
+            lines.append(f"  audit kept: {'yes' if result.audit_ok else f'NO: {broken}'}")
         _print(console, [*lines, f"  recording  {path}"])
     return FAILED if result.error is not None or same is False else OK
 

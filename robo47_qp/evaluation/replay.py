@@ -13,23 +13,42 @@ from robo47_qp.evaluation.journal import Journal, JournalError
 from robo47_qp.evaluation.workers.executor import Executor
 
 
+def evaluated(evaluation: Evaluation, seed: int, journal: Path) -> EpisodeResult | None:
+    """Return the result of a seed in a journal; None if there is none.
+
+    Raises:
+        JournalError: The journal is of another evaluation, whose worlds are others.
+    """
+    try:
+        return Journal.read(journal, evaluation.settings).get(seed)
+    except JournalError as error:
+        words = str(error).replace(", or start again without --resume", "")
+        raise JournalError(words.replace("settings, name", "settings, or name")) from error
+
+
 def replay(
-    evaluation: Evaluation, seed: int, executor: Executor, journal: Path, recording: Path
+    evaluation: Evaluation,
+    seed: int,
+    executor: Executor,
+    before: EpisodeResult | None,
+    recording: Path,
 ) -> tuple[EpisodeResult, bool | None]:
     """Run the episode of a seed again and record it.
 
+    Args:
+        evaluation: The evaluation.
+        seed: Of the episode.
+        executor: Runs it.
+        before: The result in the journal, if it has one.
+        recording: File to write.
+
     Returns:
-        The result, and whether it equals the one in the journal; None if the journal does not
-        have it, or is of another evaluation.
+        The result, and whether it equals the one in the journal; None without that.
 
     Raises:
         RecordingError: The file cannot be written.
         WorkerError: See `Executor.run`.
     """
-    try:
-        before = Journal.read(journal, evaluation.settings).get(seed)
-    except JournalError:
-        before = None
     index = seed - evaluation.seed if before is None else before.index
     spec = EpisodeSpec(index=index, seed=seed, recording=recording.resolve())
     (result,) = executor.run(evaluation.episode, [spec])

@@ -154,6 +154,21 @@ def test_a_replay_of_another_evaluation_has_nothing_to_compare_with(tmp_path: Pa
     assert "identical" not in screen.getvalue()
 
 
+def test_a_replay_in_another_world_is_refused_before_it_overwrites(tmp_path: Path) -> None:
+    screen = StringIO()
+    assert evaluate(Odd(), PANDA, options(tmp_path, episodes=1), QUIET) == 0
+    chosen = options(tmp_path, replay=0)
+    assert evaluate(Odd(), PANDA, chosen, Console(file=screen, width=200)) == 0
+    assert "  identical to the evaluated episode: yes\n  audit kept: yes\n" in (screen.getvalue())
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(
+        JournalError, match=r"these differ: perturbation\. Ask for the same settings, or name an"
+    ) as refused:
+        evaluate(Odd(), PANDA, options(tmp_path, replay=0, perturb="severe"), QUIET)
+    assert "--resume" not in str(refused.value)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_an_evaluation_goes_on_and_prints_json_alone(
     done: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
