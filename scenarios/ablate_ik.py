@@ -12,30 +12,33 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import LOGS, OK, main
-from robo47_qp.evaluation.benchmarks.ik.answers import Answers
-from robo47_qp.evaluation.benchmarks.ik.catalogue import EACH, SINGLE, STARTS, target_sets
-from robo47_qp.evaluation.benchmarks.ik.command import chosen
-from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Start
-from robo47_qp.evaluation.benchmarks.ik.summary import rows
-from robo47_qp.evaluation.statistics import mcnemar, paired_difference
-from robo47_qp.files import check_writable, plain, write_json
-from robo47_qp.ik.damping import Damping
-from robo47_qp.ik.dls import DlsIk
-from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.mink import MinkIk
-from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.seeds import build_seconds
-from robo47_qp.ik.solver import IkSolver
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.provenance import provenance
+with importing():
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import LOGS, OK, main
+    from robo47_qp.evaluation.benchmarks.ik.answers import Answers
+    from robo47_qp.evaluation.benchmarks.ik.catalogue import EACH, SINGLE, STARTS, target_sets
+    from robo47_qp.evaluation.benchmarks.ik.command import chosen
+    from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Start
+    from robo47_qp.evaluation.benchmarks.ik.summary import rows
+    from robo47_qp.evaluation.statistics import mcnemar, paired_difference
+    from robo47_qp.files import check_writable, plain, write_json
+    from robo47_qp.ik.damping import Damping
+    from robo47_qp.ik.dls import DlsIk
+    from robo47_qp.ik.lm import LmIk
+    from robo47_qp.ik.mink import MinkIk
+    from robo47_qp.ik.multistart import MultiStart
+    from robo47_qp.ik.qp import QpIk
+    from robo47_qp.ik.seeds import build_seconds
+    from robo47_qp.ik.solver import IkSolver
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.provenance import provenance
 
 LAWS = {
     "constant": [Damping(constant=one) for one in (0.01, 0.02, 0.05, 0.1, 0.2)],

@@ -12,17 +12,20 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
-import numpy as np
-from rich.console import Console
-from scipy.linalg import solve_discrete_are
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
-from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
-from robo47_qp.files import check_writable
+with importing():
+    import mujoco
+    import numpy as np
+    from rich.console import Console
+    from scipy.linalg import solve_discrete_are
+
+    from robo47_qp.arrays import Matrix, Vector
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.errors import InvalidValueError
+    from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
+    from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
+    from robo47_qp.files import check_writable
 
 MJCF = """
 <mujoco model="cart-pole">

@@ -7,29 +7,32 @@ from pathlib import Path
 from time import process_time
 from typing import Annotated, Literal, TypeAlias, get_args
 
-import numpy as np
-from mink import SE3, SO3
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, CountOrZero, Suffix, Vector
-from robo47_qp.cli import main
-from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import PlanError
-from robo47_qp.evaluation.benchmarks.motion.motion_check import path_deviations, violations
-from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
-from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.ik.gauss_newton import Stall
-from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robot import Robot
-from robo47_qp.model.robots import load_robot
-from robo47_qp.motion.planner import Planner
-from robo47_qp.motion.waypoint import Motion, Waypoint
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.progress import Steps
-from robo47_qp.report.provenance import provenance
+with importing():
+    import numpy as np
+    from mink import SE3, SO3
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, CountOrZero, Suffix, Vector
+    from robo47_qp.cli import main
+    from robo47_qp.constants import TIMESTEP
+    from robo47_qp.errors import PlanError
+    from robo47_qp.evaluation.benchmarks.motion.motion_check import path_deviations, violations
+    from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
+    from robo47_qp.evaluation.benchmarks.motion.refusal_check import RefusalCheck
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.ik.gauss_newton import Stall
+    from robo47_qp.ik.lm import LmIk
+    from robo47_qp.ik.multistart import MultiStart
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robot import Robot
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.motion.planner import Planner
+    from robo47_qp.motion.waypoint import Motion, Waypoint
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.progress import Steps
+    from robo47_qp.report.provenance import provenance
 
 Kind: TypeAlias = Literal["PTP", "LIN", "CIRC", "blended", "via"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -6,27 +6,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from mink import SE3, SO3
-from rich.console import Console
-from scipy.stats import binomtest
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero, Range, Suffix
-from robo47_qp.cli import main
-from robo47_qp.collision.clearance import Clearance
-from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.ik.gauss_newton import Stall
-from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.qp import QpIk
-from robo47_qp.ik.solver import IkResult, IkSolver
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.obstacle import Obstacle, Shape
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.progress import Steps
-from robo47_qp.report.provenance import provenance
+with importing():
+    import numpy as np
+    from mink import SE3, SO3
+    from rich.console import Console
+    from scipy.stats import binomtest
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero, Range, Suffix
+    from robo47_qp.cli import main
+    from robo47_qp.collision.clearance import Clearance
+    from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.ik.gauss_newton import Stall
+    from robo47_qp.ik.lm import LmIk
+    from robo47_qp.ik.multistart import MultiStart
+    from robo47_qp.ik.qp import QpIk
+    from robo47_qp.ik.solver import IkResult, IkSolver
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.obstacle import Obstacle, Shape
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.progress import Steps
+    from robo47_qp.report.provenance import provenance
 
 _LARGEST = 0.05
 """Clearance above which hardly any configuration among the obstacles is left [m]."""

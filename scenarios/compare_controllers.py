@@ -10,36 +10,39 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-from mink import SE3
-from rich.console import Console
-from rich.progress import track
+from robo47_qp.report.importing import importing
 
-from robo47_qp.cli import LOGS, OK, main
-from robo47_qp.control.cartesian_impedance import CartesianImpedance
-from robo47_qp.control.computed_torque import ComputedTorque
-from robo47_qp.control.controller import Controller
-from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
-from robo47_qp.control.observer import DisturbanceObserver
-from robo47_qp.control.operational_space import OperationalSpace
-from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.evaluation.benchmarks.control.plots import plot_trials
-from robo47_qp.evaluation.benchmarks.control.trial import (
-    PUSH,
-    PUSHED_AFTER,
-    Bench,
-    Trial,
-    TrialCondition,
-)
-from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
-from robo47_qp.files import check_writable, claimed, write_json
-from robo47_qp.model.payload import Payload
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
-from robo47_qp.sim.disturbance import Disturbance
-from robo47_qp.sim.push import Push
+with importing():
+    import numpy as np
+    from mink import SE3
+    from rich.console import Console
+    from rich.progress import track
+
+    from robo47_qp.cli import LOGS, OK, main
+    from robo47_qp.control.cartesian_impedance import CartesianImpedance
+    from robo47_qp.control.computed_torque import ComputedTorque
+    from robo47_qp.control.controller import Controller
+    from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
+    from robo47_qp.control.observer import DisturbanceObserver
+    from robo47_qp.control.operational_space import OperationalSpace
+    from robo47_qp.errors import InvalidValueError, UnknownNameError
+    from robo47_qp.evaluation.benchmarks.control.plots import plot_trials
+    from robo47_qp.evaluation.benchmarks.control.trial import (
+        PUSH,
+        PUSHED_AFTER,
+        Bench,
+        Trial,
+        TrialCondition,
+    )
+    from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
+    from robo47_qp.files import check_writable, claimed, write_json
+    from robo47_qp.model.payload import Payload
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
+    from robo47_qp.sim.disturbance import Disturbance
+    from robo47_qp.sim.push import Push
 
 OFFSET = (0.9, 0.4, -0.5, 0.6, -0.7, 0.4, -0.8)
 """From home to the goal [rad]."""

@@ -6,31 +6,34 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import CheckedOptions, Matrix, Ratio, Suffix
-from robo47_qp.cli import LOGS, main
-from robo47_qp.constants import TIMESTEP
-from robo47_qp.control.joint_impedance import JointImpedance
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robot import MotionProfile, Robot
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.motion.timing.rest_to_rest import (
-    Cubic,
-    Quintic,
-    SCurve,
-    TimeLaw,
-    Trapezoid,
-    plan_ptp,
-)
-from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.report.drawing import draw_curves
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.terminal import print_files
-from robo47_qp.run.control_loop import ControlLoop
-from robo47_qp.sim.simulation import Simulation
+with importing():
+    import numpy as np
+    from rich.console import Console
+
+    from robo47_qp.arrays import CheckedOptions, Matrix, Ratio, Suffix
+    from robo47_qp.cli import LOGS, main
+    from robo47_qp.constants import TIMESTEP
+    from robo47_qp.control.joint_impedance import JointImpedance
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robot import MotionProfile, Robot
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.motion.timing.rest_to_rest import (
+        Cubic,
+        Quintic,
+        SCurve,
+        TimeLaw,
+        Trapezoid,
+        plan_ptp,
+    )
+    from robo47_qp.motion.trajectory import Trajectory
+    from robo47_qp.report.drawing import draw_curves
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.terminal import print_files
+    from robo47_qp.run.control_loop import ControlLoop
+    from robo47_qp.sim.simulation import Simulation
 
 LAWS: Mapping[str, TimeLaw] = {
     "trapezoid": Trapezoid(),

@@ -11,21 +11,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from mink import SE3
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import LOGS, OK, main
-from robo47_qp.evaluation.benchmarks.ik.dls_stream import DlsStream
-from robo47_qp.evaluation.benchmarks.ik.hostile_targets import DT, pair_targets, targets
-from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.arm import Arm
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
-from scenarios.stream_ik import StreamOptions
+with importing():
+    import numpy as np
+    from mink import SE3
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import LOGS, OK, main
+    from robo47_qp.evaluation.benchmarks.ik.dls_stream import DlsStream
+    from robo47_qp.evaluation.benchmarks.ik.hostile_targets import DT, pair_targets, targets
+    from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
+    from scenarios.stream_ik import StreamOptions
 
 
 @dataclass(frozen=True, kw_only=True)

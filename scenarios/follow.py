@@ -12,21 +12,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import mujoco
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.cli import INTERRUPTED, LOGS, OK, RunOptions, main, one_of, run_task
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.model.robots import load_robot, robot_names
-from robo47_qp.run.failure import Failure
-from robo47_qp.run.task import Program, Task
-from robo47_qp.run.teleop.driver import LONGEST, TARGET, TeleopDriver, TeleopSettings
-from robo47_qp.run.teleop.hand_path import read_hand_path
-from robo47_qp.run.teleop.steering import HELP
-from robo47_qp.sim.sensed import Sensed
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import CONTROLLERS, ClassicalStack
-from robo47_qp.tasks.table import TABLE, add_table
+with importing():
+    import mujoco
+    from rich.console import Console
+
+    from robo47_qp.cli import INTERRUPTED, LOGS, OK, RunOptions, main, one_of, run_task
+    from robo47_qp.errors import InvalidValueError
+    from robo47_qp.model.robots import load_robot, robot_names
+    from robo47_qp.run.failure import Failure
+    from robo47_qp.run.task import Program, Task
+    from robo47_qp.run.teleop.driver import LONGEST, TARGET, TeleopDriver, TeleopSettings
+    from robo47_qp.run.teleop.hand_path import read_hand_path
+    from robo47_qp.run.teleop.steering import HELP
+    from robo47_qp.sim.sensed import Sensed
+    from robo47_qp.sim.simulation import Simulation
+    from robo47_qp.stack import CONTROLLERS, ClassicalStack
+    from robo47_qp.tasks.table import TABLE, add_table
 
 HAND_PATH = Path(__file__).with_name("hand_path.csv")
 """The path that is followed where none is chosen."""

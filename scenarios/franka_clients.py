@@ -12,21 +12,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from mink import SE3
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import CheckedOptions, Count, CountOrZero
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
-from robo47_qp.run.start import checked_start
-from robo47_qp.tasks.goal import marked_goal
-from robo47_qp.tasks.pick_place.pick_place import PickPlace
+with importing():
+    import numpy as np
+    from mink import SE3
+    from rich.console import Console
+
+    from robo47_qp.arrays import CheckedOptions, Count, CountOrZero
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
+    from robo47_qp.run.start import checked_start
+    from robo47_qp.tasks.goal import marked_goal
+    from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 ROOT = Path(__file__).resolve().parents[1]
 JUDGE = ROOT / ".judges" / "franka" / "bin" / "python"

@@ -12,30 +12,33 @@ from pathlib import Path
 from time import process_time
 from typing import Any, Literal
 
-import numpy as np
-from mink import SE3, SO3
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.errors import UnknownNameError
-from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
-from robo47_qp.evaluation.statistics import mcnemar, paired_difference, wilson
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.ik.damping import Damping
-from robo47_qp.ik.dls import DlsIk
-from robo47_qp.ik.gauss_newton import Stall
-from robo47_qp.ik.lm import LmIk
-from robo47_qp.ik.mink import MinkIk
-from robo47_qp.ik.multistart import MultiStart
-from robo47_qp.ik.solver import IkSolver, Tolerance
-from robo47_qp.ik.tool_demand import FULL, FreeAxis, ToolDemand
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robots import load_robot
-from robo47_qp.motion.waypoint import tool_down
-from robo47_qp.report.provenance import provenance
+with importing():
+    import numpy as np
+    from mink import SE3, SO3
+    from numpy.typing import NDArray
+    from rich.console import Console
+    from rich.table import Table
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.errors import UnknownNameError
+    from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
+    from robo47_qp.evaluation.statistics import mcnemar, paired_difference, wilson
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.ik.damping import Damping
+    from robo47_qp.ik.dls import DlsIk
+    from robo47_qp.ik.gauss_newton import Stall
+    from robo47_qp.ik.lm import LmIk
+    from robo47_qp.ik.mink import MinkIk
+    from robo47_qp.ik.multistart import MultiStart
+    from robo47_qp.ik.solver import IkSolver, Tolerance
+    from robo47_qp.ik.tool_demand import FULL, FreeAxis, ToolDemand
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.motion.waypoint import tool_down
+    from robo47_qp.report.provenance import provenance
 
 _YAWS = 24
 """Angles about the vertical that are tried one by one where the free axis fails."""

@@ -14,25 +14,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Matrix, Ratio
-from robo47_qp.cli import ARM_ROWS, FAILED, LOGS, OK, main
-from robo47_qp.errors import ArmStopped, InvalidValueError, Robo47Error
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
-from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
-from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
-from robo47_qp.sim.franka.link import named
-from robo47_qp.stack import ClassicalStack
-from scenarios.judges.franka_motions import RandomMotions
-from scenarios.judges.real_time import own_core
+with importing():
+    import numpy as np
+    from numpy.typing import NDArray
+    from rich.console import Console
+
+    from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Matrix, Ratio
+    from robo47_qp.cli import ARM_ROWS, FAILED, LOGS, OK, main
+    from robo47_qp.errors import ArmStopped, InvalidValueError, Robo47Error
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
+    from robo47_qp.run.runner import Runner
+    from robo47_qp.run.scenario import Run
+    from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
+    from robo47_qp.sim.franka.link import named
+    from robo47_qp.stack import ClassicalStack
+    from scenarios.judges.franka_motions import RandomMotions
+    from scenarios.judges.real_time import own_core
 
 ROOT = Path(__file__).resolve().parents[1]
 JUDGE = ROOT / ".judges" / "franka" / "bin" / "python"

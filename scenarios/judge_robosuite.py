@@ -16,17 +16,20 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
-from robo47_qp.evaluation.statistics import wilson
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
-from scenarios.judges.suite.programs import PROGRAMS
+with importing():
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
+    from robo47_qp.evaluation.statistics import wilson
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
+    from scenarios.judges.suite.programs import PROGRAMS
 
 ROOT = Path(__file__).resolve().parents[1]
 JUDGE = ROOT / ".judges" / "robosuite" / "bin" / "python"

@@ -5,13 +5,16 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.cli import OK, main
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.files import read_json, write_json
-from scenarios.papers.kept import RESULTS, to_keep
-from scenarios.papers.names import OWN_NAMES
+with importing():
+    from rich.console import Console
+
+    from robo47_qp.cli import OK, main
+    from robo47_qp.errors import InvalidValueError
+    from robo47_qp.files import read_json, write_json
+    from scenarios.papers.kept import RESULTS, to_keep
+    from scenarios.papers.names import OWN_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)

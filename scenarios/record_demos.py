@@ -7,23 +7,26 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError
-from robo47_qp.model.robot import Robot
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.video import OffscreenCamera
-from robo47_qp.run.observers import Observer
-from robo47_qp.run.registry import load_task
-from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import ClassicalStack
+with importing():
+    import numpy as np
+    from numpy.typing import NDArray
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.constants import TIMESTEP
+    from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError
+    from robo47_qp.model.robot import Robot
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.report.video import OffscreenCamera
+    from robo47_qp.run.observers import Observer
+    from robo47_qp.run.registry import load_task
+    from robo47_qp.run.runner import Runner
+    from robo47_qp.run.scenario import Run
+    from robo47_qp.sim.simulation import Simulation
+    from robo47_qp.stack import ClassicalStack
 
 _RATE = 30
 """Frames per second."""

@@ -12,15 +12,18 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
+from robo47_qp.report.importing import importing
 
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.errors import RecordingError
-from robo47_qp.files import read_json, write_json
-from robo47_qp.report.terminal import print_files
-from scenarios.reproduce.comparison import compare
-from scenarios.reproduce.page import comparison_page, outcome, row
+with importing():
+    from rich.console import Console
+    from rich.markup import escape
+
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.errors import RecordingError
+    from robo47_qp.files import read_json, write_json
+    from robo47_qp.report.terminal import print_files
+    from scenarios.reproduce.comparison import compare
+    from scenarios.reproduce.page import comparison_page, outcome, row
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORTS = {

@@ -10,19 +10,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
-from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
-from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
-from robo47_qp.evaluation.workers.executor import cores
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.cell import in_cell
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.provenance import provenance
-from robo47_qp.run.registry import load_task
+with importing():
+    from rich.console import Console
+    from rich.table import Table
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
+    from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
+    from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
+    from robo47_qp.evaluation.workers.executor import cores
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.cell import in_cell
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.run.registry import load_task
 
 _QUICK = ("joint_friction", "pose_bias", "friction")
 

@@ -5,18 +5,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.evaluation.benchmarks.ik.same_step import OBJECTIVES, differences, states
-from robo47_qp.files import check_writable, write_json
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.terminal import print_files
+with importing():
+    import numpy as np
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.evaluation.benchmarks.ik.same_step import OBJECTIVES, differences, states
+    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.terminal import print_files
 
 _SAME = 1e-9
 """Steps of the fused solvers may differ from exact ones by so much [rad]."""

@@ -11,22 +11,25 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
-import numpy as np
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Vector
-from robo47_qp.cli import FAILED, LOGS, OK, main
-from robo47_qp.constants import TIMESTEP
-from robo47_qp.control.joint_impedance import JointImpedance
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
-from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
-from robo47_qp.files import check_writable
-from robo47_qp.model.arm import Arm, JointReference
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.control_loop import ControlLoop
-from robo47_qp.sim.simulation import Simulation
+with importing():
+    import mujoco
+    import numpy as np
+    from rich.console import Console
+
+    from robo47_qp.arrays import Vector
+    from robo47_qp.cli import FAILED, LOGS, OK, main
+    from robo47_qp.constants import TIMESTEP
+    from robo47_qp.control.joint_impedance import JointImpedance
+    from robo47_qp.errors import InvalidValueError
+    from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
+    from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
+    from robo47_qp.files import check_writable
+    from robo47_qp.model.arm import Arm, JointReference
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.run.control_loop import ControlLoop
+    from robo47_qp.sim.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)

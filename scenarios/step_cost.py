@@ -12,36 +12,39 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-import mujoco
-import numpy as np
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp._core.library import backend
-from robo47_qp.cli import LOGS, main
-from robo47_qp.constants import TIMESTEP
-from robo47_qp.control.active import ActiveController
-from robo47_qp.control.cartesian_impedance import CartesianImpedance
-from robo47_qp.control.controller import Controller
-from robo47_qp.control.joint_impedance import JointImpedance
-from robo47_qp.control.observer import DisturbanceObserver
-from robo47_qp.control.operational_space import OperationalSpace
-from robo47_qp.errors import InvalidValueError
-from robo47_qp.files import write_json
-from robo47_qp.model.arm import Arm, JointReference, JointState
-from robo47_qp.model.gripper import Grip
-from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.progress import Steps
-from robo47_qp.report.provenance import provenance
-from robo47_qp.report.rerun.log import RerunLog
-from robo47_qp.run import signals
-from robo47_qp.run.recording import Rows
-from robo47_qp.run.row_file import RowFile
-from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Run
-from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import ClassicalStack
-from robo47_qp.tasks.pick_place.pick_place import PickPlace
+with importing():
+    import mujoco
+    import numpy as np
+    from rich.console import Console
+
+    from robo47_qp._core.library import backend
+    from robo47_qp.cli import LOGS, main
+    from robo47_qp.constants import TIMESTEP
+    from robo47_qp.control.active import ActiveController
+    from robo47_qp.control.cartesian_impedance import CartesianImpedance
+    from robo47_qp.control.controller import Controller
+    from robo47_qp.control.joint_impedance import JointImpedance
+    from robo47_qp.control.observer import DisturbanceObserver
+    from robo47_qp.control.operational_space import OperationalSpace
+    from robo47_qp.errors import InvalidValueError
+    from robo47_qp.files import write_json
+    from robo47_qp.model.arm import Arm, JointReference, JointState
+    from robo47_qp.model.gripper import Grip
+    from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.progress import Steps
+    from robo47_qp.report.provenance import provenance
+    from robo47_qp.report.rerun.log import RerunLog
+    from robo47_qp.run import signals
+    from robo47_qp.run.recording import Rows
+    from robo47_qp.run.row_file import RowFile
+    from robo47_qp.run.runner import Runner
+    from robo47_qp.run.scenario import Run
+    from robo47_qp.sim.simulation import Simulation
+    from robo47_qp.stack import ClassicalStack
+    from robo47_qp.tasks.pick_place.pick_place import PickPlace
 
 REPORT = LOGS / "step_cost.json"
 

@@ -9,26 +9,29 @@ from math import isnan
 from time import process_time_ns
 from typing import Any, Literal
 
-import numpy as np
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.cli import FAILED, OK, main
-from robo47_qp.collision.clearance import Clearance
-from robo47_qp.evaluation.benchmarks.ik.hostile_targets import (
-    DT,
-    OBSTACLES,
-    PAIR_OBSTACLES,
-    circling,
-    pair_targets,
-    targets,
-)
-from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
-from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
-from robo47_qp.model.arm import Arm
-from robo47_qp.model.robots import load_robot
-from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.progress import Steps
+with importing():
+    import numpy as np
+    from rich.console import Console
+
+    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.cli import FAILED, OK, main
+    from robo47_qp.collision.clearance import Clearance
+    from robo47_qp.evaluation.benchmarks.ik.hostile_targets import (
+        DT,
+        OBSTACLES,
+        PAIR_OBSTACLES,
+        circling,
+        pair_targets,
+        targets,
+    )
+    from robo47_qp.evaluation.benchmarks.ik.stream_audit import audit, clearance_audit
+    from robo47_qp.ik.stream.stream import StreamIk, StreamSolver
+    from robo47_qp.model.arm import Arm
+    from robo47_qp.model.robots import load_robot
+    from robo47_qp.report.figures_table import FiguresTable
+    from robo47_qp.report.progress import Steps
 
 WARM_UP = 200
 """Ticks before the first one that is timed."""

@@ -4,16 +4,19 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
+from robo47_qp.report.importing import importing
 
-from robo47_qp.cli import FAILED, OK, main
-from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
-from robo47_qp.files import write_text
-from scenarios.papers.blocks import rendered
-from scenarios.papers.evaluations import curves_of
-from scenarios.papers.kept import is_kept, kept
-from scenarios.papers.tables import TABLES
-from scenarios.robustness import title_of
+with importing():
+    from rich.console import Console
+
+    from robo47_qp.cli import FAILED, OK, main
+    from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
+    from robo47_qp.files import write_text
+    from scenarios.papers.blocks import rendered
+    from scenarios.papers.evaluations import curves_of
+    from scenarios.papers.kept import is_kept, kept
+    from scenarios.papers.tables import TABLES
+    from scenarios.robustness import title_of
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBUSTNESS = "robustness_pick_place"

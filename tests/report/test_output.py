@@ -1,5 +1,6 @@
 """What cannot be printed: the job goes on, and is told where it matters."""
 
+import ast
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from robo47_qp.errors import RecordingError
 from robo47_qp.report.output import forgiving_output
 
+SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 ROBO47 = [sys.executable, "-m", "robo47_qp"]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="files and signals of POSIX")
 
@@ -99,13 +101,17 @@ def test_a_renderer_that_is_not_there_is_one_message(name: str, tmp_path: Path) 
 
 
 @posix
-@pytest.mark.parametrize("after", [0.1, 0.4, 0.8])
-def test_ctrl_c_in_the_imports_is_one_line(after: float, tmp_path: Path) -> None:
-    script = Path(__file__).resolve().parents[2] / "scenarios" / "evaluate.py"
+@pytest.mark.parametrize(
+    ("name", "after"),
+    [("evaluate", 0.1), ("evaluate", 0.4), ("evaluate", 0.8), ("settling", 0.1), ("settling", 0.3)],
+)
+def test_ctrl_c_in_the_imports_is_one_line(name: str, after: float, tmp_path: Path) -> None:
+    script = SCENARIOS / f"{name}.py"
+    chosen = ["--task", "reach"] if name == "evaluate" else []
     # Began to import: the interpreter itself cannot be taught before.
     code = (
         "import sys, runpy; import robo47_qp.__main__; print('began', flush=True); "
-        f"sys.argv = ['evaluate.py', '--task', 'reach']; runpy.run_path({str(script)!r}, "
+        f"sys.argv = {[script.name, *chosen]}; runpy.run_path({str(script)!r}, "
         "run_name='__main__')"
     )
     process = subprocess.Popen(
@@ -120,6 +126,17 @@ def test_ctrl_c_in_the_imports_is_one_line(after: float, tmp_path: Path) -> None
     assert "Traceback" not in said
     assert said.count("interrupted") == 1
     assert process.returncode == 130
+
+
+@pytest.mark.parametrize("script", sorted(SCENARIOS.glob("*.py")), ids=lambda path: path.stem)
+def test_a_script_imports_no_package_where_ctrl_c_would_leave_a_trace(script: Path) -> None:
+    light = {"robo47_qp.__main__", "robo47_qp.report.importing"}
+    for node in ast.parse(script.read_text(encoding="utf-8")).body:
+        names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom):
+            names = [str(node.module)]
+        heavy = [name for name in names if name.split(".")[0] not in sys.stdlib_module_names]
+        assert set(heavy) <= light, f"{script.name}:{node.lineno}: in a block of `importing`"
 
 
 @posix
