@@ -28,7 +28,7 @@ from robo47_qp.model.robots import load_robot, robot_names
 from robo47_qp.report.importing import importing
 from robo47_qp.report.output import forgiving_output
 from robo47_qp.report.run_plot import Plotter
-from robo47_qp.report.terminal import ProgressBar, print_summary
+from robo47_qp.report.terminal import ProgressBar, nothing_yet, print_summary
 from robo47_qp.run.foreign_code import Blamed
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS
@@ -218,8 +218,9 @@ def guarded(command: Callable[[], int]) -> int:
     except Robo47Error as error:
         Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", highlight=False)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        Console(stderr=True).print("interrupted; what was recorded so far is kept")
+    except KeyboardInterrupt as stopped:
+        told = f"interrupted; {stopped}" if str(stopped) else "interrupted"
+        Console(stderr=True).print(told, highlight=False)
         return INTERRUPTED
 
 
@@ -302,7 +303,7 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
     def run(options: RunOptions, console: Console) -> int:
-        with Blamed(kind):
+        with Blamed(kind), nothing_yet(options.log):
             robot = options.robot_for(kind)
             task = task_of_options(kind, vars(options), options.seed, robot)
             return run_task(task, robot, options, console)

@@ -17,6 +17,7 @@ from robo47_qp.__main__ import main as robo47
 from robo47_qp.errors import RecordingError
 from robo47_qp.files import claimed
 from robo47_qp.report.rerun.reading import read_recording
+from robo47_qp.run.runner import Runner
 from tests.commands import SCRIPT, assert_one_message, posix, recorded, run_here
 
 ANNOUNCE = """
@@ -85,6 +86,18 @@ def test_a_run_that_is_interrupted_leaves_all_that_was_recorded(how: str, tmp_pa
     np.testing.assert_allclose(times, np.arange(len(times)) * 1e-3, atol=1e-6)
     assert times[-1] > last - 0.0015
     assert {path.name for path in tmp_path.glob("run.*")} == {"run.rrd", "run.whole.rrd"}
+
+
+def test_a_run_that_is_interrupted_while_it_plans_says_that_nothing_was_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(_: Runner) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Runner, "rehearse", interrupted)
+    assert robo47(["run", "reach", "--log", str(tmp_path / "run.rrd")]) == 130
+    assert capsys.readouterr().err == "interrupted; nothing was recorded yet\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 @posix

@@ -79,10 +79,12 @@ def recorded(
         chunk = chunk_rows if viewer is None else _LIVE_ROWS
         try:
             run = runner.run([log], [*shown, log], store=rows, chunk_rows=chunk)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stopped:
             log.break_off()
             rows.remove()
-            raise
+            begun = simulation.time > 0.0
+            kept = "what was recorded so far is kept" if begun else "nothing was recorded yet"
+            raise KeyboardInterrupt(kept) from stopped
         except TaskError as error:
             log.note(simulation.time, "".join(format_exception(error)).rstrip(), "ERROR")
             log.break_off()

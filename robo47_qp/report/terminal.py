@@ -1,6 +1,7 @@
 """Progress and summary of a run in the terminal."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from math import ceil
 from pathlib import Path
 
@@ -53,6 +54,16 @@ class ProgressBar(Observer):
     def close(self) -> None:
         """Remove the bar."""
         self._progress.stop()
+
+
+@contextmanager
+def nothing_yet(log: Path) -> Iterator[None]:
+    """Let Ctrl-C say that nothing was recorded, where that is so."""
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        nothing = "" if log.exists() else "nothing was recorded yet"
+        raise KeyboardInterrupt(str(stopped) or nothing) from stopped
 
 
 def print_summary(

@@ -120,12 +120,12 @@ class Impatient:
 
     tolerance = Tolerance()
 
-    def __init__(self) -> None:
-        self._solver, self.asked = LmIk(), 0
+    def __init__(self, last: int = 5) -> None:
+        self._solver, self.asked, self._last = LmIk(), 0, last
 
     def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
         self.asked += 1
-        if self.asked == 5:
+        if self.asked == self._last:
             raise KeyboardInterrupt
         return self._solver.solve(arm, T_world_target, q_seed)
 
@@ -142,6 +142,23 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path: Path) -> None:
     assert [row["n"] for row in report["rows"]] == [3, 3]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ik.json", "ik.png", "ik.rrd"]
     assert (tmp_path / "ik.rrd").stat().st_size > 10_000
+
+
+def test_ctrl_c_before_anything_was_measured_names_no_file_that_is_not_there(
+    tmp_path: Path,
+) -> None:
+    fields = {"uniform": Field(make=uniform, judge=Judge(PANDA))}
+    solvers: dict[str, IkSolver] = {"impatient": Impatient(1)}
+    comparison = Comparison(arm=Arm(PANDA), solvers=solvers, fields=fields, n=9, block=3, warm=0)
+    screen = StringIO()
+    options = CompareOptions(n=9, log=tmp_path / "ik.rrd")
+    chosen = options, Console(file=screen, width=200)
+    assert compare(comparison, *chosen, left_out={}, questions=()) == 130
+    assert "interrupted; nothing was recorded yet" in screen.getvalue()
+    assert [path.name for path in tmp_path.iterdir()] == ["ik.json"]
+    assert "ik.json" in screen.getvalue()
+    assert "ik.rrd" not in screen.getvalue()
+    assert "ik.png" not in screen.getvalue()
 
 
 @pytest.mark.parametrize(

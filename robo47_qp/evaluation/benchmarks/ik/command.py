@@ -170,7 +170,8 @@ def _compared(
                 )
         complete = True
     except KeyboardInterrupt:
-        console.print("interrupted; what was measured so far is kept")
+        kept = "what was measured so far is kept" if done else "nothing was recorded yet"
+        console.print(f"interrupted; {kept}")
     figures = summary(comparison, done, questions, left_out, complete=complete)
     write_text(files["report"], _text(figures))
     if done:
@@ -183,6 +184,7 @@ def _compared(
         sys.stdout.write(_text(figures) + "\n")
     else:
         _print_end(figures, options, console)
+        print_files(console, files if done else {"report": files["report"]})
     return OK if complete else INTERRUPTED
 
 
@@ -203,4 +205,3 @@ def _print_end(figures: Mapping[str, Any], options: CompareOptions, console: Con
         console.print(paired_table(asked))
     if figures["reasons"]:
         console.print(reasons_table(figures["reasons"]))
-    print_files(console, options.files)
