@@ -109,8 +109,8 @@ class StackOptions:
     controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
     """Controller that tracks the planned motion."""
     observer: bool = True
-    """Estimate the joints' state and compensate what disturbs them, such as heavier links, an
-    unknown payload and dry friction; without it, the measured state is taken as it is."""
+    """Take the measured state as it is. Without this, an observer estimates the joints' state and
+    compensates what disturbs them: heavier links, an unknown payload, dry friction."""
     profile: Annotated[str, one_of(PROFILES)] = ClassicalStack.profile
     """Bounds of all motions: gentle, or rated, as fast as the arm's ratings and motors allow."""
     speed: float = ClassicalStack.pace

@@ -19,7 +19,10 @@ import pytest
 import tyro
 
 from robo47_qp import __main__
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.report.rerun import recovery, viewer
+from robo47_qp.run.failure import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -306,3 +309,29 @@ def test_every_page_is_linked_from_the_readme() -> None:
 
 def test_the_readme_is_read_to_its_end() -> None:
     assert len((ROOT / "README.md").read_bytes()) <= 8192
+
+
+def test_every_cause_of_failure_is_in_the_table() -> None:
+    text = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8")
+    rows = text.partition("| cause | what happened |")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| `(\w+)`", rows, re.MULTILINE) == [cause.value for cause in Cause]
+
+
+def test_every_page_tells_how_often_a_search_is_restarted() -> None:
+    told = [
+        found
+        for page in PAGES
+        for found in re.findall(r"restarted up to (\d+) times", page.read_text(encoding="utf-8"))
+    ]
+    assert told
+    assert set(told) == {str(MultiStart(solver=LmIk()).max_restarts)}
+
+
+def test_help_says_what_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    def told(*command: str) -> str:
+        with pytest.raises(SystemExit):
+            __main__.main([*command, "--help"])
+        return " ".join(re.sub(r"[│\s]+", " ", capsys.readouterr().out).split())
+
+    assert re.search(r"--no-observer Take the measured state as it is", told("run"))
+    assert "if none is named all of them, but only uniform and near_limits" in told("compare-ik")

@@ -54,7 +54,8 @@ class CompareOptions(Checked):
     solvers: tuple[str, ...] = ()
     """Names of the solvers to compare; those of DLS and QP if none is named."""
     targets: tuple[str, ...] = ()
-    """Names of the target sets; uniform and near_limits if none is named."""
+    """Names of the target sets; if none is named all of them, but only uniform and near_limits
+    without --solvers, --all and --peers, too."""
     all: bool = False
     """Compare all solvers on all target sets, where none is named."""
     start: Literal["home", "random"] = "home"
