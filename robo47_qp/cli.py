@@ -265,16 +265,20 @@ def run_command(
         args: The command line; None takes that of the process.
         prog: Name of the command in the help; None takes the script's.
     """
-    rest = list(sys.argv[1:] if args is None else args)
+    rest, late = list(sys.argv[1:] if args is None else args), None
     if name is None and rest and not rest[0].startswith("-"):
         name = rest.pop(0)
     if name is None:
         parser = ArgumentParser(prog=prog, add_help=False, allow_abbrev=False)
-        parser.add_argument("--task", default=DEFAULT_TASK)
+        parser.add_argument("--task")
         chosen, rest = parser.parse_known_args(rest)
-        name = str(chosen.task)
+        late = None if chosen.task else next((one for one in rest if one in task_names()), None)
+        name = str(chosen.task or DEFAULT_TASK)
 
     def run() -> int:
+        if late is not None:
+            others = " ".join(one for one in rest if one != late)
+            raise Robo47Error(f"the task comes first: robo47 run {late} {others}")
         kind = load_task(name)
         told = (getdoc(kind) or "").partition("\n\n")[0]
         text = f"{told}\n\nTasks: {', '.join(task_names())} (the default: {DEFAULT_TASK})."

@@ -56,6 +56,12 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     assert done.stdout.split() == list(SPARED)
 
 
+def test_a_task_after_options_is_told_to_come_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--robot", "ur5e", "pick_place"]) == 2
+    told = "error: the task comes first: robo47 run pick_place --robot ur5e\n"
+    assert capsys.readouterr().err == told
+
+
 def test_a_task_option_without_a_name_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--task"])
