@@ -39,7 +39,7 @@ RED = (0.85, 0.22, 0.18, 1.0)
 class Tray:
     """A tray and what stands on it. Its frame is in the middle of its lower side, z up."""
 
-    size: ClassVar[tuple[float, float]] = (2.0 * _PLATE[0], 2.0 * _PLATE[1])
+    size: ClassVar[tuple[float, float]] = (2.0 * PLATE[0], 2.0 * PLATE[1])
     """Extent of the plate along x and y [m]."""
     mass: float = 0.5
     """Mass of plate and handles [kg]."""
