@@ -198,6 +198,16 @@ class CheckedOptions(Checked):
         return f"--{field.replace('_', '-')}"
 
 
+def read_number(kind: type[int | float] | None, word: str) -> int | float | str:
+    """Return the number that a word is; what is none stays, and is left to the checks."""
+    if kind is None:
+        return word
+    try:
+        return kind(word)
+    except ValueError:
+        return word
+
+
 def checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
     """Copy `value` into a new float vector of shape (size,).
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from threadpoolctl import threadpool_limits
 
-from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix
+from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix, read_number
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
@@ -71,12 +71,21 @@ def one_of(names: Sequence[str]) -> Any:
 
 def unset(metavar: str) -> Any:
     """Annotate an option that may be left out, and takes a value of this kind."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint=_default)
+    number = {"INT": int, "FLOAT": float}.get(metavar)
+    spec = tyro.constructors.PrimitiveConstructorSpec(
+        1,
+        metavar,
+        lambda words: read_number(number, words[0]),
+        lambda _: True,
+        lambda it: [str(it)],
+    )
+    read: Any = None if number is None else Annotated[number, spec]
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=_default, constructor=read)
 
 
 def _default(value: str) -> str:
     """Return what the help says of a default; nothing of an option that is left out."""
-    return "" if value == "None" else f"(default: {value})"
+    return "" if "None" in value else f"(default: {value})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +111,7 @@ class StackOptions:
     solver without restarts (100 QPs, 200 steps of dls), and offer one configuration per goal
     where the others offer several. Among obstacles mink, qp and lm step around what is in the
     way; with dls, answers that are too close to an obstacle are refused. Straight lines are
-    followed from one start per point with any of them, and where one fails, a slower search near
-    it helps."""
+    followed from one start per point with any of them; where one fails, a slower search helps."""
     qp_solver: Annotated[str, one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
     """QP solver for --ik mink and qp, also with -single."""
     controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
@@ -277,8 +285,8 @@ def run_command(
 
     def run() -> int:
         if late is not None:
-            others = " ".join(one for one in rest if one != late)
-            raise Robo47Error(f"the task comes first: robo47 run {late} {others}")
+            others = [one for one in rest if one != late]
+            raise Robo47Error(" ".join(["the task comes first: robo47 run", late, *others]))
         kind = load_task(name)
         told = (getdoc(kind) or "").partition("\n\n")[0]
         text = f"{told}\n\nTasks: {', '.join(task_names())} (the default: {DEFAULT_TASK})."
@@ -387,9 +395,6 @@ def run_task(
 
 
 def _files(options: RunOptions) -> dict[str, Path]:
-    files = {
-        "recording": options.log,
-        "report": options.log.with_suffix(".json"),
-        "plot": options.plot or options.log.with_suffix(".png"),
-    }
+    files = {"recording": options.log, "report": options.log.with_suffix(".json")}
+    files["plot"] = options.plot or options.log.with_suffix(".png")
     return files if options.video is None else {**files, "video": options.video}

@@ -171,6 +171,8 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         (["--pick", "0.1", "-0.585"], ["--pick must be on the table", "found (0.1, -0.585)"]),
         (["--place", "0.88", "0.58"], ["Waypoint 'carry' cannot be planned", "no closer than"]),
         (["--seed", "-1"], ["seed", "-1"]),
+        (["--seed", "1.5"], ["error: --seed must be a whole number, 0 or more; found '1.5'."]),
+        (["--seed", "x"], ["error: --seed must be a whole number, 0 or more; found 'x'."]),
         (["--seed", "1", "--pick", "0.5", "0.1"], ["--pick must be left out with --seed", "0.5"]),
         (["--seed", "1", "--pick", "0.4", "0.2"], ["--pick must be left out with --seed", "0.4"]),
         (["--speed", "1e-5"], ["speed"]),
