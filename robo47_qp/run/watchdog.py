@@ -88,17 +88,17 @@ class Watchdog(Checked):
             )
         for i, (label, tool) in enumerate(simulation.robot.tool_labels()):
             which = f"{tool.name} tool" if label else "tool"
-            force = _largest(simulation, f"contact/{label}tool", simulation.last_tool_force(i))
-            if force > force_max:
-                return (
-                    f"the contact force on the {which} is {force:.1f} N; "
-                    f"allowed are {force_max:.1f} N"
-                )
             force = simulation.fixed_force_peak(i)
             if force > fixed_force_max:
                 return (
                     f"the {which} itself touched the table, or what else stands fixed, with "
                     f"{force:.1f} N; allowed are {fixed_force_max:.1f} N"
+                )
+            force = _largest(simulation, f"contact/{label}tool", simulation.last_tool_force(i))
+            if force > force_max:
+                return (
+                    f"the contact force on the {which} is {force:.1f} N; "
+                    f"allowed are {force_max:.1f} N"
                 )
         return None
 

@@ -338,7 +338,7 @@ def test_without_ray_it_is_told_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingExtraError, match=r"--cluster ray needs(.*)robo47_qp\[ray\]"):
+    with pytest.raises(MissingExtraError, match=r"--cluster ray needs(.*)'\.\[ray\]"):
         evaluate(Odd(), PANDA, options(tmp_path, cluster="ray"), QUIET)
 
 

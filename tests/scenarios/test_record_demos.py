@@ -76,7 +76,7 @@ def test_before_anything_runs_it_says_what_is_missing(
         run(DemoOptions(task="nothing", out=out), Console())
     monkeypatch.setitem(sys.modules, "lerobot", None)
     monkeypatch.delitem(sys.modules, "lerobot.datasets.lerobot_dataset", raising=False)
-    with pytest.raises(MissingExtraError, match=r"needs the package lerobot.*robo47_qp\[lerobot\]"):
+    with pytest.raises(MissingExtraError, match=r"needs the package lerobot.*'\.\[lerobot\]"):
         run(DemoOptions(out=out), Console())
     assert not out.exists()
 
