@@ -73,6 +73,10 @@ def run(options: MutantOptions, console: Console) -> int:
     check_writable(options.report)
     made = provenance()
     chosen = [mutant for mutant in read_mutants() if options.only in mutant.file]
+    if not chosen:
+        raise InvalidValueError(
+            "--only", options.only, "a part of the name of a file in mutants.toml"
+        )
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         copy = _copied(Path(folder) / "copy")
