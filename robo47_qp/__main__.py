@@ -16,16 +16,17 @@ Command: TypeAlias = Callable[[Sequence[str]], int]
 HELP = """\
 usage: robo47 COMMAND [OPTIONS]
 
-Classical manipulation for MuJoCo: QP inverse kinematics, Ruckig motion, impedance control.
+Classical manipulation for MuJoCo: QP inverse kinematics, Ruckig motion,
+impedance control.
 
 commands:
   run TASK         run a task once, record it and say how it went
   evaluate         run many episodes of a task under one policy or several
-  serve-policy     answer the observations of benchmarks with actions, over a websocket
-  compare-ik       compare inverse kinematics on paired targets: DLS, QP, restarts
+  serve-policy     answer a benchmark's observations with actions, by websocket
+  compare-ik       compare inverse kinematics on paired targets: DLS, QP, ...
   serve-franka     answer clients of libfranka with a task's simulation
   view RECORDING   open a recording in the Rerun viewer
-  recover ROWS     make the recording of a run that was killed, from the file it left (.rows)
+  recover ROWS     make the recording of a killed run from the .rows it left
 
 `robo47 COMMAND --help` lists the options of a command; files go to ./logs.
 """

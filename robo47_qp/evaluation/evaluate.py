@@ -72,6 +72,11 @@ class Job:
         write_json(files["report"], self.told(report))
         return report
 
+    @property
+    def finished(self) -> bool:
+        """True where the journal has an episode."""
+        return bool(Journal.read(self.options.files["journal"], self.evaluation.settings))
+
     def told(self, report: EvaluationReport | PolicyComparison) -> dict[str, Any]:
         """Return what a report file holds: the report, and where it comes from."""
         return {**report.as_json(), "provenance": self.origin}
@@ -135,7 +140,9 @@ def _evaluated(jobs: Sequence[Job], options: EvaluateOptions, console: Console) 
             if several:
                 _print(console, _outcome(name, reports[-1]))
     except KeyboardInterrupt:
-        console.print("interrupted; the finished episodes are kept: continue with --resume")
+        kept = "the finished episodes are kept: continue with --resume"
+        done = any(job.finished for job in jobs)
+        console.print(f"interrupted; {kept if done else 'no episode was finished'}")
         return INTERRUPTED
     # At the end: a resumed evaluation of several policies records the first ones only once.
     reports = [job.finish(report) for job, report in zip(jobs, reports, strict=True)]

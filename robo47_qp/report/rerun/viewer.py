@@ -38,11 +38,15 @@ def open_recording(path: Path) -> None:
     """Show a recording in the Rerun viewer, and wait until its window is closed.
 
     Raises:
-        RecordingError: There is no such file.
+        RecordingError: There is no such file, or it is no recording by its name.
         RenderingError: The viewer cannot be started.
     """
+    if path.is_dir():
+        raise RecordingError(f"{path} cannot be opened: it is a folder. Name a recording in it.")
     if not path.is_file():
         raise RecordingError(f"{path} cannot be opened: there is no such file. Run a task first.")
+    if path.suffix != ".rrd":
+        raise RecordingError(f"{path} cannot be opened: its name must end with .rrd.")
     with tempfile.TemporaryFile() as log:
         try:
             done = subprocess.run([_program(), "--bind", _HOST, str(path)], stderr=log, check=False)

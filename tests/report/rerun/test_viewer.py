@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robo47_qp.errors import RenderingError
+from robo47_qp.errors import RecordingError, RenderingError
 from robo47_qp.report.rerun import viewer as live_viewer
 
 
@@ -69,3 +69,14 @@ def test_a_viewer_that_does_not_come_is_explained(
     with pytest.raises(RenderingError, match=reason) as caught:
         live_viewer.viewer_url(free_port())
     assert "without the live view" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("missing.rrd", "no such file"), ("folder", "a folder"), ("run.json", "end with .rrd")],
+)
+def test_what_is_no_recording_is_refused(name: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(RecordingError, match=why):
+        live_viewer.open_recording(tmp_path / name)
