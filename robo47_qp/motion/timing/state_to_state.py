@@ -15,6 +15,8 @@ from robo47_qp.errors import InvalidValueError
 
 _NOTHING = 1e-9
 """Longest duration of a phase that is ignored [s]."""
+_HAIR = 1e-9
+"""Part by which a bound is raised where Ruckig fails for the last digit of a speed at it."""
 
 
 class Transition:
@@ -105,8 +107,11 @@ def speed_change(length: float, v_start: float, v_goal: float, bounds: Vector) -
     start, goal = np.zeros(3)[:, None], np.array([length, v_goal, 0.0])[:, None]
     start[1] = v_start
     # Speeds at the bound itself must not fail for their last digit.
-    cap = max(float(bounds[0]), v_start, v_goal)
-    return to_state(start, goal, np.array([cap]), bounds[1:2], bounds[2:3])
+    cap = np.array([max(float(bounds[0]), v_start, v_goal)])
+    try:
+        return to_state(start, goal, cap, bounds[1:2], bounds[2:3])
+    except InvalidValueError:
+        return to_state(start, goal, cap * (1.0 + _HAIR), bounds[1:2], bounds[2:3])
 
 
 def to_state(

@@ -1,7 +1,9 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.timing.state_to_state import speed_change, to_rest, to_state
 
 
@@ -34,3 +36,17 @@ def test_many_instants_at_once_are_those_one_by_one(seed: int) -> None:
     times[0], times[-1] = 0.0, motion.duration
     one_by_one = np.array([motion.at(float(t)) for t in times])
     assert np.abs(motion.along(times) - one_by_one).max() < 1e-9
+
+
+def test_a_start_at_the_bound_itself_is_planned() -> None:
+    bounds = np.array([0.1665843094236507, 0.1091799194344632, 0.3287840767461138])
+    length, v_goal = 0.01641251337663796, 0.1657826222307234
+    start, goal = np.array([[0.0], [bounds[0]], [0.0]]), np.array([[length], [v_goal], [0.0]])
+    with pytest.raises(InvalidValueError, match="Ruckig can plan"):
+        to_state(start, goal, *bounds[:, None])
+    motion = speed_change(length, bounds[0], v_goal, bounds)
+    end = motion.at(motion.duration)
+    assert end == pytest.approx(np.array([length, v_goal, 0.0]), abs=1e-12)
+    speeds = [motion.at(t)[1] for t in np.linspace(0.0, motion.duration, 1000)]
+    assert max(speeds) <= bounds[0] * (1.0 + 1e-9)
+    assert motion.duration < 1.01 * length / v_goal
