@@ -381,3 +381,12 @@ def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
     assert "continue with --resume" in screen.getvalue()
     assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["eval.jsonl"]
+
+
+def test_ctrl_c_before_any_episode_promises_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(InProcess, "interrupted_after", 0)
+    screen = StringIO()
+    assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
+    assert screen.getvalue().splitlines()[-1] == "interrupted; no episode was finished"

@@ -390,14 +390,3 @@ def test_the_bar_tells_whose_episodes_they_are() -> None:
         bar.results([EpisodeResult(index=0, seed=0, success=True)])
     assert "a.py:B [odd]" in screen.getvalue()
     assert "1/8" in screen.getvalue()
-
-
-@pytest.mark.usefixtures("toys")
-def test_an_interruption_before_any_episode_promises_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(InProcess, "ran", [])
-    monkeypatch.setattr(InProcess, "interrupted_after", 0)
-    screen = StringIO()
-    assert evaluate(Reach(), PANDA, options(tmp_path), Console(file=screen, width=200)) == 130
-    assert screen.getvalue().splitlines()[-1] == "interrupted; no episode was finished"
