@@ -31,6 +31,8 @@ _MARGINS = {
 _LETTER = 0.0105
 """Width of a letter of a phase's name, as a share of the panel."""
 _BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
+_MARKS = "so^Dv"
+"""Where an object ends, one after the other."""
 
 
 class Picture(NamedTuple):
@@ -95,7 +97,7 @@ def draw(picture: Picture) -> "Figure":
     t, joints = numbers["time"], words["joints"]
     _tool_path(axes["above"], picture, (0, 1))
     _tool_path(axes["side"], picture, (1, 2))
-    axes["above"].legend(loc="upper right", frameon=False)
+    axes["above"].legend(loc="best", edgecolor="none")
     for i, joint in enumerate(joints):
         axes["joint"].plot(t, numbers["q"][:, i], lw=0.8, label=joint)
         axes["torque"].plot(t, numbers["tau"][:, i], lw=0.8)
@@ -130,14 +132,13 @@ def write(picture: Picture, path: str | Path) -> None:
 def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
     i, j = plane
     words, numbers = picture
-    look: Any = {"color": _GREY, "zorder": 1}
     asked, at = numbers["asked"], numbers["at"]
     axes.plot(at[:, i], at[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured")
     axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="tool, reference")
     for k, name in enumerate(words["objects"]):
         place = numbers["objects"][:, k]
-        axes.plot(place[:, i], place[:, j], lw=1.2, label=name, **look)
-        axes.plot(place[-1, i], place[-1, j], "s", ms=7, **look)
+        look: Any = {"color": _GREY, "marker": _MARKS[k % len(_MARKS)], "markevery": [-1]}
+        axes.plot(place[:, i], place[:, j], lw=1.2, ms=7, label=name, zorder=1, **look)
     axes.set_xlabel(f"{'xyz'[i]} [m]")
     axes.set_ylabel(f"{'xyz'[j]} [m]")
     axes.set_aspect("equal", adjustable="datalim")

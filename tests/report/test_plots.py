@@ -121,3 +121,19 @@ def test_a_plotter_without_a_run_writes_nothing_and_ends(tmp_path: Path) -> None
     assert plotter._process is not None
     assert plotter._process.returncode is not None
     assert not list(tmp_path.iterdir())
+
+
+def test_objects_are_told_apart_and_the_legend_lies_over_none() -> None:
+    found = picture_of(picked_and_placed())
+    two = np.repeat(found.numbers["objects"], 2, axis=1)
+    picture = Picture({**found.words, "objects": ["one", "two"]}, {**found.numbers, "objects": two})
+    figure = draw(picture)
+    figure.draw_without_rendering()
+    axes = next(axes for axes in figure.axes if axes.get_ylabel() == "y [m]")
+    marks = {str(line.get_label()): line.get_marker() for line in axes.get_lines()}
+    assert marks["one"] != marks["two"]
+    legend = axes.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent()
+    path = axes.transData.transform(found.numbers["at"][:, :2])
+    assert not box.count_contains(path)
