@@ -68,7 +68,7 @@ class ProgramDriver:
         if not isinstance(program, Generator):
             raise TaskError(f"The program of {task.name} must yield its steps; found {program!r}.")
         failed: Robo47Error | None = None
-        runner.failed_steps = 0
+        runner.failed = []
         try:
             runner.executor.go_home()
             while True:
@@ -81,7 +81,7 @@ class ProgramDriver:
                     failed = error
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=loop.sim.time))
-                    runner.failed_steps += 1
+                    runner.failed.append(failed.failure)
                     loop.note(f"step failed: {failed}", failed.failure)
         except StopIteration as end:
             return _told(f"What the program of {task.name} returns", end.value)
@@ -125,8 +125,8 @@ class Runner:
         self.executor = StepExecutor(self.loop, planner)
         self.acting = True
         """Whether time counts: until the driver has nothing more to do but to come to rest."""
-        self.failed_steps: int | None = None
-        """Steps of the program that failed so far; None where no program moves the arm."""
+        self.failed: list[Failure] | None = None
+        """How steps of the program failed so far; None where no program moves the arm."""
         self.signals = self.loop.recording.signals
         simulation.reset()
         seed = scenario.seed
@@ -185,8 +185,8 @@ class Runner:
             self._sim.stand_by()
             recording.flush()
             raise
-        if failure is not None and failure.time is None:
-            failure = replace(failure, time=self._sim.time)
+        if failure is not None:
+            failure = self._with_earlier(failure)
         loop.note(
             f"failed ({failure.cause.value}): {failure.evidence}" if failure else "success", failure
         )
@@ -203,7 +203,7 @@ class Runner:
             objects={name: np.array(self._sim.model.body(name).ipos) for name in self._sim.objects},
             fixed=self._sim.fixed(),
             retaken=loop.retaken,
-            failed_steps=self.failed_steps,
+            failed_steps=None if self.failed is None else len(self.failed),
         )
 
     def finish(self) -> Failure | None:
@@ -221,6 +221,17 @@ class Runner:
             loop.note(f"stopped: {failure.evidence}", failure)
         task = self.scenario.task
         return failure or _told(f"The verdict of {task.name}", task.verdict(self._sim))
+
+    def _with_earlier(self, failure: Failure) -> Failure:
+        """Return a failure with its time, and with the steps that had failed before in words."""
+        earlier = ", ".join(
+            f"{one.step} ({one.cause.value}) at {one.time:.1f} s"
+            for one in self.failed or ()
+            if one is not failure
+        )
+        evidence = f"{failure.evidence}; failed before: {earlier}" if earlier else failure.evidence
+        time = self._sim.time if failure.time is None else failure.time
+        return replace(failure, evidence=evidence, time=time)
 
     def _why(self, stopped: Aborted | ArmStopped) -> Failure:
         """Return the failure of a run that was stopped; an arm that still moves is stopped, too."""

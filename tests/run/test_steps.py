@@ -1,6 +1,7 @@
 """Steps in a program: conditions are looked at when they should be, failures reach the program."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -91,6 +92,21 @@ def test_a_program_may_catch_a_failure_and_go_on() -> None:
     assert names(run) == ["first", "home", "end"]
     assert caught[0].evidence == "no"
     assert caught[0].time == pytest.approx(run.phases[1].start * TIMESTEP)
+
+
+def test_the_evidence_tells_what_had_failed_before() -> None:
+    def program(sensed: Sensed) -> Program:
+        for name, cause in (("first", Cause.SLIP), ("second", Cause.GRASP)):
+            with suppress(StepFailed):
+                yield Wait(name=name, seconds=0.1, until=Told(["no"], cause=cause).condition())
+        yield Wait(name="third", seconds=0.1, until=Told(["never"], cause=Cause.DROP).condition())
+        return None
+
+    run = run_program(program)
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step, run.failed_steps) == (Cause.DROP, "third", 3)
+    before = "failed before: first (slip) at 0.1 s, second (grasp) at 0.2 s"
+    assert run.failure.evidence == f"never; {before}"
 
 
 def test_a_waypoint_out_of_reach_and_a_way_that_is_blocked_have_their_own_causes() -> None:
