@@ -8,12 +8,13 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.run.contact_steps import Press
-from robo47_qp.run.failure import Cause, Condition, StepFailed
+from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.compliant_grasp import centre
 from robo47_qp.tasks.handling.item_handler import UNPLANNED, HeldItem, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
+from robo47_qp.tasks.heading import tilt
 from robo47_qp.tasks.item import turned_about_vertical
 from robo47_qp.tasks.peg_insert.peg import DEPTH
 from robo47_qp.tasks.peg_insert.peg_inserter import PegInserter
@@ -24,6 +25,8 @@ that no longer does [N]; damping of the arm that rights it [N·s/m], and how oft
 _IN_HOLE, _CLEAR = 8e-3, 12e-3
 """Height of a peg above where it stood that means that it stands in the hole, and of its lower end
 above the hole once it is out [m]."""
+_LIES = 0.5
+"""Tilt at which a peg no longer stands [rad]; it cannot be inserted."""
 _PULL, _PULL_SPEED = 15.0, 0.01
 """Largest force that draws a peg out [N], and speed at which it comes out [m/s]."""
 
@@ -42,8 +45,12 @@ class FeelingPicker(PegInserter):
     def _come_around(self, T_world_item: SE3) -> Generator[StepLike, None, None]:
         """See `ItemHandler._come_around`; before, fingers that close across have centred the peg.
 
-        By the edge of the fingers, it would be held loosely.
+        By the edge of the fingers, it would be held loosely. Fails with GRASP where the peg lies.
         """
+        lean = tilt(T_world_item)
+        if lean > _LIES:
+            evidence = f"the {self.item.name} lies: {np.degrees(lean):.0f}° from upright"
+            raise StepFailed(Failure(cause=Cause.GRASP, evidence=evidence, step="approach"))
         come_around = ItemHandler._come_around
         if not camera_errs(self.sensed) or self.resting is None:
             yield from come_around(self, T_world_item)

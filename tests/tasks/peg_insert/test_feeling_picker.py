@@ -147,3 +147,14 @@ def test_a_peg_that_is_seen_right_or_that_the_hole_holds_is_not_centred(
 ) -> None:
     hand = replace(feeling(Cell(pose_bias=bias)), resting=resting)
     assert approaches(hand._come_around(SE3.identity()), 1) == [0.0]
+
+
+@pytest.mark.parametrize("bias", [0.0, 2e-3])
+def test_a_peg_that_has_tipped_over_is_not_grasped(bias: float) -> None:
+    """The errors of a camera tilt what it sees by a few degrees, a peg on the table lies by 90."""
+    hand = replace(feeling(Cell(pose_bias=bias)), resting=0.03)
+    leans, lies = (SE3.from_rotation(SO3.from_x_radians(angle)) for angle in (0.1, 1.55))
+    assert isinstance(next(hand._come_around(leans)), Move)
+    with pytest.raises(StepFailed, match="the peg lies: 89° from upright") as caught:
+        next(hand._come_around(lies))
+    assert caught.value.failure.cause is Cause.GRASP
