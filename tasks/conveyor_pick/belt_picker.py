@@ -16,7 +16,8 @@ from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import width_around
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
-from robo47_qp.tasks.handling.item_handler import UNPLANNED, HeldItem
+from robo47_qp.tasks.handling.held_item import HeldItem, centred
+from robo47_qp.tasks.handling.item_handler import UNPLANNED
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.heading import heading, raised
@@ -133,13 +134,14 @@ class BeltPicker:
         """Lift the item that the fingers hold off the belt; fails with DROP or TIMEOUT."""
         tool = self._tool()
         T_world_item = self.tracker.at(self.sensed.time)
-        T_tcp_item = tool.inverse() @ T_world_item
+        T_tcp_item, since = tool.inverse() @ T_world_item, self.sensed.time
         end = self.sensed.time + _WAY
         lift = self._follow("lift", self._lifting(end), end, _LACKS * self.rise, _TURNS)
         held = (self._check.condition(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])
-        return HeldItem(above=height, mass=self.item.mass)
+        at = centred(T_tcp_item)
+        return HeldItem(above=height, mass=self.item.mass, T_tcp_item=at, since=since)
 
     def _follow(
         self, name: str, target: Target, end: float, near: float = _NEAR, aligned: float = _ALIGNED

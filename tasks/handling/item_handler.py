@@ -16,6 +16,7 @@ from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
+from robo47_qp.tasks.handling.held_item import HeldItem, centred
 from robo47_qp.tasks.handling.mass_measurement import measure_mass
 from robo47_qp.tasks.handling.pose_estimate import (
     GOOD_ENOUGH,
@@ -43,21 +44,11 @@ _TIPS, _SLOWLY, _LANDED, _SHORT = 0.02, 0.025, 5.0, 3e-3
 the force that stops them [N], and how far from the grasp that is too early [m]."""
 _PADS, _WENT = 0.01, 4e-3
 """Half the width of usual fingers, and how far an item goes that they squeeze out, at least [m]."""
-_SETTLE = 0.25
+SETTLE = 0.25
 """Time in which an arm comes back from where it was pushed [s]."""
 _AROUND = 0.001
 """Distance of each finger from an item whose pose is known, on the way down to it [m]."""
 HOME = Waypoint(name="home", target=Place.HOME)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeldItem:
-    """What is known of an item once it is picked."""
-
-    above: float | None
-    """Height of its centre above the tool point [m]; None if it is not known."""
-    mass: float
-    """Mass [kg]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,6 +75,9 @@ class ItemHandler:
     """Turn from the sides of the item that suit the wrist to those that are grasped [rad]."""
     T_item_standing: SE3 | None = None
     """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
+    in_hand: HeldItem | None = None
+    """What is known of the item while it is held: where it is, if the fingers hide it from the
+    camera."""
 
     def pick(self, seen: SE3 | None = None) -> Generator[StepLike, None, HeldItem]:
         """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift.
@@ -143,11 +137,13 @@ class ItemHandler:
         held, around = (check.condition(Cause.GRASP),), (check.around(Cause.GRASP),)
         grasp = Grasp(name="close gripper", force=self.force, during=around, after=held)
         yield from compliant_grasp(self.sensed, self.item, T_world_item, grasp, tips=self.tips)
+        since = self.sensed.time
         height = float(self.sensed.tool_pose().translation()[2])
         hand = self if free is None else (yield from self._weighed(free))
         yield hand.lift(self.sensed.tool_pose(), self._seen())
         above = None if self.resting is None else self.resting - height
-        return HeldItem(above=above, mass=hand.item.mass)
+        T_tcp_item = centred(self._grasp(T_world_item).inverse() @ T_world_item)
+        return HeldItem(above=above, mass=hand.item.mass, T_tcp_item=T_tcp_item, since=since)
 
     def _come_around(self, T_world_item: SE3) -> Generator[StepLike, None, None]:
         """Come down from above, with the fingers around the item at a pose."""
@@ -181,8 +177,10 @@ class ItemHandler:
         yield Guarded(waypoint=descend, force=_LANDED, speed=_SLOWLY, missing=None, after=(down,))
 
     def holding(self, held: HeldItem | None) -> Self:
-        """Return the handler with the measured mass of the item."""
-        return self if held is None else replace(self, item=replace(self.item, mass=held.mass))
+        """Return the handler of a held item, with its measured mass."""
+        if held is None:
+            return self
+        return replace(self, item=replace(self.item, mass=held.mass), in_hand=held)
 
     def place(
         self, T_world_goal: SE3, held: HeldItem | None = None
@@ -207,7 +205,7 @@ class ItemHandler:
         yield self.release()
         if errs:
             # What pressed on the goal until it was let go had pushed the arm aside.
-            yield Wait(name="settle", seconds=_SETTLE)
+            yield Wait(name="settle", seconds=SETTLE)
 
     def _let_down(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
         """Lower the held item from a little above its goal to where it is let go."""
@@ -233,20 +231,19 @@ class ItemHandler:
         height = None
         if held is not None and held.above is not None:
             height = float(self.sensed.tool_pose().translation()[2]) + held.above
-        T_world_item = yield from self._look(height, good_enough)
-        return T_world_item
+        return (yield from self.holding(held)._look(height, good_enough))
 
     def _weighed(self, free: FreeWrist) -> Generator[StepLike, None, Self]:
         """Return the handler with the measured mass of the item."""
         sensed, held = self.sensed, self._held(Cause.GRASP)
         mass = yield from measure_mass(sensed, self.item.name, self._carried(), held, free)
         # Friction holds the joints of a springy arm anyhow; at rest, the observer finds out how.
-        yield Wait(name="settle", seconds=_SETTLE)
-        return self.holding(HeldItem(above=None, mass=mass))
+        yield Wait(name="settle", seconds=SETTLE)
+        return replace(self, item=replace(self.item, mass=mass))
 
     def _look(self, height: float | None, good_enough: float) -> Generator[StepLike, None, SE3]:
-        T_world_item = yield from estimate_pose(self.sensed, self.item.name, height, good_enough)
-        return self.stood(T_world_item)
+        seen = yield from estimate_pose(self.sensed, self.item.name, None, good_enough)
+        return at_height(self.sensed, self._located(seen), height)
 
     def release(self) -> Release:
         """Return the step that releases the item."""
@@ -374,7 +371,14 @@ class ItemHandler:
         return self.item.payload(self.sensed.tool_pose().inverse() @ self._seen())
 
     def _seen(self) -> SE3:
-        return self.stood(self.sensed.seen_pose(self.item.name))
+        return self._located(self.sensed.seen_pose(self.item.name))
+
+    def _located(self, seen: SE3) -> SE3:
+        """Return the pose with z up of the item that the camera saw last at a pose."""
+        held = self.in_hand
+        if held is None or not held.hidden(self.sensed, self.item.name):
+            return self.stood(seen)
+        return self.sensed.tool_pose() @ held.T_tcp_item
 
     def _carrying(self, waypoint: Waypoint) -> Move:
         held = (self._held(Cause.DROP),)

@@ -18,8 +18,10 @@ _DEVIATIONS = 4.0
 _UNLUCKY, _MOST = 1e-4, 300
 """Accepted probability that the median is of images that are wrong altogether, and how many images
 are taken for it at most."""
+_CORNER = 0.045
+"""Distance of an item's corner from its centre [m]."""
 _LATE = 1.0
-"""Time beyond the expected one in which images have to arrive [s]."""
+"""Time beyond the expected one in which images have to arrive [s]; without any, it is hidden."""
 
 
 def estimate_pose(
@@ -73,7 +75,8 @@ def estimate_poses(
         for name, images in taken.items():
             if sensed.seen_time(name) >= start - 1e-9:
                 images[sensed.seen_time(name)] = sensed.seen_pose(name)
-        if min(map(len, taken.values())) >= frames or sensed.time > end:
+        awaited = [taken[name] for name in names if not hidden(sensed, name, start)]
+        if all(len(images) >= frames for images in awaited) or sensed.time > end:
             break
         left = start + frames * period - sensed.time
         yield Look(name=f"look at {', '.join(names)}", seconds=period, lasts=left)
@@ -84,14 +87,23 @@ def estimate_poses(
     }
 
 
+def hidden(sensed: Sensed, name: str, since: float) -> bool:
+    """Return whether the camera has not seen an object since a time [s], and does not see it."""
+    taken, latency = sensed.seen_time(name), float(sensed.sheet.noise["camera_latency"])
+    return taken < since - 1e-9 and sensed.time > since + latency + _LATE
+
+
 def camera_errs(sensed: Sensed) -> bool:
-    """Return whether the data sheet tells of an error of seen positions."""
+    """Return whether the data sheet tells of an error of seen poses."""
     noise = sensed.sheet.noise
-    return any(noise[name] for name in ("pose_noise", "pose_bias", "rotation_bias"))
+    names = ("pose_noise", "pose_bias", "rotation_bias", "heading_noise")
+    return any(noise[name] for name in names)
 
 
 def frames_needed(sensed: Sensed, good_enough: float) -> int:
     """Return how many images give a mean coordinate of this standard deviation [m].
+
+    A heading counts as what it moves an item's corner by.
 
     Errors σ of successive images have the correlation φ = exp(-T / τ), so that the mean of n has
     the variance σ²/n (1 + φ)/(1 - φ), for many (Priestley, Spectral Analysis and Time Series,
@@ -101,7 +113,8 @@ def frames_needed(sensed: Sensed, good_enough: float) -> int:
     tau = float(noise["pose_noise_time"])
     kept = exp(-1.0 / (float(noise["camera_rate"]) * tau)) if tau else 0.0
     alike = (1.0 + kept) / (1.0 - kept)
-    frames = max(1, ceil(alike * (sensed.camera_noise / good_enough) ** 2))
+    each = max(sensed.camera_noise, _CORNER * float(noise["heading_noise"]))
+    frames = max(1, ceil(alike * (each / good_enough) ** 2))
     wrong = float(noise["outliers"])
     while frames < _MOST and bdtrc((frames - 1) // 2, frames, wrong) > _UNLUCKY:
         frames += 1

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import CountOrZero, Positive, Vector
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
@@ -21,6 +21,7 @@ from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import Goal, add_goal, estimate_item_goal, place_goal
 from robo47_qp.tasks.handling.hand import Hand, closed_on, settled
+from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handling.item_handler import HOME, LET_GO, LOST, NEAR
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
@@ -199,15 +200,15 @@ class Handover(Task):
     def _attempt(self, sensed: Sensed) -> Generator[StepLike, None, None]:
         left, right = self._hands(sensed)
         goal = yield from estimate_item_goal(sensed, self.bar)
-        bar, place = yield from self._pick(sensed, left)
-        place = yield from self._give(sensed, bar, _HeldBar(hand=left, place=place))
-        yield from self._put_down(sensed, bar, _HeldBar(hand=right, place=place), level(goal))
+        bar, held = yield from self._pick(sensed, left)
+        held = yield from self._give(sensed, bar, _HeldBar(hand=left, held=held))
+        yield from self._put_down(sensed, bar, _HeldBar(hand=right, held=held), level(goal))
 
-    def _pick(self, sensed: Sensed, left: Hand) -> Generator[StepLike, None, tuple[Item, Vector]]:
+    def _pick(self, sensed: Sensed, left: Hand) -> Generator[StepLike, None, tuple[Item, HeldItem]]:
         """Pick the bar with the left hand.
 
         Returns:
-            It with the mass that was measured, and where the tool point is in its frame (3,) [m].
+            It with the mass that was measured, and what is known of it in the hand.
         """
         resting = TABLE_TOP + 0.5 * self.bar.height
         T_world_bar = yield from estimate_pose(sensed, self.bar.name, resting)
@@ -217,7 +218,7 @@ class Handover(Task):
         free = 0.0 if sensed.weights_known else (yield from left.felt())
         yield from left.grasp(self.bar.size[0], self.grip_force)
         bar, T_tcp_bar = self.bar, grasp.inverse() @ T_world_bar
-        place = T_world_bar.inverse().apply(left.pose().translation())
+        there, since = left.pose().inverse() @ T_world_bar, sensed.time
         held = (left.holds(bar.size[0], self.grip_force, Cause.DROP),)
         taken_up = raised(left.pose(), _TAKE_UP)
         # On no line: a bar of unknown weight pulls the hand off it.
@@ -234,15 +235,15 @@ class Handover(Task):
         lift = left.line("lift", raised(taken_up, _ABOVE - _TAKE_UP))
         lift = replace(lift, carried={left.name: bar.payload(T_tcp_bar)})
         yield Move(waypoints=(lift,), during=held, after=held)
-        return bar, place
+        return bar, HeldItem(above=None, mass=bar.mass, T_tcp_item=there, since=since)
 
     def _give(
         self, sensed: Sensed, bar: Item, held_bar: "_HeldBar"
-    ) -> Generator[StepLike, None, Vector]:
+    ) -> Generator[StepLike, None, HeldItem]:
         """Bring the bar and the right hand together, and change hands.
 
         Returns:
-            Where the right tool point is in the frame of the bar (3,) [m].
+            What is known of the bar in the right hand.
         """
         left, right = self._hands(sensed)
         width, force = bar.size[0], self.grip_force
@@ -260,13 +261,13 @@ class Handover(Task):
         reach = replace(right.line("reach", grasp), carried=carried)
         yield Move(waypoints=(reach,), during=held)
         yield from right.grasp(width, force)
-        place = T_world_bar.inverse().apply(right.pose().translation())
+        there, since = right.pose().inverse() @ T_world_bar, sensed.time
         yield from left.release("let go")
         carried = {right.name: bar.payload(right.pose().inverse() @ T_world_bar)}
         away = replace(left.line("leave", raised(left.pose(), _ABOVE)), carried=carried)
         taken = (right.holds(width, force, Cause.DROP),)
         yield Move(waypoints=(away,), before=taken, during=taken, after=taken)
-        return place
+        return HeldItem(above=None, mass=bar.mass, T_tcp_item=there, since=since)
 
     def _put_down(
         self, sensed: Sensed, bar: Item, held_bar: "_HeldBar", T_world_goal: SE3
@@ -331,14 +332,19 @@ class _HeldBar:
     """The bar in a hand, in which it may turn about the axis of the fingers."""
 
     hand: Hand
-    place: Vector
-    """Where the tool point is in the frame of the bar (3,) [m]."""
+    held: HeldItem
 
     def look(self, sensed: Sensed, bar: Item) -> Generator[StepLike, None, SE3]:
-        """Return T_world_bar as it is seen, at the height at which the hand is known to be."""
+        """Return T_world_bar as it is seen, at the height at which the hand is known to be.
+
+        Where the fingers hide it, it is taken to be in the hand as it was grasped.
+        """
         seen = yield from estimate_pose(sensed, bar.name)
+        if self.held.hidden(sensed, bar.name):
+            return self.hand.pose() @ self.held.T_tcp_item
+        place = self.held.T_tcp_item.inverse().translation()
         x, y, _ = seen.translation()
-        height = self.hand.pose().translation()[2] - seen.rotation().apply(self.place)[2]
+        height = self.hand.pose().translation()[2] - seen.rotation().apply(place)[2]
         at = np.array([x, y, height]) if camera_errs(sensed) else seen.translation()
         return SE3.from_rotation_and_translation(seen.rotation(), at)
 

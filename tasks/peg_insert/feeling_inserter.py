@@ -11,7 +11,8 @@ from mink import SE3, SO3
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
-from robo47_qp.run.steps import Grasp, Release, StepLike
+from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
+from robo47_qp.tasks.handling.item_handler import SETTLE
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker
@@ -110,7 +111,7 @@ class FeelingInserter(FeelingPicker):
         """
         names = (self.item.name, "hole seen")
         seen = yield from estimate_poses(self.sensed, names, _BESIDE)
-        T_tool_peg = self.sensed.tool_pose().inverse() @ seen[self.item.name]
+        T_tool_peg = self.sensed.tool_pose().inverse() @ self._located(seen[self.item.name])
         hole, axis = seen["hole seen"], T_tool_peg.rotation().as_matrix()[:, 2]
         if self.memory.T_world_hole is not None:
             hole = self.memory.T_world_hole
@@ -273,7 +274,10 @@ class FeelingInserter(FeelingPicker):
                 raise
 
     def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
-        """Press hardly any more, and give way to what pushes the peg aside."""
+        """Press hardly any more, and give way to what pushes or pulls the peg.
+
+        One that is eased aside while the arm still pulls at it would leap once it is free.
+        """
         yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
         aside = replace(stiff, name="ease aside", force=_EASED, damping=_ASIDE_DAMPING)
         yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
@@ -292,6 +296,8 @@ class FeelingInserter(FeelingPicker):
         yield Release(name="let go")
         # The wrist has drifted: what it reads is not what is touched.
         yield from read_free_wrist(self.sensed, untouched=True)
+        # The arm, which fingers that opened have let go as well, comes back to where it should be.
+        yield Wait(name="settle", seconds=SETTLE)
         over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
         yield self._line("over the peg", over @ self.sensed.tool_pose())
         yield Grasp(name="close gripper", force=self.force)

@@ -11,7 +11,8 @@ from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike
 from robo47_qp.tasks.handling.compliant_grasp import centre
-from robo47_qp.tasks.handling.item_handler import UNPLANNED, HeldItem, ItemHandler
+from robo47_qp.tasks.handling.held_item import HeldItem
+from robo47_qp.tasks.handling.item_handler import UNPLANNED, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.heading import tilt
@@ -87,19 +88,18 @@ class FeelingPicker(PegInserter):
             during=(self._held(Cause.GRASP),),
         )
         for _ in range(_RIGHTINGS):
-            yield from self._give_way(right, free, _LEANS, aside=False)
+            yield from self._give_way(right, free, _LEANS)
         if self.resting is None:
             yield from self._pulled_out()
             return self
         return (yield from PegInserter._weighed(self, free))
 
     def _give_way(
-        self, step: Press, free: FreeWrist, least: float, *, aside: bool = True
+        self, step: Press, free: FreeWrist, least: float
     ) -> Generator[StepLike, None, None]:
-        """Go with a step to where something pushes, or pushes aside, if with a least force [N]."""
+        """Go with a step to where something pushes, if with a least force [N]."""
         felt = yield from read_free_wrist(self.sensed)
         push = felt.force - free.force
-        push -= float(aside) * push.dot(self._axis) * self._axis
         size = float(np.linalg.norm(push))
         if size > least:
             way = push / size

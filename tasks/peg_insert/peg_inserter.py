@@ -13,7 +13,7 @@ from robo47_qp.run.contact_steps import Comply
 from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import StepLike
 from robo47_qp.tasks.handling.item_handler import ItemHandler
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose
+from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, POSITION_ERROR
 
 _TOUCH_FORCE = 2.0
@@ -52,7 +52,7 @@ class PegInserter(ItemHandler):
 
         It is seen along the tool's x; along y, the fingers have centred it.
         """
-        T_world_peg = yield from estimate_pose(self.sensed, self.item.name)
+        T_world_peg = yield from self._look(None, GOOD_ENOUGH)
         at = (self.sensed.tool_pose().inverse() @ T_world_peg).translation()
         return np.array([at[0], 0.0])
 

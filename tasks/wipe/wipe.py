@@ -16,7 +16,8 @@ from robo47_qp.run.task import Program, Task, option
 from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import on_table
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, HeldItem
+from robo47_qp.tasks.handling.held_item import HeldItem
+from robo47_qp.tasks.handling.item_handler import HOME, LOST
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, miss, unfinished
 from robo47_qp.tasks.handling.pose_estimate import estimate_poses
 from robo47_qp.tasks.heading import upright
