@@ -15,6 +15,8 @@ GOOD_ENOUGH = 0.9e-3
 """Accepted standard deviation of a position [m]."""
 _DEVIATIONS = 4.0
 """Standard deviations from the median beyond which an image is left out, per axis."""
+_ALIKE = 1e-6
+"""Distance from the median within which images agree [m]: what rests creeps a little."""
 _UNLUCKY, _MOST = 1e-4, 300
 """Accepted probability that the median is of images that are wrong altogether, and how many images
 are taken for it at most."""
@@ -127,7 +129,7 @@ def _mean(poses: Sequence[SE3], noise: float) -> SE3:
         return poses[0]
     positions = np.array([pose.translation() for pose in poses])
     off = np.abs(positions - np.median(positions, axis=0)).max(axis=1)
-    near = off <= max(_DEVIATIONS * noise, float(np.median(off)))
+    near = off <= max(_DEVIATIONS * noise, float(np.median(off)), _ALIKE)
     wxyz = np.array([pose.rotation().wxyz for pose in poses])[near]
     quaternion = Rotation.from_quat(wxyz, scalar_first=True).mean().as_quat(scalar_first=True)
     return SE3.from_rotation_and_translation(SO3(quaternion), positions[near].mean(axis=0))

@@ -11,8 +11,7 @@ from mink import SE3, SO3
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
-from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
-from robo47_qp.tasks.handling.item_handler import SETTLE
+from robo47_qp.run.steps import Grasp, StepLike
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker
@@ -293,11 +292,7 @@ class FeelingInserter(FeelingPicker):
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep"
             raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="insert"))
         yield from self._ease(stiff, free)
-        yield Release(name="let go")
-        # The wrist has drifted: what it reads is not what is touched.
-        yield from read_free_wrist(self.sensed, untouched=True)
-        # The arm, which fingers that opened have let go as well, comes back to where it should be.
-        yield Wait(name="settle", seconds=SETTLE)
+        yield from self.let_go("let go")
         over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
         yield self._line("over the peg", over @ self.sensed.tool_pose())
         yield Grasp(name="close gripper", force=self.force)

@@ -9,10 +9,10 @@ from mink import SE3
 
 from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
-from robo47_qp.run.steps import Grasp, Release, StepLike
+from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
 from robo47_qp.tasks.handling.compliant_grasp import centre
 from robo47_qp.tasks.handling.held_item import HeldItem
-from robo47_qp.tasks.handling.item_handler import UNPLANNED, ItemHandler
+from robo47_qp.tasks.handling.item_handler import SETTLE, UNPLANNED, ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.heading import tilt
@@ -139,7 +139,16 @@ class FeelingPicker(PegInserter):
         leave = self._line("leave the hole", self._up(self.sensed.tool_pose()))
         yield replace(leave, carried=self._carried())
 
+    def let_go(self, name: str = "release") -> Generator[StepLike, None, None]:
+        """See `PegInserter.let_go`; the arm, which had pushed at the peg, comes back.
+
+        It does once the wrist has been read anew: by one that has drifted, it would seem to touch.
+        """
+        yield from PegInserter.let_go(self, name)
+        yield from read_free_wrist(self.sensed, untouched=True)
+        yield Wait(name="settle", seconds=SETTLE)
+
     def back_off(self) -> Generator[StepLike, None, None]:
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
-        yield Release(name="open gripper")
+        yield from self.let_go("open gripper")
         yield from ItemHandler.back_off(self)

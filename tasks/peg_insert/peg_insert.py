@@ -172,7 +172,7 @@ class PegInsert(Task):
                     raise
             else:
                 break
-        yield Release()
+        yield from hand.let_go()
         yield hand.retreat(sensed.tool_pose())
         yield HOME
         return None

@@ -11,7 +11,7 @@ from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.contact_steps import Comply
 from robo47_qp.run.failure import Cause, Condition
-from robo47_qp.run.steps import StepLike
+from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.tasks.handling.item_handler import ItemHandler
 from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH, POSITION_ERROR
@@ -119,6 +119,10 @@ class PegInserter(ItemHandler):
         springs = Compliance(stiffness=np.array([1000.0] * 3 + [20.0] * 3))
         yield Comply(name="draw out", waypoints=(up,), compliance=springs, speed=0.05)
         return True
+
+    def let_go(self, name: str = "release") -> Generator[StepLike, None, None]:
+        """Open the fingers fully, before a line that leads away from the peg."""
+        yield Release(name=name)
 
     def to_hole(self, offset: np.ndarray) -> tuple[Waypoint, Waypoint]:
         """Return the waypoints above the estimated hole and down to a little above it."""

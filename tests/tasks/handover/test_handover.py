@@ -22,6 +22,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.goal import Goal
 from robo47_qp.tasks.handling.hand import Hand, closed_on
+from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handover import handover
 from robo47_qp.tasks.handover.handover import Handover
 from robo47_qp.tasks.task_state import task_state
@@ -188,7 +189,8 @@ def test_a_bar_that_turned_between_the_fingers_is_where_the_hand_is_and_put_down
     monkeypatch.setattr(handover, "camera_errs", lambda _: True)
     monkeypatch.setattr(Hand, "pose", lambda _: tcp)
     hand = Hand(sensed=live(start()), name="right")
-    held = handover._HeldBar(hand=hand, place=place)
+    grasped = HeldItem(above=None, mass=0.2, T_tcp_item=tcp.inverse() @ bar, since=0.0)
+    held = handover._HeldBar(hand=hand, held=grasped)
     found = returned(held.look(hand.sensed, TASK.bar))
     np.testing.assert_allclose(found.translation() - bar.translation(), [2e-3, -1e-3, 0], atol=1e-9)
     goal = SE3.from_translation(np.array([0.5, -0.3, 0.015]))

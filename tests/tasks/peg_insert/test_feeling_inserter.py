@@ -207,10 +207,13 @@ def test_fingers_let_go_of_a_peg_that_sticks_only_after_they_press_no_more() -> 
     assert inserts == [4.0] + 6 * [10.0]
     assert pressed[-1].force <= 0.1 * inserts[-1]
     # Before it goes over the peg, what the wrist reads is its zero: nothing is touched any more.
-    before = list(takewhile(lambda step: not isinstance(step, Waypoint), steps))
-    read = [step.untouched for step in before if isinstance(step, Wait)]
-    assert len(read) == len(before) > 0
-    assert all(read)
+    # Then the arm comes back from where the peg had held it, before it goes on a line.
+    *read, settle = takewhile(lambda step: not isinstance(step, Waypoint), steps)
+    assert len(read) == 20
+    assert all(isinstance(step, Wait) and step.untouched for step in read)
+    assert isinstance(settle, Wait)
+    assert settle.seconds >= 0.2
+    assert not settle.untouched
 
 
 def test_in_a_long_search_the_wrist_is_read_anew_as_it_drifts() -> None:

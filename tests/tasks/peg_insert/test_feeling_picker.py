@@ -158,3 +158,19 @@ def test_a_peg_that_has_tipped_over_is_not_grasped(bias: float) -> None:
     with pytest.raises(StepFailed, match="the peg lies: 89° from upright") as caught:
         next(hand._come_around(lies))
     assert caught.value.failure.cause is Cause.GRASP
+
+
+def test_a_jammed_peg_is_eased_along_all_that_pushes_it() -> None:
+    """One that is eased aside alone leaps along the hole, where the arm still pulls at it."""
+    tool, free = Tool(), FreeWrist(force=np.array([0.5, 0.0, 1.0]), time=0.0)
+    push = np.array([9.0, 0.0, -12.0])
+    tool.felt = free.force + push
+    stiff = Press(axis=np.array([0.0, 0.0, -1.0]), force=4.0, felt=lambda: 0.0, seconds=1.0)
+    steps = [step for step in feeling(tool)._ease(stiff, free) if isinstance(step, Press)]
+    assert [step.name for step in steps] == ["ease", "ease aside"]
+    np.testing.assert_allclose(steps[1].axis, push / 15.0)
+    assert steps[1].felt() == pytest.approx(-15.0)
+    # It goes with the push, and by no more than that takes.
+    assert steps[1].force > steps[1].felt()
+    tool.felt = free.force.copy()
+    assert steps[1].felt() == pytest.approx(0.0)
