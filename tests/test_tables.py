@@ -88,11 +88,28 @@ def test_kept_evaluations_become_rows(results: Path) -> None:
     (results / "success_severe_reach.json").write_text(json.dumps(to_keep(REPORT)))
     page = "a\n<!-- table: success -->\nold\n<!-- end -->\nb\n"
     lines = rendered(page, TABLES).splitlines()
-    row = "| `reach` | severe | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s | 7 |"
+    row = "| `reach` | severe | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s | 7 | `0123456` |"
     assert lines[4] == row
     assert lines[6] == "Commit `0123456789`, 2026-01-02; `docs/results/success_*.json`."
     assert lines[-2:] == ["<!-- end -->", "b"]
     assert rendered("\n".join(lines), TABLES) == "\n".join(lines)
+
+
+def test_what_the_arm_did_becomes_rows(results: Path) -> None:
+    assert TABLES["tracking"]("perturbation", "success") == NOTHING
+    figures = {
+        "max_joint_error_rad": {"median": 1.25e-3, "max": 0.02},
+        "max_tool_error_m": {"median": 2e-5, "max": 1e-3},
+        "peak_contact_force_N": {"median": 0.0, "max": 12.5},
+        "max_friction_use": {"median": 0.25, "max": 1.0000000000000002},
+    }
+    told = {**to_keep(REPORT), "figures": figures}
+    (results / "success_severe_reach.json").write_text(json.dumps(told))
+    nothing = {**told, "figures": {}}
+    (results / "alone_noise_reach.json").write_text(json.dumps(nothing))
+    rows = [TABLES["tracking"](*of).splitlines()[2] for of in (("a", "success"), ("a", "alone"))]
+    assert rows[0] == "| `reach` | severe | 1.25, 20.00 | 0.02, 1.00 | 0.00, 12.50 | 0.75, 0.00 |"
+    assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – |"
 
 
 def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> None:
@@ -128,7 +145,7 @@ def test_worlds_that_are_wrong_in_one_way_become_rows(
             keep.run(keep.KeepOptions(report=report, name=name), Console(quiet=True))
     keep.run(keep.KeepOptions(report=report, name=f"alone_{kind}_reach"), Console(quiet=True))
     row = f"| `reach` | {ALONE[kind].words} | 1 of 2 | 9.5–90.5 % | 1 | ik 1 | 1 | 12.3 s | 7 |"
-    assert TABLES["alone"]().splitlines()[2] == row
+    assert TABLES["alone"]().splitlines()[2] == f"{row} `0123456` |"
 
 
 def test_policies_are_told_against_the_first(results: Path) -> None:

@@ -1,6 +1,6 @@
 """The tables of evaluations: how often tasks succeed, by world, robot and policy."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from robo47_qp.evaluation.benchmarks.robustness.curves import Curve
 from robo47_qp.evaluation.perturbation import PRESETS
@@ -16,16 +16,61 @@ ROBOT_TASKS = ("pick_place", "reach", "obstacle_reach")
 
 def success() -> str:
     """Success of the tasks: a row for each task and level of perturbation that is kept."""
-    names = {f"success_{level}_{task}": level for level in LEVELS for task in task_names()}
-    return _by_task("perturbation", names, "success_*")
+    return _by_task("perturbation", _levels(), "success_*")
+
+
+def tracking(head: str, worlds: str) -> str:
+    """What the arm did in successes: a row for each kept evaluation of the tasks or worlds.
+
+    Args:
+        head: What the world is called.
+        worlds: `success`, or `alone` for those that are wrong in one way.
+    """
+    names = _levels() if worlds == "success" else _alone()
+    results = {name: kept(name) for name in names if is_kept(name)}
+    if not results:
+        return NOTHING
+    heads = {"task": "---", head: "---", **dict.fromkeys(_TRACKED, "--:")}
+    rows = [
+        [f"`{found['task']}`", names[name], *(cell(found) for cell in _TRACKED.values())]
+        for name, found in results.items()
+    ]
+    return with_origin(heads, rows, results, f"{worlds}_*")
+
+
+def _spread(figure: str, scale: float, *, less_one: bool = False) -> Callable[[Result], str]:
+    """Return what tells the median and the worst of a figure over episodes."""
+
+    def told(result: Result) -> str:
+        if figure not in result["figures"]:
+            return "–"
+        found = [scale * result["figures"][figure][name] for name in ("median", "max")]
+        return ", ".join(f"{max(1.0 - one, 0.0) if less_one else one:.2f}" for one in found)
+
+    return told
+
+
+_TRACKED = {
+    "joint error [mrad]": _spread("max_joint_error_rad", 1e3),
+    "tool error [mm]": _spread("max_tool_error_m", 1e3),
+    "contact force on the tool [N]": _spread("peak_contact_force_N", 1.0),
+    "slip margin": _spread("max_friction_use", 1.0, less_one=True),
+}
 
 
 def alone() -> str:
     """The stack in worlds that are wrong in one way: a row for each of them and each task."""
-    names = {
+    return _by_task("wrong", _alone(), "alone_*")
+
+
+def _levels() -> dict[str, str]:
+    return {f"success_{level}_{task}": level for level in LEVELS for task in task_names()}
+
+
+def _alone() -> dict[str, str]:
+    return {
         f"alone_{kind}_{task}": one.words for kind, one in ALONE.items() for task in task_names()
     }
-    return _by_task("wrong", names, "alone_*")
 
 
 def success_short() -> str:
@@ -115,6 +160,7 @@ def _by_task(head: str, worlds: Mapping[str, str], files: str) -> str:
         "audits kept": "--:",
         "median cycle": "--:",
         "first seed": "--:",
+        "commit": "---",
     }
     rows = [
         [f"`{found['task']}`", worlds[name], *_evaluation(found)] for name, found in results.items()
@@ -153,6 +199,7 @@ def _evaluation(result: Result) -> list[str]:
         str(result["judged"] - result["broken_audits"]),
         "–" if cycle is None else f"{cycle:.1f} s",
         str(result["seeds"][0]),
+        f"`{result['commit'][:7]}`",
     ]
 
 

@@ -10,6 +10,7 @@ from scenarios.papers.evaluations import (
     robustness,
     success,
     success_short,
+    tracking,
 )
 from scenarios.papers.judges import franka, franka_clients, robosuite
 from scenarios.papers.kept import is_kept, kept
@@ -218,6 +219,7 @@ def _law(name: str) -> str:
 TABLES: dict[str, Callable[..., str]] = {
     "success": success,
     "alone": alone,
+    "tracking": tracking,
     "success_short": success_short,
     "robots": robots,
     "robustness": robustness,
