@@ -2,7 +2,8 @@
 
 Writes logs/step_cost.json with the medians in microseconds: mj_step_us, loop_us, controller_us,
 recording_us, cartesian_us, and the backend that was measured. Controllers are asked as the loop
-asks them: many periods at once where they are in the compiled core.
+asks them: many periods at once where they are in the compiled core. A decision of a policy is
+measured in a process of its own, as in evaluations, and in this process.
 """
 
 import sys
@@ -38,6 +39,9 @@ with importing():
     from robo47_qp.report.provenance import provenance
     from robo47_qp.report.rerun.log import RerunLog
     from robo47_qp.run import signals
+    from robo47_qp.run.policy.cell import PolicyCell
+    from robo47_qp.run.policy.policy import Policy
+    from robo47_qp.run.policy.process import PolicyProcess
     from robo47_qp.run.recording import Rows
     from robo47_qp.run.row_file import RowFile
     from robo47_qp.run.runner import Runner
@@ -45,7 +49,11 @@ with importing():
     from robo47_qp.sim.simulation import Simulation
     from robo47_qp.stack import ClassicalStack
     from robo47_qp.tasks.pick_place.pick_place import PickPlace
+    from robo47_qp.tasks.reach.reach import Reach
+    from scenarios.policies.hold_poses import HoldPoses
 
+_DECISIONS = 500
+"""Decisions of a policy in a round."""
 REPORT = LOGS / "step_cost.json"
 
 
@@ -84,6 +92,7 @@ def run(options: StepCostOptions, console: Console) -> int:
     task = PickPlace()
     scenario = ClassicalStack().scenario(PANDA, task)
     costs: dict[str, list[float]] = {}
+    decided, crossed = list[float](), list[float]()
     numbers, made = 0, provenance()
     with Steps(console, options.rounds, "rounds", timed=True) as told:
         for _ in told.over(range(options.rounds)):
@@ -114,10 +123,14 @@ def run(options: StepCostOptions, console: Console) -> int:
                 "whole loop": done.loop_seconds,
             }.items():
                 costs.setdefault(name, []).append(1e6 * seconds / steps)
+            decided.append(_decisions(HoldPoses()))
+            crossed.append(_crossed())
     table = FiguresTable(("part of a step", "µs"), texts=("part of a step",))
     for name, values in costs.items():
         table.add_row(name, f"{median(values):.1f}")
     console.print(table)
+    own, alone = 1e6 * median(crossed), median(costs["controller without its observer"])
+    controller = median(costs["controller"])
     step, loop = median(costs["bare mj_step, same torques"]), median(costs["whole loop"])
     cartesian = median(costs["Cartesian impedance instead"])
     report = {
@@ -125,7 +138,10 @@ def run(options: StepCostOptions, console: Console) -> int:
         "rounds": options.rounds,
         "mj_step_us": step,
         "loop_us": loop,
-        "controller_us": median(costs["controller"]),
+        "controller_us": controller,
+        "controller_over_without_observer": controller / alone,
+        "decision_us": 1e6 * median(decided),
+        "decision_own_process_us": own,
         "recording_us": median(costs["recording: Rerun file"]),
         "cartesian_us": cartesian,
         "loop_over_mj_step": loop / step,
@@ -135,6 +151,8 @@ def run(options: StepCostOptions, console: Console) -> int:
     write_json(REPORT, {**made, **report})
     console.print(f"backend {backend()}; the loop takes {loop / step:.2f} of mj_step; {REPORT}")
     console.print(f"Cartesian impedance with the observer takes {cartesian / step:.2f} of mj_step")
+    console.print(f"the observer makes the controller take {controller / alone:.2f} times as long")
+    console.print(f"a decision of a policy in a process of its own takes {own:.0f} µs")
     factor = 1e3 / loop
     console.print(f"{numbers} numbers per step; {factor:.0f} times real time", highlight=False)
     return 0
@@ -177,6 +195,30 @@ def _control(
         active.leave(compiled, len(references.q))
         done_rows += len(references.q)
     return perf_counter() - started
+
+
+def _decisions(policy: Policy) -> float:
+    """Seconds that a decision of a policy takes."""
+    task = Reach()
+    scenario = ClassicalStack().scenario(PANDA, task)
+    cell = PolicyCell(Runner(scenario, Simulation(PANDA, task.build_scene)).loop)
+    policy.reset(cell.observe())
+    observation = cell.observe()
+    started = perf_counter()
+    for _ in range(_DECISIONS):
+        policy.act(observation)
+    return (perf_counter() - started) / _DECISIONS
+
+
+def _crossed() -> float:
+    """Seconds that a decision takes in a process of its own."""
+    path = Path(__file__).parent / "policies" / "hold_poses.py"
+    policy = PolicyProcess(f"{path}:HoldPoses")
+    try:
+        policy.start(0)
+        return _decisions(policy)
+    finally:
+        policy.close()
 
 
 def _columns(done: Run) -> float:
