@@ -182,6 +182,7 @@ class FeelingInserter(FeelingPicker):
             around = not lanes and not fine
             if around:
                 fine = True
+                yield from self._come_back()
                 yield self._line("beside the edge", self._beside_edges(edges))
             # By a wrist that has drifted meanwhile, walls would be felt everywhere.
             stiff, free = yield from self._touch()

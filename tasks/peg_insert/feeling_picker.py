@@ -140,11 +140,16 @@ class FeelingPicker(PegInserter):
         yield replace(leave, carried=self._carried())
 
     def let_go(self, name: str = "release") -> Generator[StepLike, None, None]:
-        """See `PegInserter.let_go`; the arm, which had pushed at the peg, comes back.
-
-        It does once the wrist has been read anew: by one that has drifted, it would seem to touch.
-        """
+        """See `PegInserter.let_go`; the arm, which had pushed at the peg, comes back."""
         yield from PegInserter.let_go(self, name)
+        yield from self._come_back()
+
+    def _come_back(self) -> Generator[StepLike, None, None]:
+        """Wait until the arm is where it should be, after it pushed at what it no longer touches.
+
+        It comes back once the wrist has been read anew: by one that has drifted, it would seem to
+        touch.
+        """
         yield from read_free_wrist(self.sensed, untouched=True)
         yield Wait(name="settle", seconds=SETTLE)
 

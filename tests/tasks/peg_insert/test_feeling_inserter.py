@@ -181,6 +181,13 @@ def test_a_peg_that_edges_catch_everywhere_and_no_lane_lets_in_is_not_pressed_on
         insert()
     ways = [step.name for step in steps if isinstance(step, Waypoint)]
     assert ways.count("beside the edge") == 1
+    # An arm that had pressed comes back before it goes on a line.
+    lines = (step for step in steps if isinstance(step, Waypoint))
+    k = steps.index(next(step for step in lines if step.name == "beside the edge"))
+    *read, settle = steps[k - 21 : k]
+    assert all(isinstance(step, Wait) and step.untouched for step in read)
+    assert isinstance(settle, Wait)
+    assert settle.name == "settle"
     pressed = [step for step in steps if isinstance(step, Press) and step.name == "insert"]
     assert {step.force for step in pressed} == {4.0}
 
