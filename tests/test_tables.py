@@ -112,6 +112,16 @@ def test_what_the_arm_did_becomes_rows(results: Path) -> None:
     assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – |"
 
 
+def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:
+    assert TABLES["costs"]() == NOTHING
+    told = {"all_us": {"whole loop": 41.26}, "decision_us": 80.0, "decision_own_process_us": 1200.5}
+    report = {**told, "provenance": ORIGIN_OF_TOY}
+    (results / "step_cost.json").write_text(json.dumps(to_keep(report)))
+    rows = TABLES["costs"]().splitlines()
+    assert rows[2] == "| whole loop | 41.3 |"
+    assert rows[4].endswith("| 1200.5 |")
+
+
 def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> None:
     assert TABLES["success_short"]() == TABLES["success"]() == TABLES["robots"]() == NOTHING
     told = to_keep(REPORT)

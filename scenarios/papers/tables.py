@@ -216,6 +216,20 @@ def _law(name: str) -> str:
     return f"{_LAWS[law]}: {steps}" if steps else _LAWS.get(law, f"`{name}`")
 
 
+def costs() -> str:
+    """What the parts of a control period cost, and a decision of a policy."""
+    return table(
+        "step_cost",
+        lambda found: [
+            *({"part": part, "us": us} for part, us in found["all_us"].items()),
+            {"part": "a decision of a policy in this process", "us": found["decision_us"]},
+            {"part": "the same in its own", "us": found["decision_own_process_us"]},
+        ],
+        {"part": lambda one: one["part"], "µs": lambda one: f"{one['us']:.1f}"},
+        words=("part",),
+    )
+
+
 TABLES: dict[str, Callable[..., str]] = {
     "success": success,
     "alone": alone,
@@ -232,6 +246,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "streams": streams,
     "motions": motions,
     "controllers": controllers,
+    "costs": costs,
     "franka_clients": franka_clients,
     "judge_franka": franka,
     "judge_robosuite": robosuite,
