@@ -76,8 +76,7 @@ class ItemHandler:
     T_item_standing: SE3 | None = None
     """Rotation of an item that has tipped over, from its own frame to that of `item`, with z up."""
     in_hand: HeldItem | None = None
-    """What is known of the item while it is held: where it is, if the fingers hide it from the
-    camera."""
+    """What is known of the item while it is held, which fingers may hide from the camera."""
 
     def pick(self, seen: SE3 | None = None) -> Generator[StepLike, None, HeldItem]:
         """Locate, approach, grasp and lift the item; fails with GRASP, or DROP during the lift.
