@@ -115,8 +115,9 @@ class ContactMotion(Checked, Step):
     seconds: NotNegative = 0.0
     """Longest time at the last waypoint [s]."""
     until: Condition | None = None
-    """Ends the step once it holds; the step fails with its cause if it never does. None: the step
-    runs to its end."""
+    """Ends the step once it holds. None: the step runs to its end."""
+    needed: bool = True
+    """Whether the step fails with the cause of `until` if that never holds."""
     during: tuple[Condition, ...] = ()
     """Conditions that must hold all the time: on a violation the arm stops and the step fails."""
     observe: Callable[[], None] | None = None
@@ -144,7 +145,7 @@ class ContactMotion(Checked, Step):
         return self.waypoints
 
     def _monitor(self) -> StepMonitor:
-        return StepMonitor(self.name, self.during, self.until, self.observe)
+        return StepMonitor(self.name, self.during, self.until, self.observe, needed=self.needed)
 
     def _legs(self, executor: StepExecutor) -> list[Leg]:
         return executor.plan(self.waypoints, self.speed) if self.waypoints else []

@@ -104,6 +104,8 @@ class StepMonitor:
         during: Sequence[Condition],
         until: Condition | None = None,
         observe: Callable[[], None] | None = None,
+        *,
+        needed: bool = True,
     ) -> None:
         """Set up what is checked at every call.
 
@@ -112,9 +114,10 @@ class StepMonitor:
             during: Conditions that have to hold all the time.
             until: Condition that ends the step.
             observe: Called first, to take notes of the world.
+            needed: Whether `until` has to be reached.
         """
         self._step, self._during, self._until, self._observe = step, during, until, observe
-        self._reached = False
+        self._reached, self._needed = False, needed
         self.error: StepFailed | None = None
         """The violation that was seen; None while there is none."""
 
@@ -131,12 +134,12 @@ class StepMonitor:
         return self._reached
 
     def judge(self) -> None:
-        """Check at the end of the step that nothing was violated and that `until` was reached.
+        """Check at the end of the step that nothing was violated, and `until` reached if needed.
 
         Raises:
             StepFailed: It was not so.
         """
         if self.error is not None:
             raise self.error
-        if self._until is not None and not self._reached:
+        if self._until is not None and self._needed and not self._reached:
             require(self._step, (self._until,))

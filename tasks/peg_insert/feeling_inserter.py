@@ -16,7 +16,7 @@ from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
 from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker
 from robo47_qp.tasks.peg_insert.hole_sense import SINKS, HoleSense
-from robo47_qp.tasks.peg_insert.lanes import across, end_of, lanes_beyond, search_lanes
+from robo47_qp.tasks.peg_insert.lanes import across, lanes_beyond, search_lanes
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
@@ -26,17 +26,17 @@ without contact [m/s]; and how many readings are averaged."""
 _SEARCH, _FALLING, _CENTRE = 1.5, 1.5e-3, 1.0
 """Force of the search [N]; speed at which it presses without contact: a peg that snaps off an edge
 knocks on the block [m/s]; and force with which a peg is brought back to the hole's middle [N]."""
-_FRESH, _OFF, _ARRIVED = 15, 2e-3, 1e-3
+_FRESH, _OFF = 15, 2e-3
 """Number of lanes, with the short ones between them, after which the wrist is read anew, as it
-drifts; how far the peg is lifted off for it, and how near to its end a lane is over [m]."""
+drifts; and how far the peg is lifted off for it [m]."""
 _NEAR, _FINER = 1.2e-3, 0.6
 """Half the side of the square that is searched around where the hole's edge has caught the peg [m],
 and its pitch, as a part of the one before."""
 _SINK_SPEED, _SEARCH_SPEED = 0.0035, 0.007
 """Speeds at which a peg is pressed in and searches [m/s]."""
-_EASED, _ASIDE, _ASIDE_DAMPING = 0.5, 2.0, 2000.0
-"""Force on the peg before it is eased aside or released, force from the side that is let be [N],
-and damping of the arm that gives way to more [N·s/m]."""
+_EASED, _ASIDE, _LET_BE, _ASIDE_DAMPING = 0.5, 2.0, 0.1, 2000.0
+"""Force on the peg before it is moved or released, force on it that is let be, and force that is
+left of more, to which the arm gives way [N] with a damping [N·s/m]."""
 _PRESSES = 6
 """How often a peg that is not deep is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -134,9 +134,11 @@ class FeelingInserter(FeelingPicker):
         yield from self._lower(replace(self, T_world_hole=corner), offset)
         stiff, free = yield from self._touch()
         touched = self.sensed.tool_pose()
+        if self._inside(offset):
+            touched = SE3.from_translation(-self._height(offset) * self._axis) @ touched
         lanes = search_lanes(touched, self._axis, radius, pitch)
         try:
-            stiff, free = yield from self._find(stiff, free, lanes, _FINER * pitch)
+            stiff, free = yield from self._find(stiff, free, touched, lanes, _FINER * pitch)
         except StepFailed as error:
             if error.failure.cause is Cause.TIMEOUT:
                 self.memory.T_world_hole = None
@@ -155,18 +157,35 @@ class FeelingInserter(FeelingPicker):
         yield from self._push(touched, stiff, free)
 
     def _find(
-        self, stiff: Press, free: FreeWrist, lanes: tuple[Waypoint, ...], finer: float
+        self,
+        stiff: Press,
+        free: FreeWrist,
+        touched: SE3,
+        lanes: tuple[Waypoint, ...],
+        finer: float,
     ) -> Generator[StepLike, None, tuple[Press, FreeWrist]]:
-        """Search along lanes until the peg has sunk into the hole.
+        """Search along lanes until the peg has sunk into the hole, or came down into it.
 
         Where edges only caught it, it is searched for once more around them, with a finer pitch
         [m]. Fails with TIMEOUT where nothing was found, or the peg does not go in.
+
+        Args:
+            stiff: What `_touch` returned, as is `free`.
+            free: See there.
+            touched: Pose of the tool with the peg on the block.
+            lanes: Where to search.
+            finer: The finer pitch [m].
 
         Returns:
             What `_touch` returned last.
         """
         edges, fine = list[SE3](), False
-        while lanes:
+        while self._depth(touched) < SINKS:
+            # Pressed by every touch, the peg creeps between the fingers.
+            touched = self.sensed.tool_pose()
+            if not lanes:
+                evidence = "its edge has caught the peg, and the peg does not go in there"
+                raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
             last = len(lanes) <= _FRESH and (fine or not edges)
             caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
@@ -174,11 +193,11 @@ class FeelingInserter(FeelingPicker):
             else:
                 yield from self._press_in(stiff, free, _TRIED)
                 if self._depth(caught) >= SINKS:
-                    return stiff, free
+                    break
                 lanes = lanes_beyond(caught, self._axis, lanes)
                 edges.append(caught)
                 yield from self._ease(stiff, free)
-            yield self._lift_off(stiff, _OFF)
+            yield self._lift_off(stiff, _OFF + max(0.0, self._depth(touched)))
             around = not lanes and not fine
             if around:
                 fine = True
@@ -188,8 +207,7 @@ class FeelingInserter(FeelingPicker):
             stiff, free = yield from self._touch()
             if around:
                 lanes = search_lanes(self.sensed.tool_pose(), self._axis, _NEAR, finer)
-        evidence = "its edge has caught the peg, and the peg does not go in there"
-        raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
+        return stiff, free
 
     def _beside_edges(self, edges: list[SE3]) -> SE3:
         """Return the pose of the tool, off the block, at the corner of a square around its poses.
@@ -217,17 +235,6 @@ class FeelingInserter(FeelingPicker):
         """
         sinking = Sinking(self.sensed, self._axis)
         hole = HoleSense(sensed=self.sensed, axis=self._axis, free=free, sinking=sinking)
-        found, end, caught_it = hole.found(), end_of(lanes[-1]), False
-
-        def against() -> str | None:
-            # Kept, as the arm is no longer pushed once it has stopped.
-            nonlocal caught_it
-            told = found.against()
-            caught_it = caught_it or told is None
-            off = self.sensed.tool_pose().translation() - end.translation()
-            left = float(np.linalg.norm(off - off.dot(self._axis) * self._axis))
-            return None if caught_it or (left < _ARRIVED and not last) else told
-
         searching = replace(
             stiff,
             name="search",
@@ -239,10 +246,13 @@ class FeelingInserter(FeelingPicker):
             speed=_SEARCH_SPEED,
             seconds=0.0,
             observe=sinking.read,
-            until=replace(found, against=against),
+            until=hole.found(),
+            needed=last,
         )
         yield searching
-        if not caught_it:
+        # It may have sunk while the tool came to rest.
+        sinking.read()
+        if not hole.met and sinking.sunk < SINKS:
             return None
         # While it sank, the search went on and tilted it between the fingers.
         caught = sinking.caught
@@ -274,13 +284,14 @@ class FeelingInserter(FeelingPicker):
                 raise
 
     def _ease(self, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
-        """Press hardly any more, and give way to what pushes or pulls the peg.
+        """Give way to all that pushes or pulls the peg, and press hardly any more.
 
-        One that is eased aside while the arm still pulls at it would leap once it is free.
+        In this order: friction goes with the force on the peg, and one that the arm still pulls at
+        would leap.
         """
-        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
-        aside = replace(stiff, name="ease aside", force=_EASED, damping=_ASIDE_DAMPING)
+        aside = replace(stiff, name="ease aside", force=_LET_BE, damping=_ASIDE_DAMPING)
         yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
+        yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
 
     def _push(self, touched: SE3, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
         """Let go of a peg that sticks in the hole, and push it from above with closed fingers.

@@ -154,14 +154,30 @@ def test_a_fast_path_waits_within_the_accelerations_of_the_joints() -> None:
     assert not [name for name in told if name.startswith("reference")]
 
 
-def test_a_press_that_never_touches_fails_with_its_cause() -> None:
+@pytest.mark.parametrize("needed", [True, False])
+def test_a_press_that_never_touches_fails_with_its_cause_if_it_has_to(needed: bool) -> None:
     def program(sensed: Sensed) -> Program:
-        yield press(sensed, seconds=0.5, until=touched(sensed, 4.0))
+        yield press(sensed, seconds=0.5, until=touched(sensed, 4.0), needed=needed)
+        return None
+
+    run = run_program(program)
+    assert len(rows_of(run, "press", "joints/q")) == 500
+    if not needed:
+        assert run.failure is None
+        return
+    assert run.failure is not None
+    assert (run.failure.cause, run.failure.step) == (Cause.TIMEOUT, "press")
+
+
+def test_what_must_hold_meanwhile_is_needed_in_any_case() -> None:
+    def program(sensed: Sensed) -> Program:
+        lost = touched(sensed, 4.0, Cause.DROP)
+        yield press(sensed, seconds=0.5, until=lost, during=(lost,), needed=False)
         return None
 
     run = run_program(program)
     assert run.failure is not None
-    assert (run.failure.cause, run.failure.step) == (Cause.TIMEOUT, "press")
+    assert run.failure.cause is Cause.DROP
 
 
 @pytest.mark.parametrize(

@@ -55,8 +55,8 @@ class Cell(Tool):
 
 
 def feeling(tool: Tool) -> FeelingInserter:
-    """Return who inserts a peg into a hole in the origin."""
-    return FeelingInserter(
+    """Return who inserts a peg into a hole; with the tool in the origin, the peg stands on it."""
+    hand = FeelingInserter(
         sensed=tool,
         item=PegInsert().peg,
         above=0.2,
@@ -64,3 +64,5 @@ def feeling(tool: Tool) -> FeelingInserter:
         insert_force=5.0,
         T_world_hole=SE3.identity(),
     )
+    top = hand._tool_on_top(np.zeros(2)).translation()
+    return replace(hand, T_world_hole=SE3.from_translation(-top))

@@ -67,6 +67,21 @@ def test_the_search_waits_for_the_block_and_meets_walls_slowly(
     assert hole_sense(tool, np.array([1.0, 8.0, 2.0])).pace() == pace
 
 
+@pytest.mark.parametrize(("high", "pace"), [(4.0, 1.0), (9.5, 0.3)])
+def test_a_peg_that_hops_over_the_block_goes_on_slowly_for_some_time(
+    high: float, pace: float
+) -> None:
+    """Every hop ends with a knock, the harder the faster the peg is; little ones do no harm."""
+    tool = Tool()
+    sense = hole_sense(tool, np.zeros(3))
+    paces = []
+    for k in range(60):
+        tool.felt = np.array([0.0, 0.0, high if k % 4 == 0 and k < 20 else 1.0])
+        paces.append(sense.pace())
+    assert paces[1:31] == 30 * [pace]
+    assert paces[32:] == 28 * [1.0]
+
+
 @pytest.mark.parametrize(("aside", "insists"), [(1.9, True), (2.2, False)])
 def test_the_search_does_not_insist_against_a_wall(aside: float, insists: bool) -> None:
     tool = Tool()
