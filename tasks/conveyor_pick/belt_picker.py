@@ -16,7 +16,7 @@ from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import width_around
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
-from robo47_qp.tasks.handling.held_item import HeldItem, centred
+from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handling.item_handler import UNPLANNED
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
@@ -140,8 +140,7 @@ class BeltPicker:
         held = (self._check.condition(Cause.DROP),)
         yield replace(lift, carried=self.item.payload(T_tcp_item), after=held)
         height = float(T_world_item.translation()[2] - tool.translation()[2])
-        at = centred(T_tcp_item)
-        return HeldItem(above=height, mass=self.item.mass, T_tcp_item=at, since=since)
+        return HeldItem(above=height, mass=self.item.mass, T_tcp_item=T_tcp_item, since=since)
 
     def _follow(
         self, name: str, target: Target, end: float, near: float = _NEAR, aligned: float = _ALIGNED

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from mink import SE3
 
 from robo47_qp.sim.sensed import Sensed
@@ -25,9 +24,3 @@ class HeldItem:
     def hidden(self, sensed: Sensed, name: str) -> bool:
         """Return whether the camera has not seen it in the hand: it is where the hand has it."""
         return hidden(sensed, name, self.since)
-
-
-def centred(T_tcp_item: SE3) -> SE3:
-    """Return the pose in the tool of an item that the fingers have centred between them."""
-    x, _, z = T_tcp_item.translation()
-    return SE3.from_rotation_and_translation(T_tcp_item.rotation(), np.array([x, 0.0, z]))

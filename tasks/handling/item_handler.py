@@ -16,7 +16,7 @@ from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.compliant_grasp import compliant_grasp
 from robo47_qp.tasks.handling.grasp_check import GraspCheck
-from robo47_qp.tasks.handling.held_item import HeldItem, centred
+from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handling.mass_measurement import measure_mass
 from robo47_qp.tasks.handling.pose_estimate import (
     GOOD_ENOUGH,
@@ -141,7 +141,7 @@ class ItemHandler:
         hand = self if free is None else (yield from self._weighed(free))
         yield hand.lift(self.sensed.tool_pose(), self._seen())
         above = None if self.resting is None else self.resting - height
-        T_tcp_item = centred(self._grasp(T_world_item).inverse() @ T_world_item)
+        T_tcp_item = self._grasp(T_world_item).inverse() @ T_world_item
         return HeldItem(above=above, mass=hand.item.mass, T_tcp_item=T_tcp_item, since=since)
 
     def _come_around(self, T_world_item: SE3) -> Generator[StepLike, None, None]:

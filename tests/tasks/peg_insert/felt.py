@@ -25,10 +25,11 @@ class Tool(Sensed):
 
     def __init__(self) -> None:
         self.at, self.felt = np.zeros(3), np.zeros(3)
+        self.now = self.taken = 0.0
 
     @property
     def time(self) -> float:
-        return 0.0
+        return self.now
 
     def tool_pose(self, tool: int = 0) -> SE3:
         return SE3.from_translation(self.at)
@@ -37,7 +38,7 @@ class Tool(Sensed):
         return self.felt
 
     def seen_time(self, name: str) -> float:
-        return self.time
+        return self.taken
 
     def seen_pose(self, name: str) -> SE3:
         return SE3.from_translation(self.at - np.array([0.0, 0.0, 0.03]))

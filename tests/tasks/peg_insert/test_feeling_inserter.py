@@ -1,5 +1,6 @@
 """A peg is inserted by feel, where camera and wrist err."""
 
+from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
@@ -14,6 +15,7 @@ from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Release, StepLike, Wait
+from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.peg import DEPTH
@@ -379,6 +381,25 @@ def test_a_hole_that_has_let_the_peg_in_is_searched_for_there_until_it_does_so_n
     np.testing.assert_allclose(hand.T_world_hole.translation()[:2], tool.at[:2])
     assert "sticks" in attempt(2e-3)
     np.testing.assert_allclose(sides, [6.4e-3, 4e-3, 4e-3, 6.4e-3])
+
+
+@pytest.mark.parametrize("taken", [0.5, 2.0])
+def test_a_peg_that_fingers_hide_beside_the_hole_is_where_the_hand_has_it(taken: float) -> None:
+    """The camera has seen it last before or after it was picked, at 1 s."""
+    tool = Cell(pose_bias=2e-3)
+    tool.at, tool.now, tool.taken = np.array([0.4, 0.1, 0.3]), 3.0, taken
+    T_tcp_peg = SE3.from_translation(np.array([4e-3, 0.0, -0.03]))
+    held = HeldItem(above=None, mass=0.1, T_tcp_item=T_tcp_peg, since=1.0)
+    steps = replace(feeling(tool), in_hand=held).lined_up(np.zeros(2), again=True)
+    offset = np.full(2, np.nan)
+    while tool.now < 20.0:
+        try:
+            next(steps)
+        except StopIteration as end:
+            _, offset = end.value
+            break
+        tool.now += 0.1
+    np.testing.assert_allclose(offset, [4e-3 if taken < 1.0 else 0.0, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("cause", [Cause.TIMEOUT, Cause.DROP])
