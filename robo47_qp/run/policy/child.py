@@ -18,12 +18,17 @@ import socket
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from robo47_qp.run.policy.trespass import Trespass
 
 _SUBREAPER = 36
 """PR_SET_CHILD_SUBREAPER of Linux: orphans of descendants become children of the warden."""
 _LONGEST = 2000
 """Characters that are told of an error."""
+_LOOK = 10.0
+"""Simulated time between two searches for what a policy has changed of the package [s]."""
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
 
 
@@ -87,12 +92,14 @@ def _children() -> list[int]:
 def _answer(settings: dict[str, Any]) -> None:
     """Load the policy and answer until the run is over."""
     from robo47_qp.run.foreign_code import ClassLoadError, Guard, files_beside, load_class
+    from robo47_qp.run.policy.trespass import Trespass
     from robo47_qp.run.policy.wire import receive, send
 
     line = socket.socket(fileno=settings["line"])
     place, _, _ = settings["reference"].rpartition(":")
     if place.endswith(".py"):
         sys.path.insert(0, str(Path(place).parent))
+    trespass = Trespass()
     random.seed(settings["seed"])
     _seed_numpy(settings["seed"])
     with Guard() as guard:
@@ -105,7 +112,7 @@ def _answer(settings: dict[str, Any]) -> None:
     send(line, {"ready": [] if file is None else files_beside(file)})
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(settings["seed"])
-    answers = _Answers(made)
+    answers = _Answers(made, trespass)
     while True:
         try:
             asked = receive(line, None)
@@ -118,10 +125,10 @@ def _answer(settings: dict[str, Any]) -> None:
 class _Answers:
     """The policy, made at the first question."""
 
-    def __init__(self, made: Any) -> None:
+    def __init__(self, made: Any, trespass: "Trespass") -> None:
         from robo47_qp.sim.cell_sheet import CellSheet
 
-        self._made: Any = made
+        self._made, self._trespass, self._looked = made, trespass, 0.0
         self._policy: Any = None
         self._sheet = CellSheet()
 
@@ -145,6 +152,13 @@ class _Answers:
         if guard.error is not None:
             kind = type(guard.error).__name__
             reply["raised"] = shortened(f"it raised {kind} in {method}: {told(guard.error)}")
+            return reply
+        time = asked["seen"]["time"]
+        thoroughly = method == "reset" or time >= self._looked + _LOOK
+        self._looked = time if thoroughly else self._looked
+        wrong = self._trespass.told(thoroughly=thoroughly)
+        if wrong is not None:
+            reply["raised"] = f"{wrong} in {method}"
         return reply
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import time
 from pathlib import Path
 
@@ -180,21 +181,41 @@ def test_nothing_of_a_policy_outlives_the_run_that_is_killed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "cause"),
+    ("name", "evidence"),
     [
-        ("Collector", Cause.PLACE),
-        ("Patcher", Cause.PLACE),
-        ("Forker", Cause.LIMIT),
-        ("Forger", Cause.LIMIT),
+        ("Collector", r"it went through all objects \(gc.get_objects\) in act"),
+        ("Climber", r"it went through the frames of its callers \(sys._getframe\) in act"),
+        ("Inspector", r"it went through the frames of its callers \(sys._getframe\) in act"),
+        ("Patcher", r"it replaced (PickPlace.verdict|Watchdog.check) of the package in reset"),
+        ("Forker", "its process sent an answer that nobody has asked for"),
+        ("Forger", "it sent a message of .* bytes"),
     ],
 )
-def test_no_cheat_gains_a_success(name: str, cause: Cause) -> None:
+def test_no_cheat_gains_a_success_and_each_is_named(name: str, evidence: str) -> None:
     # Long enough for the second answer of a twin, which may be late where processors are busy.
     timing = PolicyTiming(rate=10.0, seconds=5.0) if name == "Forker" else SHORT
     run = follow(PolicyProcess(f"{HOSTILE}:{name}"), task=PickPlace(), timing=timing, seed=3)
     assert run.failure is not None
-    assert run.failure.cause is cause
+    assert run.failure.cause is Cause.LIMIT
+    assert re.search(evidence, run.failure.evidence)
     assert run.measures["place_error_m"] > 0.1
+
+
+def test_what_is_changed_later_is_named_as_well() -> None:
+    policy = PolicyProcess(f"{HOSTILE}:LatePatcher")
+    policy.start()
+    try:
+        policy.reset(seen())
+        for time in (0.4, 0.6):
+            policy.act(seen(time))
+        with pytest.raises(PolicyFault, match="of the package in act"):
+            policy.act(seen(10.1))
+    finally:
+        policy.close()
+
+
+def test_libraries_may_look_at_frames_and_objects() -> None:
+    assert len(asked("Logger", times=2)) == 2
 
 
 def test_torques_of_a_policy_are_judged_like_any_others() -> None:
