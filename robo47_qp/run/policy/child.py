@@ -99,7 +99,7 @@ def _answer(settings: dict[str, Any]) -> None:
     place, _, _ = settings["reference"].rpartition(":")
     if place.endswith(".py"):
         sys.path.insert(0, str(Path(place).parent))
-    trespass = Trespass()
+    trespass = Trespass(place)
     random.seed(settings["seed"])
     _seed_numpy(settings["seed"])
     with Guard() as guard:

@@ -214,6 +214,31 @@ def test_what_is_changed_later_is_named_as_well() -> None:
         policy.close()
 
 
+def test_a_cheat_in_a_file_is_named_and_a_library_beside_it_is_not(tmp_path: Path) -> None:
+    code = "class Mine:\n    def reset(self, seen): pass\n    def act(self, seen): {}\n"
+    library, folder = tmp_path / "library", tmp_path / "policy"
+    library.mkdir()
+    folder.mkdir()
+    (library / "looks.py").write_text("import gc\ndef look(): gc.get_objects()\n")
+    (folder / "used.py").write_text("import looks\n" + code.format("looks.look()"))
+    (folder / "mine.py").write_text("import gc\n" + code.format("gc.get_objects()"))
+
+    def act(file: str) -> None:
+        policy = PolicyProcess(f"{folder}/{file}:Mine")
+        policy.start()
+        try:
+            policy.reset(seen())
+            policy.act(seen())
+        finally:
+            policy.close()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(library))
+        act("used.py")
+    with pytest.raises(PolicyFault, match=r"\(gc.get_objects\)"):
+        act("mine.py")
+
+
 def test_libraries_may_look_at_frames_and_objects() -> None:
     assert len(asked("Logger", times=2)) == 2
 
