@@ -127,6 +127,8 @@ class Runner:
         """Whether time counts: until the driver has nothing more to do but to come to rest."""
         self.failed: list[Failure] | None = None
         """How steps of the program failed so far; None where no program moves the arm."""
+        self.beyond: Sequence[tuple[float, str]] = ()
+        """See `Run.beyond`."""
         self.signals = self.loop.recording.signals
         simulation.reset()
         seed = scenario.seed
@@ -204,6 +206,7 @@ class Runner:
             fixed=self._sim.fixed(),
             retaken=loop.retaken,
             failed_steps=None if self.failed is None else len(self.failed),
+            beyond=self.beyond,
         )
 
     def finish(self) -> Failure | None:

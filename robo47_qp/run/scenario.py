@@ -58,6 +58,8 @@ class Run:
     state of the arm, which contact or a policy's torques had moved."""
     failed_steps: int | None = None
     """Steps that failed, which a program may have tried again; None without a program."""
+    beyond: Sequence[tuple[float, str]] = ()
+    """What a policy's process has done beyond its own, by name, and when that was told [s]."""
 
     @property
     def legs(self) -> list[Leg]:

@@ -10,14 +10,15 @@ from mink import SE3, SO3
 
 from robo47_qp.motion.waypoint import Waypoint
 from robo47_qp.run.contact_steps import Guarded, Press
-from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.steps import Grasp, StepLike
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_poses
 from robo47_qp.tasks.handling.wrist import FreeWrist, read_free_wrist
-from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker
+from robo47_qp.tasks.peg_insert.feeling_picker import FeelingPicker, given_up
 from robo47_qp.tasks.peg_insert.hole_sense import SINKS, HoleSense
 from robo47_qp.tasks.peg_insert.lanes import across, lanes_beyond, search_lanes
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
+from robo47_qp.tasks.peg_insert.peg_inserter import FALLEN
 from robo47_qp.tasks.peg_insert.sinking import Sinking
 
 _FIRM_TOUCH, _TOUCH_SPEED, _MEAN = 4.0, 4e-3, 30
@@ -34,9 +35,9 @@ _NEAR, _FINER = 1.2e-3, 0.6
 and its pitch, as a part of the one before."""
 _SINK_SPEED, _SEARCH_SPEED = 0.0035, 0.007
 """Speeds at which a peg is pressed in and searches [m/s]."""
-_EASED, _ASIDE, _LET_BE, _ASIDE_DAMPING = 0.5, 2.0, 0.1, 2000.0
-"""Force on the peg before it is moved or released, force on it that is let be, and force that is
-left of more, to which the arm gives way [N] with a damping [N·s/m]."""
+_EASED, _LET_BE, _AWAY, _ASIDE_DAMPING = 0.5, 2.0, 0.1, 2000.0
+"""Force on the peg before it is moved or released, force on it that is let be, force with which the
+arm goes where more pushes it [N], and damping with which it does [N·s/m]."""
 _PRESSES = 6
 """How often a peg that is not deep is eased aside and pressed again."""
 _STUCK = 8e-3
@@ -59,6 +60,8 @@ _TILTED, _BESIDE, _FAR = 2e-3, 0.7e-3, 12e-3
 coordinate beside the hole; and height above the block where that is less certain [m]."""
 _DEEP = 0.9 * DEPTH - _TILTED
 """Descent from where the peg touched the block that means it is at the bottom [m]."""
+
+_GOES_IN = "the peg goes in"
 
 
 @dataclass(kw_only=True)
@@ -166,12 +169,12 @@ class FeelingInserter(FeelingPicker):
     ) -> Generator[StepLike, None, tuple[Press, FreeWrist]]:
         """Search along lanes until the peg has sunk into the hole, or came down into it.
 
-        Where edges only caught it, it is searched for once more around them, with a finer pitch
-        [m]. Fails with TIMEOUT where nothing was found, or the peg does not go in.
+        Where edges only caught the peg, the hole is searched for once more around them, with a
+        finer pitch [m]. Fails with TIMEOUT where nothing was found, or the peg does not go in.
 
         Args:
-            stiff: What `_touch` returned, as is `free`.
-            free: See there.
+            stiff: Step that has touched the block; see `_touch`.
+            free: What the wrist read before it.
             touched: Pose of the tool with the peg on the block.
             lanes: Where to search.
             finer: The finer pitch [m].
@@ -180,12 +183,12 @@ class FeelingInserter(FeelingPicker):
             What `_touch` returned last.
         """
         edges, fine = list[SE3](), False
-        while self._depth(touched) < SINKS:
-            # Pressed by every touch, the peg creeps between the fingers.
+        while self._depth(touched) < FALLEN:
+            # From one touch to the next, the peg creeps up between the fingers.
             touched = self.sensed.tool_pose()
             if not lanes:
                 evidence = "its edge has caught the peg, and the peg does not go in there"
-                raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="search"))
+                yield given_up("search", Cause.TIMEOUT, _GOES_IN, evidence)
             last = len(lanes) <= _FRESH and (fine or not edges)
             caught = yield from self._search(stiff, free, lanes[:_FRESH], last=last)
             if caught is None:
@@ -245,14 +248,12 @@ class FeelingInserter(FeelingPicker):
             insists=hole.insists,
             speed=_SEARCH_SPEED,
             seconds=0.0,
-            observe=sinking.read,
             until=hole.found(),
             needed=last,
         )
         yield searching
         # It may have sunk while the tool came to rest.
-        sinking.read()
-        if not hole.met and sinking.sunk < SINKS:
+        if not hole.met and hole.sunk() < SINKS:
             return None
         # While it sank, the search went on and tilted it between the fingers.
         caught = sinking.caught
@@ -265,7 +266,6 @@ class FeelingInserter(FeelingPicker):
             force=_CENTRE,
             pace=None,
             insists=None,
-            observe=None,
             until=None,
         )
         return caught
@@ -289,8 +289,8 @@ class FeelingInserter(FeelingPicker):
         In this order: friction goes with the force on the peg, and one that the arm still pulls at
         would leap.
         """
-        aside = replace(stiff, name="ease aside", force=_LET_BE, damping=_ASIDE_DAMPING)
-        yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _ASIDE)
+        aside = replace(stiff, name="ease aside", force=_AWAY, damping=_ASIDE_DAMPING)
+        yield from self._give_way(replace(aside, seconds=0.5, until=None), free, _LET_BE)
         yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
 
     def _push(self, touched: SE3, stiff: Press, free: FreeWrist) -> Generator[StepLike, None, None]:
@@ -302,7 +302,7 @@ class FeelingInserter(FeelingPicker):
         deep = self._depth(touched)
         if deep < _STUCK:
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep"
-            raise StepFailed(Failure(cause=Cause.TIMEOUT, evidence=evidence, step="insert"))
+            yield given_up("insert", Cause.TIMEOUT, _GOES_IN, evidence)
         yield from self._ease(stiff, free)
         yield from self.let_go("let go")
         over = SE3.from_translation((BELOW_TOP + _TIP + _OVER) * self._axis)
@@ -314,7 +314,7 @@ class FeelingInserter(FeelingPicker):
         yield replace(stiff, name="ease", force=_EASED, seconds=0.4, until=None)
         if deep < _DEEP:
             evidence = f"the peg sticks {1e3 * deep:.1f} mm deep, though it was pushed"
-            raise StepFailed(Failure(cause=Cause.DROP, evidence=evidence, step="push"))
+            yield given_up("push", Cause.DROP, _GOES_IN, evidence)
 
     def _touch(
         self, force: float = _FIRM_TOUCH, speed: float = _TOUCH_SPEED, *, held: bool = True

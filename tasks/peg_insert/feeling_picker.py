@@ -8,7 +8,7 @@ import numpy as np
 from mink import SE3
 
 from robo47_qp.run.contact_steps import Press
-from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.failure import Cause, Condition, StepFailed
 from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
 from robo47_qp.tasks.handling.compliant_grasp import centre
 from robo47_qp.tasks.handling.held_item import HeldItem
@@ -51,7 +51,7 @@ class FeelingPicker(PegInserter):
         lean = tilt(T_world_item)
         if lean > _LIES:
             evidence = f"the {self.item.name} lies: {np.degrees(lean):.0f}° from upright"
-            raise StepFailed(Failure(cause=Cause.GRASP, evidence=evidence, step="approach"))
+            yield given_up("approach", Cause.GRASP, "the peg stands", evidence)
         come_around = ItemHandler._come_around
         if not camera_errs(self.sensed) or self.resting is None:
             yield from come_around(self, T_world_item)
@@ -157,3 +157,9 @@ class FeelingPicker(PegInserter):
         """See `ItemHandler.back_off`; a peg that sticks in the hole is not torn out."""
         yield from self.let_go("open gripper")
         yield from ItemHandler.back_off(self)
+
+
+def given_up(step: str, cause: Cause, statement: str, evidence: str) -> Wait:
+    """Return the step that fails: an attempt that is given up counts as one that has failed."""
+    condition = Condition(name=statement, cause=cause, against=lambda: evidence)
+    return Wait(name=step, seconds=0.0, until=condition)

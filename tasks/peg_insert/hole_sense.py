@@ -34,13 +34,18 @@ class HoleSense:
     sinking: Sinking
     """How far the peg has sunk."""
     met: bool = field(default=False, init=False)
-    """Whether `found` has held: an arm that has stopped is no longer pushed."""
+    """Whether the hole was found; kept, because an arm that has stopped is no longer pushed."""
     _along: deque[float] = field(default_factory=lambda: deque(maxlen=_HOPPING), init=False)
     _beyond: deque[float] = field(default_factory=lambda: deque(maxlen=_STUCK_FOR), init=False)
 
     def found(self) -> Condition:
         """Return the condition that the peg has sunk, or is stopped."""
         return Condition(name="the peg is in the hole", cause=Cause.TIMEOUT, against=self._against)
+
+    def sunk(self) -> float:
+        """Return how far the peg has sunk by now [m]."""
+        self.sinking.read()
+        return self.sinking.sunk
 
     def pace(self) -> float:
         """Return the pace of a search: it waits for the block, and slows down at walls and hops."""
@@ -57,12 +62,11 @@ class HoleSense:
 
     def _against(self) -> str | None:
         self._beyond.append(self._felt()[1])
-        stopped = float(np.mean(self._beyond)) >= _STOPPED
-        self.met |= self.sinking.sunk >= SINKS or (stopped and len(self._beyond) == _STUCK_FOR)
+        stopped, sunk = float(np.mean(self._beyond)) >= _STOPPED, self.sunk()
+        self.met |= sunk >= SINKS or (stopped and len(self._beyond) == _STUCK_FOR)
         if self.met:
             return None
-        sunk = 1e3 * self.sinking.sunk
-        return f"the peg has sunk by {sunk:.1f} mm; {1e3 * SINKS:.1f} mm are the hole"
+        return f"the peg has sunk by {1e3 * sunk:.1f} mm; {1e3 * SINKS:.1f} mm are the hole"
 
     def _felt(self) -> tuple[float, float]:
         """Return the force on the block, and that aside beyond what friction can be [N]."""

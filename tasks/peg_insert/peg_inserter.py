@@ -25,7 +25,7 @@ N·m/rad]."""
 PITCH = 0.4e-3
 """Pitch of a first spiral [m], less than the clearance: a peg tilted by 2 degrees about both axes
 goes in over 0.4 mm, and friction pulls the turns up to 0.06 mm apart."""
-_FALLEN = 2e-3
+FALLEN = 2e-3
 """Descent of the peg from first contact that means it is in the hole [m]; a peg tilted by twice the
 angular error descends by 1 mm at the edge."""
 
@@ -165,7 +165,7 @@ class PegInserter(ItemHandler):
 
     def _inside(self, offset: np.ndarray) -> bool:
         """Return True if the peg's end is so low that it must be in the hole."""
-        return -self._height(offset) >= POSITION_ERROR + _FALLEN
+        return -self._height(offset) >= POSITION_ERROR + FALLEN
 
     def _spiral(self, T_world_tcp: SE3, radius: float, pitch: float) -> tuple[Waypoint, ...]:
         """Return a square spiral around a tool pose, normal to the hole's axis, out to a radius."""
@@ -195,7 +195,7 @@ class PegInserter(ItemHandler):
 
         return Condition(name="the peg touches the block", cause=Cause.TIMEOUT, against=against)
 
-    def _sunk(self, touched: SE3, least: float = _FALLEN) -> Condition:
+    def _sunk(self, touched: SE3, least: float = FALLEN) -> Condition:
         """Return the condition that the tool is at least so far below a pose [m]."""
 
         def against() -> str | None:

@@ -44,6 +44,15 @@ def audit(run: Run) -> list[Finding]:
         *_clearances(run),
         *_contacts(run),
         *object_jumps(run),
+        *_beyond(run),
+    ]
+
+
+def _beyond(run: Run) -> list[Finding]:
+    """Return what a policy's process has done beyond its own: it gains nothing by that."""
+    return [
+        Finding(signal=f"policy {what}", unit="", limit=0.0, extreme=1.0, time=time, ok=False)
+        for time, what in run.beyond
     ]
 
 

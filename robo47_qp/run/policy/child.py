@@ -27,8 +27,6 @@ _SUBREAPER = 36
 """PR_SET_CHILD_SUBREAPER of Linux: orphans of descendants become children of the warden."""
 _LONGEST = 2000
 """Characters that are told of an error."""
-_LOOK = 10.0
-"""Simulated time between two searches for what a policy has changed of the package [s]."""
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
 
 
@@ -99,7 +97,7 @@ def _answer(settings: dict[str, Any]) -> None:
     place, _, _ = settings["reference"].rpartition(":")
     if place.endswith(".py"):
         sys.path.insert(0, str(Path(place).parent))
-    trespass = Trespass(place)
+    trespass = Trespass()
     random.seed(settings["seed"])
     _seed_numpy(settings["seed"])
     with Guard() as guard:
@@ -110,6 +108,8 @@ def _answer(settings: dict[str, Any]) -> None:
         os._exit(1)
     file = getattr(sys.modules[made.__module__], "__file__", None)
     send(line, {"ready": [] if file is None else files_beside(file)})
+    if file is not None:
+        trespass.mind(file)
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(settings["seed"])
     answers = _Answers(made, trespass)
@@ -128,7 +128,7 @@ class _Answers:
     def __init__(self, made: Any, trespass: "Trespass") -> None:
         from robo47_qp.sim.cell_sheet import CellSheet
 
-        self._made, self._trespass, self._looked = made, trespass, 0.0
+        self._made, self._trespass = made, trespass
         self._policy: Any = None
         self._sheet = CellSheet()
 
@@ -144,21 +144,18 @@ class _Answers:
             if self._policy is None:
                 self._policy = self._made()
             method, policy = asked["method"], self._policy
-            if "sheet" in asked["seen"]:
-                self._sheet = CellSheet(**asked["seen"]["sheet"])
-            seen = unpacked_observation(asked["seen"], self._sheet)
-            found = policy.reset(seen) if method == "reset" else policy.act(seen)
-            reply["action"] = packed_action(found) if method == "act" else None
+            if method != "end":
+                if "sheet" in asked["seen"]:
+                    self._sheet = CellSheet(**asked["seen"]["sheet"])
+                seen = unpacked_observation(asked["seen"], self._sheet)
+                found = policy.reset(seen) if method == "reset" else policy.act(seen)
+                reply["action"] = packed_action(found) if method == "act" else None
         if guard.error is not None:
             kind = type(guard.error).__name__
             reply["raised"] = shortened(f"it raised {kind} in {method}: {told(guard.error)}")
-            return reply
-        time = asked["seen"]["time"]
-        thoroughly = method == "reset" or time >= self._looked + _LOOK
-        self._looked = time if thoroughly else self._looked
-        wrong = self._trespass.told(thoroughly=thoroughly)
-        if wrong is not None:
-            reply["raised"] = f"{wrong} in {method}"
+        if method in ("reset", "end"):
+            self._trespass.look()
+        reply["beyond"] = self._trespass.told()
         return reply
 
 

@@ -84,11 +84,15 @@ class PolicyDriver:
             return self._episode(runner, cell)
         try:
             policy.start(runner.scenario.seed)
-            return self._episode(runner, cell)
+            failure = self._episode(runner, cell)
+            if failure is None:
+                policy.look(loop.sim.time)
+            return failure
         except ClassLoadError as error:
             return _fault(loop, str(error))
         finally:
             policy.close()
+            runner.beyond = policy.beyond
 
     def _episode(self, runner: Runner, cell: PolicyCell) -> Failure | None:
         loop, timing = runner.loop, self._timing

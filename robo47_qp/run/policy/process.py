@@ -1,5 +1,6 @@
 """PolicyProcess: a policy in a process of its own, to which only observations and actions cross."""
 
+import contextlib
 import json
 import os
 import socket
@@ -27,6 +28,8 @@ PATIENCE = 300.0
 """Longest wall time of an answer, the import of the policy included [s]."""
 _GRACE = 2.0
 """Time in which a process that closed its line must end [s]."""
+_TOLD, _LINE = 20, 200
+"""How many things are told of it that it did beyond its own, and characters of each."""
 _START = "from robo47_qp.run.policy.child import main; main()"
 
 
@@ -49,6 +52,9 @@ class PolicyProcess:
         self.files: list[str] = []
         """Source files of the policy and of the modules that it has loaded from beside it, once
         started."""
+        self.beyond: list[tuple[float, str]] = []
+        """What it has done since the start beyond its own, by name, and when that was told [s]; see
+        `Trespass`."""
 
     def start(self, seed: int | None = None) -> None:
         """Start the process and load the policy's class.
@@ -83,7 +89,7 @@ class PolicyProcess:
         )
         theirs.close()
         os.close(life)
-        self._number = 0
+        self._number, self.beyond = 0, []
         self._line.settimeout(PATIENCE)
         try:
             said = self._heard("while it was loaded")
@@ -102,7 +108,7 @@ class PolicyProcess:
         Raises:
             PolicyFault: It raised, its process ended, or it sent something else.
         """
-        self._ask("reset", observation)
+        self._ask("reset", packed_observation(observation, sheet=True), observation.time)
 
     def act(self, observation: Observation) -> Action | None:
         """See `Policy.act`; the action is not yet checked.
@@ -110,8 +116,9 @@ class PolicyProcess:
         Raises:
             PolicyFault: See `reset`.
         """
+        seen = packed_observation(observation, sheet=False)
         try:
-            action: Any = unpacked_action(self._ask("act", observation).get("action"))
+            action: Any = unpacked_action(self._ask("act", seen, observation.time).get("action"))
         except WireError as error:
             raise PolicyFault(str(error)) from error
         if isinstance(action, Stranger):
@@ -119,6 +126,11 @@ class PolicyProcess:
             kind = shortened(action.kind)
             raise PolicyFault(f"the action must be {expected}; found a {kind}.")
         return action  # type: ignore[no-any-return]
+
+    def look(self, time: float) -> None:
+        """Ask once more at the end of an episode [s] what it has done; see `beyond`."""
+        with contextlib.suppress(PolicyFault):
+            self._ask("end", {}, time, _GRACE)
 
     def close(self) -> None:
         """End the process and all that it has started, and remove its temporary files."""
@@ -129,10 +141,11 @@ class PolicyProcess:
         self._process.wait()
         self._process = None
 
-    def _ask(self, method: str, observation: Observation) -> dict[str, Any]:
+    def _ask(
+        self, method: str, seen: dict[str, Any], time: float, patience: float | None = None
+    ) -> dict[str, Any]:
         self._number += 1
-        seen = packed_observation(observation, sheet=method == "reset")
-        self._line.settimeout(PATIENCE)
+        self._line.settimeout(PATIENCE if patience is None else patience)
         try:
             send(self._line, {"number": self._number, "method": method, "seen": seen})
         except OSError as error:
@@ -140,6 +153,10 @@ class PolicyProcess:
         said = self._heard(f"in {method}")
         if said.get("number") != self._number:
             raise PolicyFault("its process sent an answer that nobody has asked for")
+        beyond = said.get("beyond")
+        for what in beyond if isinstance(beyond, list) else []:
+            if len(self.beyond) < _TOLD:
+                self.beyond.append((time, shortened(str(what)[:_LINE])))
         if "raised" in said:
             raise PolicyFault(shortened(str(said["raised"])))
         return said

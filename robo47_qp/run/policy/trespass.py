@@ -1,106 +1,109 @@
-"""Trespass: what a policy's code does that only looks for, or changes, what is not its own."""
+"""Trespass: what a policy's code does that looks for, or changes, what is not its own."""
 
-import contextlib
-import importlib.util
+import functools
+import gc
 import inspect
 import os
 import site
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import CodeType, FrameType, ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
-_SEARCHES = {
-    "gc.get_objects": "it went through all objects (gc.get_objects)",
-    "gc.get_referrers": "it went through who holds an object (gc.get_referrers)",
-    "sys._getframe": "it went through the frames of its callers (sys._getframe)",
-    "sys._current_frames": "it went through the frames of all threads (sys._current_frames)",
-}
-_PACKAGE = Path(__file__).parents[2]
-# To the tasks, a link in the package leads.
-_LIBRARIES = [_PACKAGE, _PACKAGE / "tasks", *map(Path, site.getsitepackages())]
-_LIBRARIES += [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+_PACKAGE = __name__.partition(".")[0] + "."
+_FUNCTIONS = (FunctionType, property, classmethod, staticmethod)
+_LIBRARIES = [site.getusersitepackages()]
+_LIBRARIES += [sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")]
 
 
 class Trespass:
     """Tells by name what a policy does beyond its own, in the process that runs it.
 
-    There it is in vain: no world and no verdict are in that process. Python's audit events tell the
-    searches (PEP 578). Only code in the policy's folder is meant, as libraries make them, too. It
-    does not stop one who hides what he does.
+    There, that is in vain: no world and no verdict are in that process. Searches are heard where
+    code of the policy calls for them; libraries call for such, too, and are not meant. Who hides
+    what he does is not named.
     """
 
-    def __init__(self, place: str) -> None:
-        """Listen from now on, as long as the process lives.
+    def __init__(self) -> None:
+        """Listen from now on, as long as the process lives."""
+        self._heard: dict[tuple[str, str], None] = {}
+        """Files that called for searches, and for which, in order."""
+        self._own, self._others = "", tuple[str, ...]()
+        self._found = list[str]()
+        self._told = set[str]()
+        self._before: dict[ModuleType | type, dict[str, object]] = {}
+        self._frame = sys._getframe
+        sys._getframe = self._getframe
+        for function in (gc.get_objects, gc.get_referrers):
+            setattr(gc, function.__name__, self._overheard(function))
+        self.look()
 
-        Args:
-            place: File of the policy, or name of its module.
-        """
-        self._own = _starts(_folders(place))
-        # Libraries are often installed beside it.
-        self._others = tuple(it for it in _starts(_LIBRARIES) if it.startswith(self._own))
-        self._heard: str | None = None
-        self._listening = True
-        sys.addaudithook(self._hear)
+    def mind(self, file: str) -> None:
+        """Tell what the code of a file does, and of those in its folder that are no library."""
+        folder = _start(str(Path(file).parent))
+        libraries = [_start(path) for path in (*_LIBRARIES, *sys.path)]
+        alone = folder in map(_start, _LIBRARIES)
+        self._own = os.path.realpath(file) if alone else folder
+        self._others = tuple(it for it in libraries if it != folder and it.startswith(folder))
 
-    def told(self, *, thoroughly: bool) -> str | None:
-        """Return what it has done since the last call; None if nothing.
+    def told(self) -> list[str]:
+        """Return what it has done and was not told before."""
+        heard = [f"calls {what}" for file, what in self._heard if self._is_own(file)]
+        new = [it for it in dict.fromkeys((*heard, *self._found)) if it not in self._told]
+        self._heard, self._found = {}, []
+        self._told.update(new)
+        return new
 
-        Args:
-            thoroughly: Whether to look for changes of the package, too, which takes some time.
-        """
-        heard, self._heard = self._heard, None
-        if heard is None and thoroughly:
-            changed = next(self._changes(), None)
-            return None if changed is None else f"it replaced {changed} of the package"
-        return heard
+    def look(self) -> None:
+        """Look for functions of the package that were replaced, which takes some 10 ms."""
+        modules = [it for name, it in list(sys.modules.items()) if f"{name}.".startswith(_PACKAGE)]
+        files = {getattr(module, "__file__", None) for module in modules}
+        for module in modules:
+            kinds = [it for it in list(vars(module).values()) if isinstance(it, type)]
+            holders: list[ModuleType | type] = [module]
+            holders += [it for it in kinds if it.__module__ == module.__name__]
+            for holder in holders:
+                name = holder.__name__.rpartition(".")[2]
+                self._found += [f"replaces {name}.{one}" for one in self._changed(holder, files)]
 
-    def _hear(self, event: str, _: tuple[Any, ...]) -> None:
-        if event not in _SEARCHES or not self._listening:
-            return
-        # Looking for who asks is such an event as well.
-        self._listening = False
-        caller: FrameType | None = sys._getframe(1)
+    def _changed(self, holder: ModuleType | type, files: set[str | None]) -> Iterator[str]:
+        now, before = dict(vars(holder)), self._before.get(holder)
+        if before is None:
+            before = {name: it for name, it in now.items() if isinstance(it, _FUNCTIONS)}
+            self._before[holder] = before
+            # It was loaded after the last look, and may have been changed since.
+            for name, it in before.items():
+                file = it.__code__.co_filename if isinstance(it, FunctionType) else None
+                if file is not None and file not in files and self._is_own(file):
+                    yield name
+        yield from (name for name, it in before.items() if now.get(name) is not it)
+
+    def _overheard(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def asked(*args: Any, **options: Any) -> Any:
+            self._hear(f"gc.{function.__name__}")
+            return function(*args, **options)
+
+        return asked
+
+    def _getframe(self, depth: int = 0, /) -> Any:
+        self._hear("sys._getframe")
+        return self._frame(depth + 1)
+
+    def _hear(self, function: str) -> None:
+        caller: Any = self._frame(2)
         while caller is not None and caller.f_code.co_filename == inspect.__file__:
             caller = caller.f_back
-        if caller is not None and self._is_own(caller.f_code):
-            self._heard = _SEARCHES[event]
-        self._listening = True
+        if caller is not None:
+            self._heard[caller.f_code.co_filename, function] = None
 
-    def _changes(self) -> Iterator[str]:
-        """Yield the names of what the policy has put in the package's modules and classes."""
-        modules = [it for name, it in list(sys.modules.items()) if name.startswith("robo47_qp.")]
-        for module in modules:
-            kinds = [it for it in vars(module).values() if isinstance(it, type)]
-            holders: list[ModuleType | type] = [module]
-            holders += [kind for kind in kinds if kind.__module__ == module.__name__]
-            for holder in holders:
-                for name, value in vars(holder).items():
-                    function = inspect.unwrap(value) if callable(value) else value
-                    code = getattr(function, "__code__", None)
-                    if isinstance(code, CodeType) and self._is_own(code):
-                        yield f"{holder.__name__.rpartition('.')[2]}.{name}"
-
-    def _is_own(self, code: CodeType) -> bool:
-        file = code.co_filename
-        return file.startswith(self._own) and not file.startswith(self._others)
+    def _is_own(self, file: str) -> bool:
+        path = os.path.realpath(file)
+        known = bool(self._own) and not file.startswith("<")
+        return known and path.startswith(self._own) and not path.startswith(self._others)
 
 
-def _folders(place: str) -> list[Path]:
-    """Return where the files of a policy are."""
-    if place.endswith(".py"):
-        return [Path(place).parent]
-    top, spec = place.partition(".")[0], None
-    with contextlib.suppress(ValueError):  # of a name that is none: it is refused when it is loaded
-        spec = importlib.util.find_spec(top)
-    if spec is None or top == _PACKAGE.name:
-        return []
-    if spec.submodule_search_locations is not None:
-        return [Path(folder) for folder in spec.submodule_search_locations]
-    return [] if spec.origin is None else [Path(spec.origin).parent]
-
-
-def _starts(folders: Iterable[Path]) -> tuple[str, ...]:
-    return tuple({f"{path}{os.sep}" for folder in folders for path in (folder, folder.resolve())})
+def _start(folder: str) -> str:
+    return os.path.realpath(folder).rstrip(os.sep) + os.sep

@@ -1,6 +1,7 @@
 """Policies that cheat, or harm themselves; run in processes of their own."""
 
 import contextlib
+import functools
 import gc
 import inspect
 import logging
@@ -105,14 +106,25 @@ class Patcher(Still):
 
 
 class LatePatcher(Patcher):
-    """Does so later, when a little of the episode has gone by."""
+    """Does so in its last answers."""
 
     def reset(self, observation: Observation) -> None:
         Still.reset(self, observation)
 
     def act(self, observation: Observation) -> Any:
-        if observation.time > 0.5:
+        if observation.time > 0.15:
             Patcher.reset(self, observation)
+        return JointTarget(q=self.q)
+
+
+class Remaker(Still):
+    """Replaces a property, and searches again and again."""
+
+    def act(self, observation: Observation) -> Any:
+        from robo47_qp.run.foreign_code import Guard
+
+        Guard.words = functools.partial(print)  # type: ignore[assignment]
+        gc.get_objects()
         return JointTarget(q=self.q)
 
 

@@ -181,17 +181,31 @@ def test_nothing_of_a_policy_outlives_the_run_that_is_killed() -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("Collector", {"policy calls gc.get_objects"}),
+        ("Climber", {"policy calls sys._getframe"}),
+        ("Inspector", {"policy calls sys._getframe"}),
+        ("Patcher", {"policy replaces PickPlace.verdict", "policy replaces Watchdog.check"}),
+        ("LatePatcher", {"policy replaces PickPlace.verdict", "policy replaces Watchdog.check"}),
+    ],
+)
+def test_a_cheat_that_gains_nothing_is_named_by_the_audit(name: str, broken: set[str]) -> None:
+    run = follow(PolicyProcess(f"{HOSTILE}:{name}"), task=PickPlace(), timing=SHORT, seed=3)
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert run.measures["place_error_m"] > 0.1
+    assert {finding.signal for finding in audit(run) if not finding.ok} == broken
+
+
+@pytest.mark.parametrize(
     ("name", "evidence"),
     [
-        ("Collector", r"it went through all objects \(gc.get_objects\) in act"),
-        ("Climber", r"it went through the frames of its callers \(sys._getframe\) in act"),
-        ("Inspector", r"it went through the frames of its callers \(sys._getframe\) in act"),
-        ("Patcher", r"it replaced (PickPlace.verdict|Watchdog.check) of the package in reset"),
         ("Forker", "its process sent an answer that nobody has asked for"),
         ("Forger", "it sent a message of .* bytes"),
     ],
 )
-def test_no_cheat_gains_a_success_and_each_is_named(name: str, evidence: str) -> None:
+def test_a_cheat_that_breaks_the_line_ends_its_episode(name: str, evidence: str) -> None:
     # Long enough for the second answer of a twin, which may be late where processors are busy.
     timing = PolicyTiming(rate=10.0, seconds=5.0) if name == "Forker" else SHORT
     run = follow(PolicyProcess(f"{HOSTILE}:{name}"), task=PickPlace(), timing=timing, seed=3)
@@ -201,46 +215,41 @@ def test_no_cheat_gains_a_success_and_each_is_named(name: str, evidence: str) ->
     assert run.measures["place_error_m"] > 0.1
 
 
-def test_what_is_changed_later_is_named_as_well() -> None:
-    policy = PolicyProcess(f"{HOSTILE}:LatePatcher")
+def beyond(reference: str, times: int = 2) -> list[str]:
+    """What a policy has done beyond its own."""
+    policy = PolicyProcess(reference)
     policy.start()
     try:
         policy.reset(seen())
-        for time in (0.4, 0.6):
-            policy.act(seen(time))
-        with pytest.raises(PolicyFault, match="of the package in act"):
-            policy.act(seen(10.1))
+        for k in range(times):
+            policy.act(seen(0.1 * k))
+        policy.look(0.1 * times)
+        return [what for _, what in policy.beyond]
     finally:
         policy.close()
 
 
-def test_a_cheat_in_a_file_is_named_and_a_library_beside_it_is_not(tmp_path: Path) -> None:
+def test_what_is_done_often_or_later_is_named_once() -> None:
+    """A function that was loaded before the policy is, may be replaced by anything."""
+    assert beyond(f"{HOSTILE}:Remaker", times=4) == ["calls gc.get_objects", "replaces Guard.words"]
+
+
+def test_honest_policies_are_not_named() -> None:
+    """Libraries look at frames and objects for their own purposes."""
+    assert beyond(f"{HOSTILE}:Logger") == []
+
+
+def test_a_cheat_in_a_file_is_named_and_a_library_below_it_is_not(tmp_path: Path) -> None:
     code = "class Mine:\n    def reset(self, seen): pass\n    def act(self, seen): {}\n"
-    library, folder = tmp_path / "library", tmp_path / "policy"
+    library = tmp_path / "library"
     library.mkdir()
-    folder.mkdir()
     (library / "looks.py").write_text("import gc\ndef look(): gc.get_objects()\n")
-    (folder / "used.py").write_text("import looks\n" + code.format("looks.look()"))
-    (folder / "mine.py").write_text("import gc\n" + code.format("gc.get_objects()"))
-
-    def act(file: str) -> None:
-        policy = PolicyProcess(f"{folder}/{file}:Mine")
-        policy.start()
-        try:
-            policy.reset(seen())
-            policy.act(seen())
-        finally:
-            policy.close()
-
+    (tmp_path / "used.py").write_text("import looks\n" + code.format("looks.look()"))
+    (tmp_path / "mine.py").write_text("import gc\n" + code.format("gc.get_objects()"))
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(library))
-        act("used.py")
-    with pytest.raises(PolicyFault, match=r"\(gc.get_objects\)"):
-        act("mine.py")
-
-
-def test_libraries_may_look_at_frames_and_objects() -> None:
-    assert len(asked("Logger", times=2)) == 2
+        assert beyond(f"{tmp_path}/used.py:Mine") == []
+        assert beyond(f"{tmp_path}/mine.py:Mine") == ["calls gc.get_objects"]
 
 
 def test_torques_of_a_policy_are_judged_like_any_others() -> None:

@@ -1,12 +1,16 @@
 """What a hand feels, for tests of those that pick and insert a peg by feel."""
 
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 import numpy as np
 from mink import SE3
 
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.contact_steps import Press
+from robo47_qp.run.failure import Condition, StepFailed, require
 from robo47_qp.run.scenario import Run
+from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.sensed import Sensed, Senses
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
@@ -67,3 +71,29 @@ def feeling(tool: Tool) -> FeelingInserter:
     )
     top = hand._tool_on_top(np.zeros(2)).translation()
     return replace(hand, T_world_hole=SE3.from_translation(-top))
+
+
+def performed(steps: Generator[StepLike, None, None]) -> Iterator[StepLike]:
+    """Yield the steps of a program, which fails as in a run where it gives up or searched in vain."""
+    failed: StepFailed | None = None
+    while True:
+        try:
+            step = next(steps) if failed is None else steps.throw(failed)
+        except StopIteration:
+            return
+        failed = None
+        if isinstance(step, Wait) and step.until is not None:
+            failed = _failure(step.name, step.until)
+            continue
+        yield step
+        if isinstance(step, Press) and step.name == "search" and step.needed:
+            assert step.until is not None
+            failed = _failure(step.name, step.until)
+
+
+def _failure(name: str, condition: Condition) -> StepFailed | None:
+    try:
+        require(name, (condition,))
+    except StepFailed as error:
+        return error
+    return None
