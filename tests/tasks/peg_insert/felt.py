@@ -74,7 +74,10 @@ def feeling(tool: Tool) -> FeelingInserter:
 
 
 def performed(steps: Generator[StepLike, None, None]) -> Iterator[StepLike]:
-    """Yield the steps of a program, which fails as in a run where it gives up or searched in vain."""
+    """Yield the steps of a program, which fails as in a run where it gives up.
+
+    So does a search in vain.
+    """
     failed: StepFailed | None = None
     while True:
         try:
