@@ -253,7 +253,8 @@ class FeelingInserter(FeelingPicker):
         )
         yield searching
         # It may have sunk while the tool came to rest.
-        if not hole.met and hole.sunk() < SINKS:
+        sunk = hole.sunk()
+        if not hole.met and sunk < SINKS:
             return None
         # While it sank, the search went on and tilted it between the fingers.
         caught = sinking.caught
