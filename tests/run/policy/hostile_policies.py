@@ -88,7 +88,8 @@ class Logger(Still):
     def act(self, observation: Observation) -> Any:
         logging.getLogger("policy").error("here")
         warnings.warn("here", stacklevel=2)
-        namedtuple("Pair", "a b")
+        if namedtuple("Pair", "a b").__module__ != __name__:
+            raise ValueError("the frame is another one")
         gc.collect()
         return JointTarget(q=self.q)
 
