@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import sysconfig
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from robo47_qp.run.policy import process
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.policy.policy import JointTarget, Observation
 from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
+from robo47_qp.run.policy.trespass import Trespass
 from robo47_qp.run.policy.wire import (
     packed_action,
     packed_observation,
@@ -250,6 +252,21 @@ def test_a_cheat_in_a_file_is_named_and_a_library_below_it_is_not(tmp_path: Path
         patch.syspath_prepend(str(library))
         assert beyond(f"{tmp_path}/used.py:Mine") == []
         assert beyond(f"{tmp_path}/mine.py:Mine") == ["calls gc.get_objects"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "beside"),
+    [(Path(sysconfig.get_path("purelib")), False), (Path("/home/someone/policies"), True)],
+)
+def test_files_beside_a_policy_are_its_own_but_not_among_installed_packages(
+    folder: Path, beside: bool
+) -> None:
+    # Without what listens: that would stay in this process.
+    trespass = object.__new__(Trespass)
+    trespass.mind(str(folder / "mine.py"))
+    assert trespass._is_own(str(folder / "mine.py"))
+    assert trespass._is_own(str(folder / "other.py")) == beside
+    assert not trespass._is_own("<string>")
 
 
 def test_torques_of_a_policy_are_judged_like_any_others() -> None:

@@ -100,3 +100,18 @@ def _failure(name: str, condition: Condition) -> StepFailed | None:
     except StepFailed as error:
         return error
     return None
+
+
+def lanes_of(step: Press) -> np.ndarray:
+    """Return the ends of the lanes of a search (n, 3)."""
+    targets = [waypoint.target for waypoint in step.waypoints]
+    return np.array([one.translation() for one in targets if isinstance(one, SE3)])
+
+
+def meet_edge(tool: Tool, search: Press) -> None:
+    """Let an edge stop the peg where the tool is; then nothing pushes it any more."""
+    assert search.until is not None
+    tool.felt = np.array([0.0, -6.0, 3.0])
+    for _ in range(4):
+        search.until.against()
+    tool.felt = np.zeros(3)
