@@ -57,6 +57,14 @@ class Collector(Still):
         return JointTarget(q=self.q)
 
 
+class Referrer(Still):
+    """Looks for who holds the observation."""
+
+    def act(self, observation: Observation) -> Any:
+        gc.get_referrers(observation)
+        return JointTarget(q=self.q)
+
+
 class Climber(Still):
     """Looks for the world in the frames of its callers."""
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import socket
 import sysconfig
 import time
 from pathlib import Path
@@ -186,6 +187,7 @@ def test_nothing_of_a_policy_outlives_the_run_that_is_killed() -> None:
     ("name", "broken"),
     [
         ("Collector", {"policy calls gc.get_objects"}),
+        ("Referrer", {"policy calls gc.get_referrers"}),
         ("Climber", {"policy calls sys._getframe"}),
         ("Inspector", {"policy calls sys._getframe"}),
         ("Patcher", {"policy replaces PickPlace.verdict", "policy replaces Watchdog.check"}),
@@ -234,6 +236,41 @@ def beyond(reference: str, times: int = 2) -> list[str]:
 def test_what_is_done_often_or_later_is_named_once() -> None:
     """A function that was loaded before the policy is, may be replaced by anything."""
     assert beyond(f"{HOSTILE}:Remaker", times=4) == ["calls gc.get_objects", "replaces Guard.words"]
+
+
+def test_every_start_begins_anew() -> None:
+    policy = PolicyProcess(f"{HOSTILE}:Collector")
+    for _ in range(2):
+        policy.start()
+        assert policy.beyond == []
+        policy.reset(seen())
+        policy.act(seen(0.5))
+        policy.close()
+        assert policy.beyond == [(0.5, "calls gc.get_objects")]
+
+
+def test_a_process_that_tells_without_end_is_not_listened_to_for_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    line, theirs = socket.socketpair()
+    policy = PolicyProcess("nobody")
+    policy._line = line
+    monkeypatch.setattr(process, "receive", lambda _: {"number": 1, "beyond": ["x" * 10_000] * 999})
+    policy.look(1.0)
+    assert (line.gettimeout() or np.inf) <= 5.0
+    assert len(policy.beyond) <= 20
+    assert max(len(what) for _, what in policy.beyond) <= 250
+    line.close()
+    theirs.close()
+
+
+def test_the_package_is_not_named_for_what_it_consists_of() -> None:
+    """Where the policy is a file in its folders."""
+    trespass = object.__new__(Trespass)
+    trespass._heard, trespass._found, trespass._told, trespass._before = {}, [], set(), {}
+    trespass.mind(str(Path(process.__file__).parent / "mine.py"))
+    trespass.look()
+    assert trespass.told() == []
 
 
 def test_honest_policies_are_not_named() -> None:

@@ -18,6 +18,7 @@ from robo47_qp.run.steps import Release, StepLike, Wait
 from robo47_qp.tasks.handling.held_item import HeldItem
 from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
+from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
 from tests.tasks.peg_insert.felt import Cell, Tool, feeling, lanes_of, meet_edge, performed, rows_of
 
@@ -100,6 +101,42 @@ def test_fingers_let_go_of_a_peg_that_sticks_only_after_they_press_no_more() -> 
     assert isinstance(settle, Wait)
     assert settle.seconds >= 0.2
     assert not settle.untouched
+
+
+@pytest.mark.parametrize("sinks", [False, True])
+def test_a_peg_that_is_pushed_from_above_has_to_be_at_the_bottom(sinks: bool) -> None:
+    """It sticks 9 mm deep, and closed fingers push it down or do not."""
+    tool, pressed, pushed = Tool(), list[str](), list[str]()
+    hand = feeling(tool)
+
+    def insert() -> None:
+        height = np.nan
+        for step in performed(hand.insert(np.zeros(2), 1.2e-3, 0.4e-3)):
+            if isinstance(step, Waypoint) and isinstance(step.target, SE3):
+                tool.at = step.target.translation()
+            elif isinstance(step, Press):
+                pressed.append(step.name)
+                tool.felt = np.zeros(3)
+                if step.name == "search":
+                    height = float(tool.at[2])
+                    meet_edge(tool, step)
+                elif step.name == "insert" and pressed.count("insert") == 1:
+                    tool.at = tool.at - [0.0, 0.0, 9e-3]
+                elif step.name == "touch" and "insert" in pressed:
+                    pushed.append("touch")
+                    # The fingers' ends are 9 mm below the tool, and the peg is 9 mm deep.
+                    tool.at = np.array([0.0, 0.0, height + BELOW_TOP])
+                elif step.name == "push" and sinks:
+                    tool.at = tool.at - [0.0, 0.0, DEPTH - 9e-3]
+
+    if sinks:
+        insert()
+    else:
+        with pytest.raises(StepFailed, match=r"9\.0 mm deep, though it was pushed") as caught:
+            insert()
+        assert caught.value.failure.cause is Cause.DROP
+    assert pushed == ["touch"]
+    assert pressed[-2:] == ["push", "ease"]
 
 
 def lined_up(

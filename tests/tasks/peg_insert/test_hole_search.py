@@ -132,19 +132,20 @@ def test_a_peg_that_comes_down_into_the_hole_is_not_searched_with_there(touch: i
     assert names == ["touch", *(touch - 1) * ["search", "lift off", "touch"], "ease"]
 
 
-def test_a_peg_that_has_crept_up_between_the_fingers_has_not_come_down_into_the_hole() -> None:
+def test_a_peg_that_creeps_up_between_the_fingers_has_not_come_down_into_the_hole() -> None:
+    """By 1 mm from each touch to the next."""
     tool, names = Tool(), list[str]()
-    for step in performed(feeling(tool).insert(np.zeros(2), 1.6e-3, 0.4e-3)):
+    for step in performed(feeling(tool).insert(np.zeros(2), 6.4e-3, 0.4e-3)):
         if not isinstance(step, Press):
             continue
         names.append(step.name)
-        if names.count("search") == 2:
+        if names.count("search") == 4:
             break
         if step.name == "search":
             tool.at = lanes_of(step)[-1]
-        elif names.count("touch") == 2:
-            tool.at = np.array([*tool.at[:2], -1e-3])
-    assert names == ["touch", "search", "lift off", "touch", "search"]
+        elif step.name == "touch":
+            tool.at = np.array([*tool.at[:2], -1e-3 * (names.count("touch") - 1)])
+    assert names == ["touch", *3 * ["search", "lift off", "touch"], "search"]
 
 
 @pytest.mark.parametrize("radius", [1.2e-3, 1.6e-3])
