@@ -12,14 +12,12 @@ from robo47_qp.run.contact_steps import Press
 from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import Grasp, StepLike
 from robo47_qp.sim.sensed import Sensed
-from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, camera_errs
+from robo47_qp.tasks.handling.pose_estimate import camera_errs, coordinate_error
 from robo47_qp.tasks.item import Item
 
 _DEVIATIONS = 3.0
 """Distance of each finger from the item up to which the gripper closes fast, in standard deviations
 of where the item is."""
-_FROM_FOCUS = 0.3
-"""Distance of an item from the point about which the camera's calibration is turned [m]."""
 _GENTLY = 0.01
 """Rate of the opening width when one finger touches before the other, as one does even where the
 item's pose is known [m/s]. At the gripper's full speed, the impact exceeds the rated acceleration
@@ -135,12 +133,6 @@ def width_around(
         T_world_item: Where it is seen.
         deviations: Standard deviations of what the camera errs that are left on both sides.
     """
-    wanted = item.width(sensed.tool_pose(), T_world_item) + 2.0 * deviations * _off(sensed)
+    room = 2.0 * deviations * coordinate_error(sensed)
+    wanted = item.width(sensed.tool_pose(), T_world_item) + room
     return min(wanted, sensed.width(), sensed.gripper.width_max)
-
-
-def _off(sensed: Sensed) -> float:
-    """Return the standard deviation of a seen coordinate of an item [m]."""
-    noise = sensed.sheet.noise
-    turned = _FROM_FOCUS * float(noise["rotation_bias"])
-    return float(np.linalg.norm([GOOD_ENOUGH, float(noise["pose_bias"]), turned]))

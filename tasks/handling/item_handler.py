@@ -32,7 +32,7 @@ LOST = frozenset({Cause.GRASP, Cause.SLIP, Cause.DROP})
 """Causes of failure after which the item is looked for and picked again."""
 UNPLANNED = frozenset({Cause.IK, Cause.PLAN})
 """Causes of failure before a step has started to move."""
-_ROUGH, _TO_GRASP = 4e-3, 1.5e-3
+_ROUGH, TO_GRASP = 4e-3, 1.5e-3
 """Accepted standard deviations of a coordinate: on the way, and of what is to be grasped [m]."""
 NEAR = 0.012
 """Height above its goal at which a held item is looked at once more [m]."""
@@ -89,7 +89,7 @@ class ItemHandler:
             seen: T_world_item as it has just been estimated; None looks at it.
         """
         if seen is None:
-            before = yield from self._look(self.resting, _TO_GRASP)
+            before = yield from self._look(self.resting, TO_GRASP)
         else:
             before = self.stood(at_height(self.sensed, seen, self.resting))
         try:
@@ -100,7 +100,7 @@ class ItemHandler:
             if not missed or self.across or not other._fits():
                 raise
         yield from self.back_off()
-        seen = yield from self._look(self.resting, _TO_GRASP)
+        seen = yield from self._look(self.resting, TO_GRASP)
         beside = self._beside(before, seen)
         try:
             return (yield from other._pick(beside @ seen))
@@ -109,7 +109,7 @@ class ItemHandler:
                 raise
         # The wrist does not turn so far that way.
         yield from self.back_off()
-        seen = yield from self._look(self.resting, _TO_GRASP)
+        seen = yield from self._look(self.resting, TO_GRASP)
         return (yield from replace(self, across=-other.across)._pick(beside @ seen))
 
     def _beside(self, before: SE3, after: SE3) -> SE3:

@@ -20,6 +20,8 @@ _ALIKE = 1e-6
 _UNLUCKY, _MOST = 1e-4, 300
 """Accepted probability that the median is of images that are wrong altogether, and how many images
 are taken for it at most."""
+_FROM_FOCUS = 0.3
+"""Distance of an item from the point about which the camera's calibration is turned [m]."""
 _CORNER = 0.045
 """Distance of an item's corner from its centre [m]."""
 _LATE = 1.0
@@ -100,6 +102,16 @@ def camera_errs(sensed: Sensed) -> bool:
     noise = sensed.sheet.noise
     names = ("pose_noise", "pose_bias", "rotation_bias", "heading_noise")
     return any(noise[name] for name in names)
+
+
+def coordinate_error(sensed: Sensed) -> float:
+    """Return the standard deviation of an estimated coordinate of an item, by the data sheet [m].
+
+    That of `GOOD_ENOUGH` images, and of the camera's calibration, which is the same in all.
+    """
+    noise = sensed.sheet.noise
+    turned = _FROM_FOCUS * float(noise["rotation_bias"])
+    return float(np.linalg.norm([GOOD_ENOUGH, float(noise["pose_bias"]), turned]))
 
 
 def frames_needed(sensed: Sensed, good_enough: float) -> int:

@@ -1,6 +1,6 @@
 """Sort boxes and cylinders into two bins by colour."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -16,7 +16,7 @@ from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
+from robo47_qp.tasks.handling.item_handler import HOME, LOST, TO_GRASP, ItemHandler
 from robo47_qp.tasks.handling.place_criterion import (
     END,
     Miss,
@@ -24,7 +24,13 @@ from robo47_qp.tasks.handling.place_criterion import (
     told,
     unfinished,
 )
-from robo47_qp.tasks.handling.pose_estimate import GOOD_ENOUGH, estimate_poses
+from robo47_qp.tasks.handling.pose_estimate import (
+    GOOD_ENOUGH,
+    at_height,
+    camera_errs,
+    coordinate_error,
+    estimate_poses,
+)
 from robo47_qp.tasks.heading import end_tilt, face_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
@@ -42,9 +48,10 @@ _SIDES, _HEIGHTS, _MASSES = (0.025, 0.045), (0.035, 0.05), (0.05, 0.3)
 _LET_GO = 0.02
 """Width by which the fingers open in a bin [m]."""
 _ROUGH = 2e-3
-"""Accepted standard deviation of a coordinate: bins have room, items are looked at again [m]."""
-_ON_TABLE = 0.01
-"""Largest seen distance from the table of an item that stands on it [m]."""
+"""Accepted standard deviation of a coordinate of a held item: bins have room [m]."""
+_ON_TABLE, _DEVIATIONS = 0.01, 3.0
+"""How much higher than one that stands on the table an item may be seen and be taken to stand there
+[m], and how many standard deviations of what the camera errs by beside [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,13 +175,13 @@ class Sort(Task):
 
     def program(self, sensed: Sensed) -> Program:
         """See `Task.program`."""
+        names = [item.name for item in self.items]
         left, good_enough = len(self.items) + self.retries, GOOD_ENOUGH
         while left:
-            names = [item.name for item in self.items]
             seen = yield from estimate_poses(sensed, names, good_enough)
-            # What is still loose, and where there is room: each item is looked at again.
-            good_enough = _ROUGH
-            loose = [item for item in self.items if not self._is_in(item, seen[item.name])]
+            # What is still loose, and where there is room: one look, as well as a grasp calls for.
+            good_enough = TO_GRASP
+            loose = [item for item in self.items if not self._seen_in(sensed, item, seen)]
             if not loose:
                 break
             left -= 1
@@ -182,7 +189,7 @@ class Sort(Task):
             hand = self._hand(sensed, item, seen[item.name])
             others = [seen[other.name] for other in self.items if other is not item]
             try:
-                yield from self._sort(hand, sensed, others)
+                yield from self._sort(hand, seen[item.name], others)
             except StepFailed as error:
                 if error.failure.cause not in LOST:
                     raise
@@ -229,26 +236,42 @@ class Sort(Task):
         return {"sorted": float(sum(sorted_))}
 
     def _sort(
-        self, hand: ItemHandler, sensed: Sensed, others: Sequence[SE3]
+        self, hand: ItemHandler, seen: SE3, others: Sequence[SE3]
     ) -> Generator[StepLike, None, None]:
-        """Pick an item and put it down in a free slot of its bin."""
-        held = yield from hand.pick()
+        """Pick an item that has just been seen and put it down in a free slot of its bin."""
+        held = yield from hand.pick(seen)
         T_world_item = yield from hand.look_held(held, _ROUGH)
         taken = [(float(x), float(y)) for x, y, _ in (T.translation() for T in others)]
         slot = self._bin(hand.item).free_slot(taken)
-        goal = self._down(hand.item, slot, sensed.tool_pose(), T_world_item)
+        goal = self._down(hand.item, slot, hand.sensed.tool_pose(), T_world_item)
         yield from hand.place(goal, held)
 
     def _is_in(self, item: Item, T_world_item: SE3) -> bool:
         return self._bin(item).holds(T_world_item.translation())
+
+    def _seen_in(self, sensed: Sensed, item: Item, seen: Mapping[str, SE3]) -> bool:
+        """Return whether an item is in its bin, as far as the camera tells."""
+        T_world_item = seen[item.name]
+        standing, _ = upright_item(item, T_world_item)
+        height = self._resting(sensed, standing, T_world_item)
+        return self._is_in(item, at_height(sensed, T_world_item, height))
+
+    def _resting(self, sensed: Sensed, item: Item, T_world_item: SE3) -> float | None:
+        """Return the height at which an item stands on the table [m]; None if it does not.
+
+        What is off by no more than the camera errs stands there, and what is seen lower does, too:
+        a hand that goes by the camera's height reaches into the table, or presses the item on it.
+        """
+        on_table = TABLE_TOP + 0.5 * item.height
+        off = _DEVIATIONS * coordinate_error(sensed) if camera_errs(sensed) else 0.0
+        higher = float(T_world_item.translation()[2]) - on_table
+        return on_table if higher < _ON_TABLE + off else None
 
     def _bin(self, item: Item) -> Bin:
         return next(place for place in self.bins if place.rgba == item.rgba)
 
     def _hand(self, sensed: Sensed, item: Item, T_world_item: SE3) -> ItemHandler:
         item, turn = upright_item(item, T_world_item)
-        on_table = TABLE_TOP + 0.5 * item.height
-        stands = abs(T_world_item.translation()[2] - on_table) < _ON_TABLE
         return ItemHandler(
             sensed=sensed,
             item=item,
@@ -256,7 +279,7 @@ class Sort(Task):
             force=item.grip_force(self.grip_force, sensed.sheet.acceleration),
             opening=_LET_GO,
             good_enough=_ROUGH,
-            resting=on_table if stands else None,
+            resting=self._resting(sensed, item, T_world_item),
             T_item_standing=turn,
         )
 
