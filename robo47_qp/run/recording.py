@@ -105,7 +105,7 @@ class Recording:
         """Where the next chunks are kept."""
         self._full: list[Matrix] = []
         self._before = 0
-        self._chunk = np.empty((0, self._width))
+        self._chunk = self._empty()
         self._count = np.zeros(1, np.int64)
         self._closed = self._handed_on = 0
 
@@ -144,7 +144,7 @@ class Recording:
             full, first = self._chunk, self._handed_on
             self._full.append(full)
             self._before += len(full)
-            self._chunk, self._count = self._chunk[:0], np.zeros(1, np.int64)
+            self._chunk, self._count = self._empty(), np.zeros(1, np.int64)
             self._closed = self._handed_on = 0
             self._hand_on(full[first:])
 
@@ -158,17 +158,27 @@ class Recording:
         if first < self._closed:
             self._hand_on(self._chunk[first : self._closed])
 
-    def rows(self, *, copied: bool = True) -> Rows:
-        """Return all closed rows.
+    def rows(self) -> Rows:
+        """Return a copy of all closed rows."""
+        return Rows(self.signals, np.concatenate(self._parts()))
 
-        Args:
-            copied: False may return the memory of the recording itself, for who ends it.
+    def hand_over(self) -> Rows:
+        """Return all closed rows, and keep none of them: for who ends the recording.
+
+        Whoever recorded may live on for long, as objects that refer to each other do. The rows of
+        a run of minutes take hundreds of megabytes.
         """
-        parts = [*self._full, self._chunk[: self._closed]]
-        whole = None
-        if not copied and isinstance(self.store, _Memory):
-            whole = self.store.whole(parts)
+        parts, store = self._parts(), self.store
+        whole = store.whole(parts) if isinstance(store, _Memory) else None
+        self.store, self._full, self._chunk = _Memory(self._width), [], self._empty()
+        self._before, self._closed = len(self), 0
         return Rows(self.signals, np.concatenate(parts) if whole is None else whole)
+
+    def _empty(self) -> Matrix:
+        return np.empty((0, self._width))
+
+    def _parts(self) -> list[Matrix]:
+        return [*self._full, self._chunk[: self._closed]]
 
     def _hand_on(self, values: Matrix) -> None:
         for sink in self.sinks:

@@ -195,9 +195,11 @@ class Runner:
         recording.flush()
         with Blamed(type(task)):
             measures = task.measures(self._sim)
+        # It would keep the rows, see `hand_over`.
+        self._sim.lately = None
         return Run(
             scenario=self.scenario,
-            rows=recording.rows(copied=False),
+            rows=recording.hand_over(),
             phases=loop.phases,
             failure=failure,
             measures=measures,

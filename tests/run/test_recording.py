@@ -1,6 +1,7 @@
 """Recordings: every row handed on once, in order, and kept."""
 
 from dataclasses import dataclass, field
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from robo47_qp.errors import RecordingError, UnknownNameError
 from robo47_qp.run.control_loop import BLOCK_END
 from robo47_qp.run.recording import CHUNK_ROWS, Recording, Rows, slices
 from robo47_qp.sim.signal import Signal
+from tests.runs import Reach, make_runner
 
 SIGNALS = (
     Signal(name="time", labels=("t",), unit="s"),
@@ -176,7 +178,7 @@ def test_rows_count_as_they_are_filled() -> None:
     assert recording.room == 3
 
 
-def test_rows_that_are_not_copied_are_the_same() -> None:
+def test_rows_that_are_handed_over_are_the_same_and_gone() -> None:
     """In one piece of memory and in several, with a chunk that is not full."""
     for count in (1, 7, 200):
         recording = Recording(SIGNALS, chunk_rows=4)
@@ -185,6 +187,22 @@ def test_rows_that_are_not_copied_are_the_same() -> None:
             row[:] = k + np.arange(row.shape[1])
             recording.count[0] += 1
             recording.close_rows()
-        whole = recording.rows(copied=False).values
-        np.testing.assert_array_equal(whole, recording.rows().values)
-        assert len(whole) == count
+        copied = recording.rows().values
+        whole = recording.hand_over().values
+        np.testing.assert_array_equal(whole, copied)
+        assert len(whole) == len(recording) == count
+        assert len(recording.rows()) == 0
+
+
+def test_the_rows_of_a_run_are_gone_with_it() -> None:
+    """Though the objects that recorded them live on: a run of minutes takes hundreds of MB."""
+    runner, _ = make_runner(Reach())
+    run = runner.run()
+    memory: object = run.rows.values
+    while isinstance(memory, np.ndarray):
+        memory = memory.base
+    assert isinstance(memory, memoryview)
+    pages = ref(memory.obj)
+    del run, memory
+    assert pages() is None
+    assert len(runner.loop.recording) > 100
