@@ -1,7 +1,8 @@
 """Mutants: are mistakes that were made on purpose caught? `python -m tests.mutants`.
 
 Each of tests/mutants.toml changes one place of the sources in a copy of the repository, where the
-tests that are to catch it then run. A mutant that survives is one that they let pass.
+tests that are to catch it then run; several copies share the work. A mutant that survives is one
+that they let pass.
 """
 
 import os
@@ -10,14 +11,19 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
+from queue import SimpleQueue
+from typing import TypeVar
 
 from rich.console import Console
 
+from robo47_qp.arrays import Count
 from robo47_qp.cli import FAILED, LOGS, OK, main
 from robo47_qp.errors import InvalidValueError
+from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.files import check_writable, write_json
 from robo47_qp.report.provenance import provenance
 from robo47_qp.report.terminal import print_files
@@ -26,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MUTANTS = ROOT / "tests" / "mutants.toml"
 _PASSED, _CAUGHT, _BROKEN = 0, 1, 2
 """Exit codes of pytest: all passed, some failed, a file could not be read."""
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +66,8 @@ class MutantOptions:
 
     only: str = ""
     """Part of the names of the files to change; all by default."""
+    workers: Count = field(default_factory=cores)
+    """Number of mutants that are tried at once; by default one per core."""
     report: Path = LOGS / "mutants.json"
     """File for what was caught (JSON)."""
 
@@ -79,12 +88,12 @@ def run(options: MutantOptions, console: Console) -> int:
         )
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        copy = _copied(Path(folder) / "copy")
-        broken = _failing(copy, sorted({name for mutant in chosen for name in mutant.tests}))
-        if broken is not None:
-            raise InvalidValueError("tests without a mistake", f"{broken} fails", "all to pass")
-        for mutant in chosen:
-            caught = _tried(copy, mutant)
+        copies = [_copied(Path(folder) / f"copy {i}") for i in range(options.workers)]
+        tests = sorted({name for mutant in chosen for name in mutant.tests})
+        for broken in _shared(copies, lambda copy, name: _failing(copy, [name]), tests):
+            if broken is not None:
+                raise InvalidValueError("tests without a mistake", f"{broken} fails", "all to pass")
+        for mutant, caught in zip(chosen, _shared(copies, _tried, chosen), strict=True):
             told = f"caught by {caught}" if caught else "SURVIVED"
             console.print(f"{mutant.file}: {mutant.new!r} {told}", soft_wrap=True, markup=False)
             rows.append({"file": mutant.file, "old": mutant.old, "new": mutant.new, "by": caught})
@@ -93,6 +102,25 @@ def run(options: MutantOptions, console: Console) -> int:
     write_json(options.report, {**made, "mutants": len(rows), "caught": count, "rows": rows})
     print_files(console, {"report": options.report})
     return OK if count == len(rows) else FAILED
+
+
+def _shared(
+    copies: Sequence[Path], work: Callable[[Path, Item], str | None], items: Sequence[Item]
+) -> Iterator[str | None]:
+    """Yield what comes of each item, in order; in each copy, one is worked on at a time."""
+    free: SimpleQueue[Path] = SimpleQueue()
+    for copy in copies:
+        free.put(copy)
+
+    def one(item: Item) -> str | None:
+        copy = free.get()
+        try:
+            return work(copy, item)
+        finally:
+            free.put(copy)
+
+    with ThreadPoolExecutor(len(copies)) as pool:
+        yield from pool.map(one, items)
 
 
 def _copied(folder: Path) -> Path:
