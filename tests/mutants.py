@@ -88,7 +88,8 @@ def run(options: MutantOptions, console: Console) -> int:
         )
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        copies = [_copied(Path(folder) / f"copy {i}") for i in range(options.workers)]
+        workers = min(options.workers, len(chosen))
+        copies = [_copied(Path(folder) / f"copy {i}") for i in range(workers)]
         tests = sorted({name for mutant in chosen for name in mutant.tests})
         for broken in _shared(copies, lambda copy, name: _failing(copy, [name]), tests):
             if broken is not None:

@@ -87,6 +87,11 @@ class Recording:
     A writer opens rows, adds one to `count` whenever one of them is filled, and calls `close_rows`.
     """
 
+    _chunk: Matrix
+    _count: NDArray[np.int64]
+    _closed: int
+    _handed_on: int
+
     def __init__(
         self, signals: Sequence[Signal], chunk_rows: int = CHUNK_ROWS, sinks: Sequence[Sink] = ()
     ) -> None:
@@ -105,9 +110,7 @@ class Recording:
         """Where the next chunks are kept."""
         self._full: list[Matrix] = []
         self._before = 0
-        self._chunk = self._empty()
-        self._count = np.zeros(1, np.int64)
-        self._closed = self._handed_on = 0
+        self._begin_chunk()
 
     def __len__(self) -> int:
         """Return the number of closed rows."""
@@ -144,8 +147,7 @@ class Recording:
             full, first = self._chunk, self._handed_on
             self._full.append(full)
             self._before += len(full)
-            self._chunk, self._count = self._empty(), np.zeros(1, np.int64)
-            self._closed = self._handed_on = 0
+            self._begin_chunk()
             self._hand_on(full[first:])
 
     def flush(self) -> None:
@@ -170,12 +172,14 @@ class Recording:
         """
         parts, store = self._parts(), self.store
         whole = store.whole(parts) if isinstance(store, _Memory) else None
-        self.store, self._full, self._chunk = _Memory(self._width), [], self._empty()
-        self._before, self._closed = len(self), 0
+        self.store, self._full, self._before = _Memory(self._width), [], len(self)
+        self._begin_chunk()
         return Rows(self.signals, np.concatenate(parts) if whole is None else whole)
 
-    def _empty(self) -> Matrix:
-        return np.empty((0, self._width))
+    def _begin_chunk(self) -> None:
+        """Keep no chunk until rows are opened."""
+        self._chunk, self._count = np.empty((0, self._width)), np.zeros(1, np.int64)
+        self._closed = self._handed_on = 0
 
     def _parts(self) -> list[Matrix]:
         return [*self._full, self._chunk[: self._closed]]

@@ -1,6 +1,6 @@
 """Sort boxes and cylinders into two bins by colour."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -181,7 +181,9 @@ class Sort(Task):
             seen = yield from estimate_poses(sensed, names, good_enough)
             # What is still loose, and where there is room: one look, as well as a grasp calls for.
             good_enough = TO_GRASP
-            loose = [item for item in self.items if not self._seen_in(sensed, item, seen)]
+            loose = [
+                item for item in self.items if not self._seen_in(sensed, item, seen[item.name])
+            ]
             if not loose:
                 break
             left -= 1
@@ -249,9 +251,8 @@ class Sort(Task):
     def _is_in(self, item: Item, T_world_item: SE3) -> bool:
         return self._bin(item).holds(T_world_item.translation())
 
-    def _seen_in(self, sensed: Sensed, item: Item, seen: Mapping[str, SE3]) -> bool:
-        """Return whether an item is in its bin, as far as the camera tells."""
-        T_world_item = seen[item.name]
+    def _seen_in(self, sensed: Sensed, item: Item, T_world_item: SE3) -> bool:
+        """Return whether an item that is seen at a pose is in its bin."""
         standing, _ = upright_item(item, T_world_item)
         height = self._resting(sensed, standing, T_world_item)
         return self._is_in(item, at_height(sensed, T_world_item, height))

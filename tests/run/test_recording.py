@@ -192,6 +192,10 @@ def test_rows_that_are_handed_over_are_the_same_and_gone() -> None:
         np.testing.assert_array_equal(whole, copied)
         assert len(whole) == len(recording) == count
         assert len(recording.rows()) == 0
+        # It could go on, with what comes after.
+        fill(recording, 3, 1000)
+        assert len(recording) == count + 3
+        assert len(recording.rows()) == 3
 
 
 def test_the_rows_of_a_run_are_gone_with_it() -> None:

@@ -130,15 +130,15 @@ def test_an_item_that_the_camera_sees_above_the_rim_is_in_its_bin(off: float, in
     wrong = Disturbance(pose_bias=4e-3, pose_noise=1e-12)
     errs = DisturbedSimulation(PANDA, ONE.build_scene, wrong, np.random.default_rng(1))
     item = ONE.items[0]
-    seen = {item.name: upright([0.45, -0.37, 0.5 * item.height + off], 0.0)}
+    seen = upright([0.45, -0.37, 0.5 * item.height + off], 0.0)
     assert ONE._seen_in(live(errs), item, seen) == inside
-    beside = {item.name: upright([0.45, -0.2, 0.5 * item.height], 0.0)}
+    beside = upright([0.45, -0.2, 0.5 * item.height], 0.0)
     assert not ONE._seen_in(live(errs), item, beside)
     # One that lies on its side, by its height there.
     tall = replace(item, size=(0.025, 0.025, 0.05))
     lying = SE3.from_rotation(SO3.from_x_radians(0.5 * np.pi))
     for higher, stands in ((0.021, True), (0.03, False)):
-        at = {item.name: upright([0.45, -0.37, 0.5 * 0.025 + higher], 0.0) @ lying}
+        at = upright([0.45, -0.37, 0.5 * 0.025 + higher], 0.0) @ lying
         assert ONE._seen_in(live(errs), tall, at) == stands
 
 
