@@ -13,7 +13,12 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.steps import Look, StepLike
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses, frames_needed
+from robo47_qp.tasks.handling.pose_estimate import (
+    coordinate_error,
+    estimate_pose,
+    estimate_poses,
+    frames_needed,
+)
 from robo47_qp.tasks.item import Item
 from tests.runs import live
 
@@ -177,3 +182,15 @@ def test_as_many_images_are_taken_as_a_heading_needs() -> None:
         headings.append(float((true.inverse() @ seen.rotation()).log()[2]))
     # 0.9 mm at a corner that is 45 mm away.
     assert 0.0 < np.std(headings) < 1.6 * 0.02
+
+
+@pytest.mark.parametrize(
+    ("bias", "turn", "millimetres"), [(0.0, 0.0, 0.9), (4e-3, 0.0, 4.1), (4e-3, 0.0175, 6.661)]
+)
+def test_a_coordinate_errs_by_images_shift_and_turn_of_the_calibration(
+    bias: float, turn: float, millimetres: float
+) -> None:
+    """The turn counts at 300 mm from where the camera was calibrated: 5.25 mm."""
+    wrong = Disturbance(pose_bias=bias, rotation_bias=turn)
+    simulation = DisturbedSimulation(PANDA, build, wrong, np.random.default_rng(3))
+    assert 1e3 * coordinate_error(live(simulation)) == pytest.approx(millimetres, abs=1e-3)

@@ -85,7 +85,7 @@ def test_items_that_are_looked_at_again_are_looked_at_less() -> None:
     first, *later = took["look at red box, red cylinder"]
     assert first > 2.5
     assert len(later) == 2
-    assert max(later) < 1.5
+    assert 0.9 < min(later) <= max(later) < 1.5
     # What has just been seen is grasped: each is looked at again in the hand, before it is carried,
     # above its bin and beside the ground, and no better than bins call for.
     for name in ("red box", "red cylinder"):
