@@ -36,7 +36,8 @@ int r47_friction_change(r47_friction *c) {
     double z = step * per_displacement + c->z[i];
     z = largest(least(z, 1.0), -1.0);
     const double turn = z - c->z[i];
-    slow[i] = turn != 0.0 || fabs(step) < c->slow;
+    c->gone[i] = turn != 0.0 || !moved ? 0.0 : c->gone[i] + fabs(step);
+    slow[i] = turn != 0.0 || (fabs(step) < c->slow && c->gone[i] < c->loose);
     c->q[i] = c->given[i];
     c->z[i] = z;
     if (turn != 0.0) turned = 1;

@@ -12,12 +12,14 @@ typedef struct {
   double per_update, settling;
   double per_displacement, per_start; /* of z; the latter where joints start from rest */
   double slow;                        /* displacement in an update, below which a joint may stick */
+  double loose;                       /* displacement after which it does not */
   double creeps; /* that below which a reversal is partly left to the observer */
   int started;
   int count, learning; /* updates until now, and how many there are to each step of learning */
   double *q;           /* the reference of the last update */
   double *z;           /* direction of motion, -1 to 1 */
-  double *since;       /* time since z changed, or the joint was slow [s] */
+  double *gone;        /* displacement since z changed, or the reference rested */
+  double *since;       /* time since z changed, or the joint may have stuck [s] */
   double *rested;      /* (1,) time since the reference moved [s] */
   double *moving;      /* (1,) time since the reference rested [s] */
   double *b, *f;       /* what was learned */

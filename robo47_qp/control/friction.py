@@ -21,6 +21,9 @@ which joints at rest have come to rest, and in which those that start do so [s].
 _SLOW = 0.01
 """Speed of the reference below which a joint may stick: nothing is learned of it then [rad/s] or
 [m/s]."""
+_LOOSE = 3e-4
+"""How far a joint may have been led since it turned or rested, and still stick [rad] or [m]. While
+it does, less than all of its friction is seen."""
 _CREEPS = 0.1
 """Share of that below which the observer has the time to find a reversal out, unless the friction
 is told from the start [-]: with all of it, tools of `moderate` worlds left their lines by 0.33 mm
@@ -39,9 +42,9 @@ class FrictionLearning(Checked):
     Torques are shares of the motors' torque, those of b of the largest gravity torque.
 
     At rest friction is what holds the joints where they came to rest, of any size up to f and
-    against either direction, whatever they did before. Nothing is learned then, nor of a joint so
-    slow that it may stick; z is estimated from y at rest, with b and f as they are: it is from
-    there that the friction turns at the next start.
+    against either direction, whatever they did before. Nothing is learned then, nor of a slow joint
+    until it has been led so far that it sticks no more; z is estimated from y at rest, with b and f
+    as they are: it is from there that the friction turns at the next start.
 
     At a reversal the observer's disturbance is changed by -M⁻¹ f Δz at once, so that it does not
     have to find out about it. Where a joint creeps, but for the start from rest while nothing is
@@ -83,7 +86,7 @@ class LearnedFriction:
         told = arm.robot.dry_friction is not None
         self._creeps = self._slow if told else _CREEPS * self._slow
         self._q, self._started = np.zeros(n), False
-        self._z, self._since = np.zeros(n), np.zeros(n)
+        self._z, self._gone, self._since = np.zeros((3, n))
         self._rested, self._moving = np.zeros(1), np.zeros(1)
         self._b, self._f, self._most = np.zeros(n), np.zeros(n), settings.most * scale
         if arm.robot.dry_friction is not None:
@@ -132,6 +135,7 @@ class LearnedFriction:
             self._hold(arm, disturbance)
         if q_ref.tobytes() == self._q.tobytes():
             self._moving[0] = 0.0
+            self._gone[:] = 0.0
             return None
         starts = disturbance is not None and self._moving[0] < _SETTLING
         self._moving += self._per_update
@@ -143,7 +147,10 @@ class LearnedFriction:
         np.maximum(z, -1.0, out=z)
         self._q[:] = q_ref
         turned = z - self._z
-        self._since[(turned != 0.0) | (np.abs(step) < self._slow)] = 0.0
+        self._gone += np.abs(step)
+        self._gone[turned != 0.0] = 0.0
+        slow = (np.abs(step) < self._slow) & (self._gone < _LOOSE)
+        self._since[(turned != 0.0) | slow] = 0.0
         if not turned.any():
             return None
         self._z[:] = z
@@ -221,11 +228,13 @@ class LearnedFriction:
             per_displacement=self._per_displacement,
             per_start=self._per_start,
             slow=self._slow,
+            loose=_LOOSE,
             creeps=self._creeps,
             settling=_SETTLING,
             learning=_LEARNING,
             q=self._q,
             z=self._z,
+            gone=self._gone,
             since=self._since,
             rested=self._rested,
             moving=self._moving,

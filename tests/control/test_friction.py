@@ -14,7 +14,7 @@ from robo47_qp.control.friction import FrictionLearning, LearnedFriction
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference
-from robo47_qp.model.robot import Robot
+from robo47_qp.model.robot import MotionProfile, Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
@@ -71,10 +71,23 @@ def test_nothing_is_learned_of_joints_that_may_stick(compiled: bool) -> None:
         go(0.1 * direction, direction * TRUTH, 100)
     known = friction.friction
     assert known == pytest.approx(TRUTH, rel=0.1)
-    go(0.005, 0.1 * TRUTH, 100)
+    for _ in range(2):
+        go(0.0, TRUTH, 20)
+        go(0.001, 0.1 * TRUTH, 29)
+        np.testing.assert_array_equal(friction.friction, known)
+    go(-0.001, -0.1 * TRUTH, 45)
     np.testing.assert_array_equal(friction.friction, known)
-    go(0.02, 0.1 * TRUTH, 100)
+    go(-0.02, -0.1 * TRUTH, 20)
     assert (friction.friction < known).all()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_of_slow_joints_is_learned_when_they_have_been_led_far_enough(compiled: bool) -> None:
+    friction, go = learning(Arm(PANDA), compiled=compiled)
+    go(0.001, TRUTH, 35)
+    np.testing.assert_array_equal(friction.friction, STILL)
+    go(0.001, TRUTH, 60)
+    assert (friction.friction[4:] > 0.5 * TRUTH[4:]).all()
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -193,6 +206,35 @@ def test_joints_that_go_back_from_rest_are_hardly_left_behind() -> None:
         return float(max(errors))
 
     assert error(FrictionLearning().start) < 0.4 * error(FrictionLearning().displacement)
+
+
+def test_a_joint_that_crept_is_not_left_behind_as_it_goes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    creeping = MotionProfile.uniform(7, v=1e-3, a=2e-3, j=0.02)
+    there = PANDA.home + 7e-4 * (np.arange(7) == 6)
+    back = PANDA.home - 0.5 * (np.arange(7) == 6)
+
+    def error() -> float:
+        """The largest error of the last joint on its way back [rad]."""
+        observer = DisturbanceObserver(noise_q=0.0)
+        active = ActiveController(ComputedTorque(), Arm(PANDA), dt=DT, observer=observer)
+        sim = DisturbedSimulation(PANDA, no_objects, Disturbance(dry_friction=0.3))
+        errors: list[float] = []
+        for way in (
+            plan_ptp(PANDA.home, there, creeping, DT),
+            plan_ptp(there, back, PANDA.profile, DT),
+        ):
+            errors.clear()
+            q, v, a = (np.vstack([np.repeat(x[:1], 500, axis=0), x]) for x in (way.q, way.v, way.a))
+            for reference in zip(q, v, a, strict=True):
+                errors.append(abs(reference[0][6] - sim.true_state().q[6]))
+                sim.step(active.torque(JointReference(*reference), sim.state()))
+        return max(errors)
+
+    known = error()
+    monkeypatch.setattr("robo47_qp.control.friction._LOOSE", np.inf)
+    assert known < 0.3 * error()
 
 
 def test_what_is_expected_is_within_what_may_be_learned() -> None:
