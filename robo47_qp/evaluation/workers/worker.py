@@ -19,6 +19,7 @@ from robo47_qp._core.library import VARIABLE, backend
 from robo47_qp.errors import Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, errored
 from robo47_qp.run.foreign_code import Guard, file_module, loaded_files
+from robo47_qp.run.policy.child import adopt_orphans, end_children
 
 READY = "ready"
 """Message of a worker that is ready; any other one says why it cannot start."""
@@ -181,9 +182,12 @@ def _work(link: Connection, payload: bytes, files: Sequence[Path]) -> None:
     # What is imported stays: garbage is looked for among the rest only.
     gc.freeze()
     link.send_bytes(json.dumps({"said": READY}).encode())
+    adopt_orphans()
     while True:
         spec = _unpacked(json.loads(link.recv_bytes()))
         result = run_guarded(episode, spec)
+        # A policy may have killed its warden.
+        end_children()
         link.send_bytes(json.dumps({"result": result.entry()}).encode())
 
 

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from robo47_qp.run.policy.trespass import Trespass
 
-_SUBREAPER = 36
-"""PR_SET_CHILD_SUBREAPER of Linux: orphans of descendants become children of the warden."""
+_SUBREAPER, _DEATH_SIGNAL = 36, 1
+"""PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG of Linux."""
 _LONGEST = 2000
 """Characters that are told of an error."""
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
@@ -33,10 +33,14 @@ _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
 def main() -> None:
     """Run the warden, and the policy in a process that it forks."""
     settings = json.loads(sys.argv[1])
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
+    adopt_orphans()
+    warden = os.getpid()
     policy = os.fork()
     if policy == 0:
+        # Who kills the warden dies with it.
+        _prctl(_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != warden:
+            os._exit(1)
         os.close(settings["life"])
         os.setsid()
         with contextlib.suppress(OSError):  # where memory runs out, this process goes first
@@ -44,7 +48,7 @@ def main() -> None:
         _answer(settings)
     os.close(settings["line"])
     code = _wait(policy, settings["life"])
-    _end_all()
+    end_children()
     shutil.rmtree(settings["temporary"], ignore_errors=True)
     os._exit(code)
 
@@ -62,8 +66,18 @@ def _wait(policy: int, life: int) -> int:
         pause = min(2.0 * pause, 0.02)
 
 
-def _end_all() -> None:
-    """Kill all descendants: as they die, their children become those of this process."""
+def adopt_orphans() -> None:
+    """Have descendants of this process become its children when their parents die; on Linux."""
+    _prctl(_SUBREAPER, 1)
+
+
+def _prctl(option: int, value: int) -> None:
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def end_children() -> None:
+    """Kill all descendants, after `adopt_orphans`: as they die, their children become own ones."""
     end = time.monotonic() + 5.0
     while children := _children():
         for child in children:

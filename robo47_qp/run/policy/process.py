@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -28,6 +29,8 @@ PATIENCE = 300.0
 """Longest wall time of an answer, the import of the policy included [s]."""
 _GRACE = 2.0
 """Time in which a process that closed its line must end [s]."""
+_ENDING = 10.0
+"""Time in which the warden ends what the policy leaves; later it has been stopped itself [s]."""
 _TOLD, _LINE = 20, 200
 """How many things are told of it that it did beyond its own, and characters of each."""
 _START = "from robo47_qp.run.policy.child import main; main()"
@@ -66,7 +69,7 @@ class PolicyProcess:
             ClassLoadError: There is no such class, or its module cannot be imported.
         """
         digest = sha256(f"policy of episode {seed}".encode()).digest()
-        temporary = mkdtemp(prefix="robo47-policy-")
+        self._temporary = temporary = mkdtemp(prefix="robo47-policy-")
         self._line, theirs = socket.socketpair()
         life, self._life = os.pipe()
         settings = {
@@ -138,8 +141,13 @@ class PolicyProcess:
             return
         self._line.close()
         os.close(self._life)
-        self._process.wait()
+        try:
+            self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         self._process = None
+        shutil.rmtree(self._temporary, ignore_errors=True)
 
     def _ask(
         self, method: str, seen: dict[str, Any], time: float, patience: float | None = None
@@ -176,7 +184,9 @@ class PolicyProcess:
             code = self._process.wait(timeout=_GRACE)
         except subprocess.TimeoutExpired:
             return f"its process gave no answer {when}"
-        how = f"signal {code - 128}" if code > 128 else f"exit code {code}"
+        # The warden's, or what it tells of the policy's.
+        signal = code - 128 if code > 128 else -code
+        how = f"signal {signal}" if signal > 0 else f"exit code {code}"
         return f"its process ended with {how} {when}"
 
 

@@ -13,10 +13,15 @@ import pytest
 from robo47_qp._core.library import BACKENDS, using
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, died
+from robo47_qp.evaluation.evaluation import PolicyEvaluation
+from robo47_qp.evaluation.policies import PolicyReference
 from robo47_qp.evaluation.workers import executor as executor_module
 from robo47_qp.evaluation.workers.executor import LocalProcesses, cores
 from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for, worker_environment
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.foreign_code import file_module
+from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.toy_episodes import Toy, Unloadable
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -152,3 +157,19 @@ def test_numbers_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidValueError, match="--timeout must be above 0 and finite; found 0"):
         LocalProcesses(workers=1, timeout=0.0)
     assert 1 <= cores() <= (os.cpu_count() or 1)
+
+
+def test_what_a_policy_leaves_that_has_killed_its_warden_ends_with_its_episode() -> None:
+    policy = PolicyReference(
+        text="tests.run.policy.hostile_policies:Orphan", timing=PolicyTiming(seconds=0.3)
+    )
+    evaluation = PolicyEvaluation(
+        task=PickPlace(), robot=PANDA, policy=policy, episodes=2, workers=1
+    )
+    results = evaluation.evaluation.run(evaluation.executor).results
+    assert [result.cause for result in results] == ["limit", "limit"]
+    for result in results:
+        assert result.evidence is not None
+        assert "its process ended with signal 9 in act" in result.evidence
+    lines = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline")]
+    assert not [line for line in lines if b"sleep(600)\0/" in line]

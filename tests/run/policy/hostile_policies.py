@@ -7,10 +7,13 @@ import inspect
 import logging
 import os
 import random
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import traceback
 import warnings
 from collections import namedtuple
 from pathlib import Path
@@ -90,6 +93,58 @@ class Inspector(Climber):
         return inspect.currentframe()
 
 
+class Watcher(Climber):
+    """The same through the frames of all threads."""
+
+    @staticmethod
+    def here() -> Any:
+        return sys._current_frames()[threading.get_ident()]
+
+
+class Stumbler(Climber):
+    """The same through an error of its own."""
+
+    @staticmethod
+    def here() -> Any:
+        try:
+            raise ValueError
+        except ValueError as error:
+            return error.__traceback__.tb_frame if error.__traceback__ else None
+
+
+class Tracer(Still):
+    """Follows what is called."""
+
+    def act(self, observation: Observation) -> Any:
+        sys.setprofile(lambda *_: None)
+        sys.setprofile(None)
+        return JointTarget(q=self.q)
+
+
+class Quoter(Still):
+    """Has text executed that looks at what an object holds, and who else does."""
+
+    def act(self, observation: Observation) -> Any:
+        exec("import gc; gc.get_referents(self)")
+        eval("gc.get_referrers(self)", {"gc": gc, "self": self})
+        return JointTarget(q=self.q)
+
+
+class Prophet(Still):
+    """Builds the world of an evaluation's episode from its seed, and looks where the goal is."""
+
+    def act(self, observation: Observation) -> Any:
+        from robo47_qp.evaluation.perturbation import PRESETS
+        from robo47_qp.evaluation.task_episode import TaskEpisode
+        from robo47_qp.model.robots import load_robot
+        from robo47_qp.run.registry import load_task
+
+        task, perturbation = load_task("pick_place")(), PRESETS["moderate"]
+        episode = TaskEpisode(robot=load_robot("panda"), task=task, perturbation=perturbation)
+        episode.simulation(episode.scenario(0), 0, drawn=False)
+        return JointTarget(q=self.q)
+
+
 class Logger(Still):
     """Uses libraries that look at frames and objects for their own purposes."""
 
@@ -99,6 +154,10 @@ class Logger(Still):
         if namedtuple("Pair", "a b").__module__ != __name__:
             raise ValueError("the frame is another one")
         gc.collect()
+        try:
+            raise ValueError
+        except ValueError:
+            logging.getLogger("policy").exception("there: %s", traceback.format_exc())
         return JointTarget(q=self.q)
 
 
@@ -123,6 +182,22 @@ class LatePatcher(Patcher):
     def act(self, observation: Observation) -> Any:
         if observation.time > 0.15:
             Patcher.reset(self, observation)
+        return JointTarget(q=self.q)
+
+
+class Rewriter(Still):
+    """Keeps the verdict with other code in it, and what it goes by with other numbers."""
+
+    def act(self, observation: Observation) -> Any:
+        from robo47_qp.run.watchdog import Watchdog
+        from robo47_qp.tasks.handling import place_criterion
+        from robo47_qp.tasks.pick_place.pick_place import PickPlace
+
+        PickPlace.verdict.__code__ = (lambda _, __: None).__code__
+        options = place_criterion.PlaceCriterion.__init__.__kwdefaults__ or {}
+        options.update(tilt=10.0)
+        place_criterion._HOME = 1e9
+        Watchdog.time_limit = 1e9
         return JointTarget(q=self.q)
 
 
@@ -191,6 +266,24 @@ class Parent(Still):
             ["sleep", "600"], start_new_session=True, env={}, stdout=subprocess.DEVNULL
         )
         raise ValueError(f"{child.pid} {folder}")
+
+
+class Orphan(Still):
+    """Kills what watches it, after it has started a process that would stay."""
+
+    def act(self, observation: Observation) -> Any:
+        command = [sys.executable, "-c", "import time; time.sleep(600)", tempfile.gettempdir()]
+        subprocess.Popen(command, start_new_session=True, env={}, stdout=subprocess.DEVNULL)
+        os.kill(os.getppid(), signal.SIGKILL)
+        return JointTarget(q=self.q)
+
+
+class Stopper(Still):
+    """Stops what watches it."""
+
+    def act(self, observation: Observation) -> Any:
+        os.kill(os.getppid(), signal.SIGSTOP)
+        raise ValueError(f"{os.getpid()} {tempfile.gettempdir()}")
 
 
 class Sleeper(Still):

@@ -123,6 +123,27 @@ def test_children_and_temporary_files_go_with_it() -> None:
     assert not Path(folder).exists()
 
 
+def test_a_policy_that_stops_its_warden_is_ended_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "_ENDING", 0.5)
+    own, folder = fault("Stopper").split()[-2:]
+    end = time.monotonic() + 20.0
+    while _lives(own) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not _lives(own)
+    assert not Path(folder).exists()
+
+
+def _lives(pid: str) -> bool:
+    """Whether a process runs: what nobody reaps is dead, too."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"
+
+
 def test_a_policy_that_gives_no_answer_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "_GRACE", 0.1)
     policy = PolicyProcess(f"{HOSTILE}:Sleeper")
@@ -190,8 +211,28 @@ def test_nothing_of_a_policy_outlives_the_run_that_is_killed() -> None:
         ("Referrer", {"policy calls gc.get_referrers"}),
         ("Climber", {"policy calls sys._getframe"}),
         ("Inspector", {"policy calls sys._getframe"}),
+        ("Watcher", {"policy calls sys._current_frames"}),
+        ("Stumbler", {"policy reads tb_frame"}),
+        ("Tracer", {"policy calls sys.setprofile"}),
+        (
+            "Prophet",
+            {
+                "policy imports robo47_qp.evaluation.perturbation",
+                "policy imports robo47_qp.evaluation.task_episode",
+            },
+        ),
+        ("Quoter", {"policy calls gc.get_referents", "policy calls gc.get_referrers"}),
         ("Patcher", {"policy replaces PickPlace.verdict", "policy replaces Watchdog.check"}),
         ("LatePatcher", {"policy replaces PickPlace.verdict", "policy replaces Watchdog.check"}),
+        (
+            "Rewriter",
+            {
+                "policy replaces PickPlace.verdict",
+                "policy replaces PlaceCriterion.__init__",
+                "policy replaces place_criterion._HOME",
+                "policy replaces Watchdog.time_limit",
+            },
+        ),
     ],
 )
 def test_a_cheat_that_gains_nothing_is_named_by_the_audit(name: str, broken: set[str]) -> None:
@@ -262,15 +303,6 @@ def test_a_process_that_tells_without_end_is_not_listened_to_for_long(
     assert max(len(what) for _, what in policy.beyond) <= 250
     line.close()
     theirs.close()
-
-
-def test_the_package_is_not_named_for_what_it_consists_of() -> None:
-    """Where the policy is a file in its folders."""
-    trespass = object.__new__(Trespass)
-    trespass._heard, trespass._found, trespass._told, trespass._before = {}, [], set(), {}
-    trespass.mind(str(Path(process.__file__).parent / "mine.py"))
-    trespass.look()
-    assert trespass.told() == []
 
 
 def test_honest_policies_are_not_named() -> None:
