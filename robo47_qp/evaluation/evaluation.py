@@ -28,7 +28,7 @@ from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.run_report import versions
 from robo47_qp.run.foreign_code import files_beside
-from robo47_qp.run.policy.drivers import check_judged
+from robo47_qp.run.policy.drivers import check_judged, check_one_tool
 from robo47_qp.run.start import checked_start
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
@@ -167,6 +167,7 @@ class PolicyEvaluation:
     def _episode(self) -> Episode:
         policy, robot, task = self.policy, self.robot, self.task
         if not isinstance(policy, ClassicalStack):
+            check_one_tool(task)
             policy.load()
         simulation = checked_start(task, robot, self.seed)
         plain_episode = TaskEpisode(

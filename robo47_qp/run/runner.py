@@ -173,33 +173,52 @@ class Runner:
             RecordingError: A sink or the store could not write the recording.
             TaskError: Code of the task raised something.
         """
-        loop, task = self.loop, self.scenario.task
-        recording = loop.recording
+        self.record(sinks, observers, store=store, chunk_rows=chunk_rows)
+        try:
+            with Blamed(type(self.scenario.task)):
+                failure = self.finish()
+        except (KeyboardInterrupt, TaskError):
+            self._sim.stand_by()
+            self.loop.recording.flush()
+            raise
+        return self.ended(failure)
+
+    def record(
+        self,
+        sinks: Sequence[Sink] = (),
+        observers: Sequence[Observer] = (),
+        *,
+        store: Store | None = None,
+        chunk_rows: int = CHUNK_ROWS,
+    ) -> None:
+        """Say what gets the rows and events, as in `run`, before anything has moved."""
+        recording = self.loop.recording
         recording.sinks = (_Derive(self.scenario.robot), *sinks)
         recording.chunk_rows = chunk_rows
         if store is not None:
             recording.store = store
-        loop.observers = tuple(observers)
-        try:
-            with Blamed(type(task)):
-                failure = self.finish()
-        except (KeyboardInterrupt, TaskError):
-            self._sim.stand_by()
-            recording.flush()
-            raise
+        self.loop.observers = tuple(observers)
+
+    def ended(self, failure: Failure | None) -> Run:
+        """Return what happened, and how it ended: with a failure, or None; call it once.
+
+        Raises:
+            RecordingError, TaskError: See `run`.
+        """
+        loop, task = self.loop, self.scenario.task
         if failure is not None:
             failure = self._with_earlier(failure)
         loop.note(
             f"failed ({failure.cause.value}): {failure.evidence}" if failure else "success", failure
         )
-        recording.flush()
+        loop.recording.flush()
         with Blamed(type(task)):
             measures = task.measures(self._sim)
         # It would keep the rows, see `hand_over`.
         self._sim.lately = None
         return Run(
             scenario=self.scenario,
-            rows=recording.hand_over(),
+            rows=loop.recording.hand_over(),
             phases=loop.phases,
             failure=failure,
             measures=measures,

@@ -25,12 +25,15 @@ from robo47_qp.evaluation.evaluation import (
     code_digest,
 )
 from robo47_qp.evaluation.journal import Journal, JournalError
+from robo47_qp.evaluation.policies import PolicyReference
 from robo47_qp.evaluation.replay import picked
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.executor import LocalProcesses
+from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run import foreign_code
 from robo47_qp.run.registry import load_task
+from robo47_qp.tasks.handover.handover import Handover
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.runs import Reach
 from tests.toy_episodes import SETTINGS, Toy
@@ -375,3 +378,12 @@ def test_the_code_of_a_task_is_that_of_its_whole_package() -> None:
     assert (folder / "tasks" / "item.py").is_file()
     package, tests = _sources(Reach())
     assert (package, tests) == (folder, ROOT / "tests")
+
+
+def test_policies_are_refused_where_a_task_needs_two_tools() -> None:
+    policy = PolicyReference(text="nobody:Policy")
+    evaluation = PolicyEvaluation(task=Handover(), robot=load_robot("panda_pair"), policy=policy)
+    with pytest.raises(
+        InvalidValueError, match=r"task must be one that a single tool does.*'handov"
+    ):
+        evaluation.evaluation  # noqa: B018

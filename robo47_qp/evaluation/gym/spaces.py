@@ -79,7 +79,10 @@ class ActionScale:
 
 
 def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
-    """Return the space of `Observation`, with objects and markers as rows in the scene's order."""
+    """Return the space of `Observation`, with objects and markers as rows in the scene's order.
+
+    In place of when frames were taken it has their ages, of the objects and then the markers [s].
+    """
     robot = arm.robot
     room = 0.1 * (arm.q_high - arm.q_low)
     v_max = _SPEEDS * robot.rated.v_max
@@ -95,6 +98,8 @@ def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> s
     }
     if robot.gripper is not None:
         bounds["width"] = (np.array([-0.01]), np.array([robot.gripper.width_max + 0.01]))
+        bounds["fingers"] = (np.zeros(2), np.full(2, _FORCE))
+    bounds["ages"] = (np.zeros(objects + markers), np.full(objects + markers, seconds + 10.0))
     return spaces.Dict(
         {
             name: spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
@@ -110,6 +115,7 @@ def numbers_of(observation: Observation, space: spaces.Dict) -> dict[str, Single
     Raises:
         InvalidValueError: The scene has another number of objects or markers.
     """
+    seen = (*observation.objects, *observation.markers)
     rows: dict[str, Vector] = {
         "time": np.array([observation.time]),
         "q": observation.q,
@@ -118,12 +124,18 @@ def numbers_of(observation: Observation, space: spaces.Dict) -> dict[str, Single
         "force": observation.force,
         "objects": np.array(list(observation.objects.values())),
         "markers": np.array(list(observation.markers.values())),
+        "ages": observation.time - np.array([observation.frames[name] for name in seen]),
     }
     if observation.width is not None:
         rows["width"] = np.array([observation.width])
+    if observation.fingers is not None:
+        rows["fingers"] = observation.fingers
     found: dict[str, Single] = {}
-    for name, box in space.items():
-        if not isinstance(box, spaces.Box) or rows[name].shape != box.shape:
-            raise InvalidValueError(f"shape of {name}", rows[name].shape, f"{box.shape} always")
-        found[name] = np.clip(rows[name].astype(np.float32), box.low, box.high)
+    for name, row in rows.items():
+        box = space.spaces.get(name)
+        if not isinstance(box, spaces.Box):
+            continue
+        if row.shape != box.shape:
+            raise InvalidValueError(f"shape of {name}", row.shape, f"{box.shape} always")
+        found[name] = np.clip(row.astype(np.float32), box.low, box.high)
     return found

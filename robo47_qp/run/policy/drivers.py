@@ -15,7 +15,7 @@ from robo47_qp.run.policy.child import told
 from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
 from robo47_qp.run.runner import Runner
-from robo47_qp.run.scenario import Scenario
+from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
@@ -51,6 +51,17 @@ def check_judged(task: Task, simulation: Simulation) -> None:
     task.reset(simulation, None)
     if task.verdict(simulation) is None:
         expected = "one whose verdict is no success before anything has moved"
+        raise InvalidValueError("task", repr(task.name), expected)
+
+
+def check_one_tool(task: Task) -> None:
+    """Check that a policy can do the task: it sees and moves the main tool.
+
+    Raises:
+        InvalidValueError: The task needs more tools.
+    """
+    if task.tools_needed > 1:
+        expected = "one that a single tool does: observations and actions are of the main tool"
         raise InvalidValueError("task", repr(task.name), expected)
 
 
@@ -137,10 +148,13 @@ class StepwiseDriver:
     def __init__(self, scenario: Scenario, simulation: Simulation, timing: PolicyTiming) -> None:
         """Reset the world to the start of the scenario."""
         self._runner = Runner(scenario, simulation, self)
+        self._runner.record()
         self._cell = PolicyCell(self._runner.loop)
         self._task, self._sim = scenario.task, simulation
         self._timing, self._decisions, self._periods = timing, 0, 0
         self._end = timing.end(scenario)
+        self._invalid: Failure | None = None
+        self._stopped: Failure | None = None
 
     @property
     def over(self) -> bool:
@@ -164,27 +178,26 @@ class StepwiseDriver:
             action = checked_action(action, self._runner.loop.arm)
             self._cell.carry_out(action, due - self._periods)
         except (PlanError, InvalidValueError) as error:
-            return Failure(cause=Cause.LIMIT, evidence=str(error), time=self._sim.time)
+            self._invalid = Failure(cause=Cause.LIMIT, evidence=str(error), time=self._sim.time)
+            return self._invalid
         except Aborted as aborted:
-            return aborted.failure
+            self._stopped = aborted.failure
+            return self._stopped
         self._periods = due
         return None
 
-    def end(self) -> Failure | None:
-        """Come to rest and judge the world."""
-        return self._runner.finish()
-
-    def measures(self) -> dict[str, float]:
-        """Return the task's figures of the current state."""
-        return self._task.measures(self._sim)
+    def end(self) -> Run:
+        """Come to rest, judge the world and return what happened; the episode is then over."""
+        return self._runner.ended(self._stopped or self._runner.finish())
 
     def drive(self, runner: Runner) -> Failure | None:
         """Come to rest; see `Driver.drive`."""
         try:
             self._cell.rest()
         except PlanError as error:
-            raise Aborted(Failure(cause=Cause.LIMIT, evidence=str(error))) from error
-        return None
+            failure = self._invalid or Failure(cause=Cause.LIMIT, evidence=str(error))
+            raise Aborted(failure) from error
+        return self._invalid
 
 
 def _raised(loop: ControlLoop, method: str, error: Exception | SystemExit | None) -> Failure:

@@ -8,16 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robo47_qp.errors import InvalidValueError, MissingExtraError, RenderingError
+from robo47_qp.errors import (
+    InvalidValueError,
+    MissingExtraError,
+    RenderingError,
+    UnknownNameError,
+)
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
+from robo47_qp.evaluation.task_episode import TaskEpisode
+from robo47_qp.files import plain
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.policy.cell import PolicyCell
 from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver
 from robo47_qp.run.policy.policy import JointTarget, ToolTarget, Torques, vector_of
 from robo47_qp.run.registry import task_names
+from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from robo47_qp.tasks.reach import reach as judged_reach
+from robo47_qp.tasks.reach.obstacle_reach import ObstacleReach
 from tests.robots import robot_named
 from tests.runs import Reach
 
@@ -94,6 +105,8 @@ def test_success_is_rewarded_once_it_lasts() -> None:
         "cause": None,
         "evidence": None,
         "measures": {"rise_m": 0.02},
+        "audit_ok": True,
+        "broken_promises": [],
         "process": "that of the world",
     }
     # 0.1 rad at 10 rad/s³ take about 0.7 s, then 0.3 s of success.
@@ -278,6 +291,52 @@ def test_numbers_stand_for_quantities(mode: Mode) -> None:
     np.testing.assert_allclose(getattr(action, field), vector, atol=1e-5)
 
 
+def test_an_environment_knows_what_a_policy_knows() -> None:
+    made = env(task=ObstacleReach())
+    seen, info = made.reset(seed=0)
+    assert info["sheet"]["obstacles"] == [plain(one) for one in ObstacleReach().obstacles]
+    assert len(info["sheet"]["obstacles"]) > 0
+    assert {"fingers", "ages", "width", "force"} <= set(seen)
+    assert seen["ages"].shape == (len(seen["markers"]),)
+
+
+@pytest.mark.parametrize("perturbation", ["severe", PRESETS["severe"]])
+def test_a_perturbed_world_is_that_of_an_evaluation(perturbation: Any) -> None:
+    made = env(task=PickPlace(), vary=True, perturbation=perturbation)
+    seen, info = made.reset(seed=4)
+    episode = TaskEpisode(robot=PANDA, task=PickPlace(), perturbation=PRESETS["severe"])
+    scenario = episode.scenario(4)
+    world = episode.simulation(scenario, 4)
+    there = PolicyCell(Runner(scenario, world).loop).observe()
+    (name,) = there.objects
+    np.testing.assert_array_equal(seen["objects"][0], there.objects[name].astype(np.float32))
+    assert info["sheet"]["noise"] == world.noise_figures
+    moved = float(np.linalg.norm(seen["objects"][0, :3] - world.object_pose(name).translation()))
+    assert 1e-4 < moved < 0.05
+    again, _ = made.reset(seed=5)
+    assert not np.array_equal(seen["objects"], again["objects"])
+
+
+def test_frames_of_a_camera_that_is_late_have_an_age() -> None:
+    made = env(task=PickPlace(), perturbation=Perturbation(camera_latency=0.05))
+    seen, _ = made.reset(seed=0)
+    for _ in range(10):
+        seen, *_ = made.step(made.scale.numbers(HOME))
+    assert (seen["ages"] >= 0.05 - 1e-6).all()
+    assert (seen["ages"] < 0.15).all()
+
+
+def test_an_object_that_is_moved_by_hand_breaks_the_audit() -> None:
+    made = env(task=PickPlace(), seconds=0.5)
+    made.reset(seed=0)
+    made.step(made.scale.numbers(HOME))
+    world = made._simulation
+    world.place_object("cube", world.marker_pose("goal"))
+    _, _, _, _, info = until_the_end(made, made.scale.numbers(HOME))
+    assert not info["audit_ok"]
+    assert any(signal.startswith("object jump") for signal in info["broken_promises"])
+
+
 def test_any_quaternion_is_made_a_unit_one() -> None:
     scale = ActionScale(ARM, "tool")
     action = scale.action(np.array([0, 0, 0, 0.2, 0, 0, 0.2, 0], dtype=np.float32))
@@ -312,6 +371,8 @@ def test_what_makes_no_sense_is_refused() -> None:
         InvalidValueError, match="mode must be one of joints, tool, torques; found 'x'"
     ):
         env(mode="x")  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=r"'gentle'.*none, moderate, severe"):
+        env(perturbation="gentle")
     with pytest.raises(InvalidValueError, match="render_mode must be None or 'rgb_array'"):
         env(render_mode="human")
     made = env()
