@@ -103,13 +103,18 @@ def test_what_the_arm_did_becomes_rows(results: Path) -> None:
         "peak_contact_force_N": {"median": 0.0, "max": 12.5},
         "max_friction_use": {"median": 0.25, "max": 1.0000000000000002},
     }
-    told = {**to_keep(REPORT), "figures": figures}
+    exempt = [
+        {"signal": "jerk", "median_share": 0.1, "max_share": 0.9},
+        {"signal": "path", "median_share": 0.205, "max_share": 0.4},
+    ]
+    told = {**to_keep(REPORT), "figures": figures, "not_judged": exempt}
     (results / "success_severe_reach.json").write_text(json.dumps(told))
-    nothing = {**told, "figures": {}}
+    nothing = {**told, "figures": {}, "not_judged": []}
     (results / "alone_noise_reach.json").write_text(json.dumps(nothing))
     rows = [TABLES["tracking"](*of).splitlines()[2] for of in (("a", "success"), ("a", "alone"))]
-    assert rows[0] == "| `reach` | severe | 1.25, 20.00 | 0.02, 1.00 | 0.00, 12.50 | 0.75, 0.00 |"
-    assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – |"
+    errors = "1.25, 20.00 | 0.02, 1.00 | 0.00, 12.50 | 0.75, 0.00"
+    assert rows[0] == f"| `reach` | severe | {errors} | path: 20, 40 % |"
+    assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – | – |"
 
 
 def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:

@@ -1,10 +1,12 @@
 """Episode: one attempt at a task, its specification and its result as plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from robo47_qp.files import plain
+from robo47_qp.report.audit.finding import Finding
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import TaskError
 
@@ -46,6 +48,8 @@ class EpisodeResult:
     """Whether all limits of the audit were kept; None if there is no run to audit."""
     broken_promises: tuple[str, ...] = ()
     """Signals that violated a limit of the audit."""
+    exempt: Sequence[Mapping[str, Any]] = ()
+    """Findings of the audit that are told without being judged, as JSON; see `Finding.exempt`."""
     disturbance: Mapping[str, Any] = field(default_factory=dict)
     """How the simulated world differed from its model."""
     sha256: str | None = None
@@ -79,7 +83,8 @@ class EpisodeResult:
 
     def entry(self) -> dict[str, Any]:
         """Return the result as JSON."""
-        return {**asdict(self), "broken_promises": list(self.broken_promises)}
+        lists = {name: list(getattr(self, name)) for name in ("broken_promises", "exempt")}
+        return {**asdict(self), **lists}
 
     @classmethod
     def of_entry(cls, entry: Mapping[str, Any]) -> "EpisodeResult":
@@ -88,12 +93,28 @@ class EpisodeResult:
         Raises:
             TypeError, KeyError: It is not the entry of an episode.
         """
+        # Reports of before do not have it.
+        entry = {"exempt": [], **entry}
         for name, kinds in _KINDS.items():
             value = entry[name]
             # A bool is an int, too.
             if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
                 raise TypeError(f"{name} of an episode is {value!r:.60}")
-        return cls(**{**entry, "broken_promises": tuple(map(str, entry["broken_promises"]))})
+        exempt = tuple(map(_exempt, entry["exempt"]))
+        broken = tuple(map(str, entry["broken_promises"]))
+        return cls(**{**entry, "broken_promises": broken, "exempt": exempt})
+
+
+def exempt_findings(findings: Iterable[Finding]) -> tuple[Mapping[str, Any], ...]:
+    """Return those that are told without being judged, for `EpisodeResult.exempt`."""
+    return tuple(_exempt(asdict(finding)) for finding in findings if finding.exempt)
+
+
+def _exempt(finding: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a finding as it was written; numbers that are none are text in JSON."""
+    words = {name: str(finding[name]) for name in ("signal", "unit", "exempt")}
+    numbers = {name: plain(float(finding[name])) for name in ("extreme", "limit", "time", "share")}
+    return {**words, **numbers, "least": bool(finding["least"])}
 
 
 _TEXT = (str, type(None))
@@ -105,7 +126,7 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
     "time": (int, float, type(None)),
     **dict.fromkeys(("measures", "metrics", "disturbance", "timing"), (dict,)),
     "audit_ok": (bool, type(None)),
-    "broken_promises": (list,),
+    **dict.fromkeys(("broken_promises", "exempt"), (list,)),
 }
 """What JSON has of each field of a result."""
 

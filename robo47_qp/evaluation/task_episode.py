@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robo47_qp.errors import InvalidValueError, PlanError
-from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, failed
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, exempt_findings, failed
 from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.files import plain
 from robo47_qp.model.robot import Robot
@@ -113,12 +113,14 @@ class TaskEpisode:
 def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: float) -> EpisodeResult:
     figures = {**metrics(run)}
     timing = {name: figures.pop(name) for name in WALL if name in figures}
-    broken = tuple(finding.signal for finding in audit(run) if not finding.ok)
+    findings = audit(run)
+    broken = tuple(finding.signal for finding in findings if not finding.ok)
     more: dict[str, Any] = {
         "measures": {k: plain(v) for k, v in run.measures.items()},
         "metrics": {k: plain(v) for k, v in figures.items() if k not in run.measures},
         "audit_ok": not broken,
         "broken_promises": broken,
+        "exempt": exempt_findings(findings),
         "disturbance": wrong,
         "sha256": sha256(run.rows.values.data.cast("B")).hexdigest(),
     }

@@ -50,11 +50,21 @@ def _spread(figure: str, scale: float, *, less_one: bool = False) -> Callable[[R
     return told
 
 
+def _longest_not_judged(result: Result) -> str:
+    """Return what the audit did not judge for the longest time: median, and most."""
+    told = result.get("not_judged")
+    if not told:
+        return "–"
+    one = max(told, key=lambda it: it["median_share"])
+    return f"{one['signal']}: {100 * one['median_share']:.0f}, {100 * one['max_share']:.0f} %"
+
+
 _TRACKED = {
     "joint error [mrad]": _spread("max_joint_error_rad", 1e3),
     "tool error [mm]": _spread("max_tool_error_m", 1e3),
     "contact force on the tool [N]": _spread("peak_contact_force_N", 1.0),
     "slip margin": _spread("max_friction_use", 1.0, less_one=True),
+    "not judged for the longest time": _longest_not_judged,
 }
 
 

@@ -44,6 +44,12 @@ class Bomb:
         return exec, ("raise SystemError('code ran in the parent')",)
 
 
+EXEMPT = {
+    **{"signal": "LIN measured (tool), exempt", "unit": "m", "exempt": "it presses"},
+    **{"extreme": "nan", "limit": 3e-4, "time": 1.5, "share": 0.25, "least": False},
+}
+
+
 @pytest.mark.parametrize(
     "said",
     [
@@ -81,6 +87,22 @@ def test_fields_of_another_kind_are_refused(field: str, value: object, tmp_path:
         file.write(json.dumps(entry) + "\n")
     with pytest.raises(JournalError, match="is not the journal of an evaluation"):
         Journal.read(path, SETTINGS)
+
+
+@pytest.mark.parametrize("exempt", [[7], [{}], [{**EXEMPT, "share": "much"}], {}, "none"])
+def test_findings_of_another_kind_are_refused(exempt: object) -> None:
+    entry = result(3).entry()
+    told = EpisodeResult.of_entry({**entry, "exempt": [EXEMPT]})
+    assert told.exempt == (EXEMPT,)
+    assert json.loads(json.dumps(told.entry(), allow_nan=False)) == {**entry, "exempt": [EXEMPT]}
+    with pytest.raises((TypeError, KeyError, ValueError)):
+        EpisodeResult.of_entry({**entry, "exempt": exempt})
+
+
+def test_entries_of_before_have_no_such_findings() -> None:
+    entry = result(3).entry()
+    del entry["exempt"]
+    assert EpisodeResult.of_entry(entry) == result(3)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,10 @@ import numpy as np
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.not_judged import NotJudged
 from robo47_qp.evaluation.report.paired import CycleTimes, PairedComparison, UnequalEpisode
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, paired_difference, wilson
+from robo47_qp.files import plain
 from robo47_qp.report.metrics import FAILED_STEPS
 from robo47_qp.report.run_report import versions
 from robo47_qp.stack import ClassicalStack
@@ -173,12 +175,21 @@ class EvaluationReport:
             for name, values in columns.items()
         }
 
+    @cached_property
+    def not_judged(self) -> list[NotJudged]:
+        """What the audit did not judge, that of the largest share of the time first."""
+        return NotJudged.of(self.results)
+
     def as_json(self) -> dict[str, Any]:
         """Return the report as JSON, all figures and episodes included."""
         compared = {} if self.comparison is None else {"comparison": self.comparison.as_json()}
         return {
             **self.headline(),
             "figures": {name: asdict(figure) for name, figure in self.figures.items()},
+            "not_judged": [
+                {name: plain(value) for name, value in asdict(one).items()}
+                for one in self.not_judged
+            ],
             "settings": dict(self.settings),
             "versions": dict(self.versions),
             "entries": [result.entry() for result in self.results],

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.report.not_judged import NotJudged
 from robo47_qp.evaluation.report.paired import PairedComparison
 from robo47_qp.evaluation.report.report import (
     EvaluationReport,
@@ -17,6 +18,11 @@ MOST = 50
 SEEDS = 20
 """Seeds that are listed per violated limit."""
 _VARIED = "The task is given without a seed: each episode draws its own objects and places."
+_TOLD = "What the audit tells with its true values, and does not judge for some of the time."
+_EXEMPT = (
+    *("quantity", "episodes", "% of their time: median", "most"),
+    *("furthest", "its limit", "seed", "why"),
+)
 _POLICIES = ("policy", "succeeded", "95 %", "causes of failure", "audits broken", "cycle time s")
 _DIFFERENCES = (
     *("against the baseline", "points", "95 %", "p", "p (Holm)"),
@@ -106,6 +112,9 @@ def markdown(report: EvaluationReport, pictures: Sequence[str]) -> str:
     if report.broken_audits:
         lines += ["## Violated limits", ""]
         lines += _table(("limit", "episodes", "seeds"), _violations(report))
+    if report.not_judged:
+        lines += ["## Not judged", "", _TOLD, ""]
+        lines += _table(_EXEMPT, map(_not_judged, report.not_judged))
     if report.figures:
         lines += ["## Figures of the successful episodes", ""]
         rows = (
@@ -122,6 +131,12 @@ def markdown(report: EvaluationReport, pictures: Sequence[str]) -> str:
     if report.timing is not None:
         lines += ["## Throughput", "", throughput_line(report.timing) + ".", ""]
     return "\n".join([*lines, *_settings(report.settings, report.versions)])
+
+
+def _not_judged(one: NotJudged) -> tuple[object, ...]:
+    shares = (f"{100.0 * share:.1f}" for share in (one.median_share, one.max_share))
+    values = (f"{value:.4g} {one.unit}" for value in (one.extreme, one.limit))
+    return (one.signal, one.episodes, *shares, *values, one.seed, one.why)
 
 
 def paired_markdown(comparison: PolicyComparison) -> str:

@@ -178,6 +178,7 @@ def _apart(
                 ok=bool(why) or nearest.distance >= limit,
                 exempt=why,
                 share=float(np.mean(rows)),
+                least=True,
             )
         )
     return found

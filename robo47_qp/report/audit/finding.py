@@ -31,6 +31,8 @@ class Finding:
     """Why it is not judged; empty where it is. Then `ok` is True, whatever the extreme."""
     share: float = 1.0
     """Share of the time of the run that it covers [-]."""
+    least: bool = False
+    """Whether the limit is that of the smallest value, as of a distance."""
 
     def __str__(self) -> str:
         told = (

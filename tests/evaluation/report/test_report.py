@@ -6,11 +6,13 @@ from dataclasses import replace
 from io import StringIO
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, errored
+from robo47_qp.evaluation.report.not_judged import NotJudged
 from robo47_qp.evaluation.report.progress import EvaluationBar, described
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput, compare
 from robo47_qp.evaluation.report.words import MOST, comparison_line, markdown
@@ -115,3 +117,43 @@ def test_the_bar_tells_the_rate_so_far() -> None:
         bar.results(entries("+++-"))
     assert "4/8" in screen.getvalue()
     assert "75.0 %" in screen.getvalue()
+
+
+def test_what_was_not_judged_is_told_with_its_furthest_value_and_its_share() -> None:
+    def exempt(signal: str, extreme: float, share: float, *, least: bool = False) -> dict[str, Any]:
+        told = {"signal": f"{signal}, exempt", "unit": "m", "exempt": f"why {signal[:4]}"}
+        return {
+            **told,
+            "extreme": extreme,
+            "limit": 0.1,
+            "time": 0.0,
+            "share": share,
+            "least": least,
+        }
+
+    episodes = [
+        [exempt("path (tool)", 0.3, 0.2), exempt("gap, scene (a to b)", 0.4, 0.5, least=True)],
+        [exempt("path (other tool)", 0.2, 0.1), exempt("path (tool)", 0.05, 0.4)],
+        [exempt("gap, scene (c to b)", -0.2, 0.3, least=True)],
+        [],
+    ]
+    results = [
+        EpisodeResult(index=i, seed=20 + i, success=True, exempt=tuple(one))
+        for i, one in enumerate(episodes)
+    ]
+    gap, path = NotJudged.of(results)
+    assert (gap.signal, path.signal) == ("gap, scene", "path")
+    assert [gap.episodes, gap.median_share, gap.max_share] == pytest.approx([2, 0.4, 0.5])
+    assert (gap.extreme, gap.limit, gap.seed) == (-0.2, 0.1, 22)
+    assert [path.episodes, path.median_share, path.max_share] == pytest.approx([2, 0.3, 0.4])
+    assert (path.extreme, path.seed, path.why) == (0.3, 20, "why path")
+
+
+def test_a_value_that_is_no_number_is_the_furthest() -> None:
+    told = {"signal": "x", "unit": "", "exempt": "y", "limit": 1.0, "share": 1.0, "least": False}
+    results = [
+        EpisodeResult(index=i, seed=i, success=True, exempt=({**told, "extreme": extreme},))
+        for i, extreme in enumerate([5.0, "nan", 7.0])
+    ]
+    (one,) = NotJudged.of(results)
+    assert (one.seed, np.isnan(one.extreme)) == (1, True)
