@@ -13,7 +13,7 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
 from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.dls import TUNED
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mink import MinkIk
@@ -42,11 +42,11 @@ IK_SOLVERS: dict[str, Callable[[str, float | None], IkSolver]] = {
     "lm": lambda _, clearance: MultiStart(
         solver=LmIk(max_iterations=20, stall=Stall(), clearance=clearance)
     ),
-    "dls": lambda _, clearance: MultiStart(solver=DlsIk(clearance=clearance)),
+    "dls": lambda _, clearance: MultiStart(solver=replace(TUNED, clearance=clearance)),
     "mink-single": lambda backend, clearance: MinkIk(backend=backend, clearance=clearance),
     "qp-single": lambda backend, clearance: QpIk(backend=backend, clearance=clearance),
     "lm-single": lambda _, clearance: LmIk(clearance=clearance),
-    "dls-single": lambda _, clearance: DlsIk(clearance=clearance),
+    "dls-single": lambda _, clearance: replace(TUNED, clearance=clearance),
 }
 """Inverse kinematics by name, made from the name of a QP solver and the distance to keep from
 obstacles [m] (None: obstacles are ignored). Solvers that are restarted give a start up early;

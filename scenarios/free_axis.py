@@ -27,8 +27,7 @@ with importing():
     from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
     from robo47_qp.evaluation.statistics import mcnemar, paired_difference, wilson
     from robo47_qp.files import check_writable, write_json
-    from robo47_qp.ik.damping import Damping
-    from robo47_qp.ik.dls import DlsIk
+    from robo47_qp.ik.dls import TUNED
     from robo47_qp.ik.gauss_newton import Stall
     from robo47_qp.ik.lm import LmIk
     from robo47_qp.ik.mink import MinkIk
@@ -49,16 +48,14 @@ _BOXES = {
     "wide": ((0.3, 0.95), (-0.8, 0.8), (0.02, 0.6)),
 }
 """Ranges of x, y and z as parts of the arm's reach; z of the tabletop begins 20 mm up."""
-_DLS = DlsIk(damping=Damping(per_error=0.1), longest=0.1, widest=0.4)
-"""The best clipped DLS of `scenarios/ablate_ik.py`."""
 SOLVERS: dict[str, Callable[[Tolerance], IkSolver]] = {
     "mink": lambda t: MultiStart(solver=MinkIk(max_iterations=30, stall=Stall(), tolerance=t)),
     "lm": lambda t: MultiStart(solver=LmIk(max_iterations=30, stall=Stall(), tolerance=t)),
-    "dls": lambda t: MultiStart(solver=replace(_DLS, max_iterations=30, tolerance=t)),
+    "dls": lambda t: MultiStart(solver=replace(TUNED, max_iterations=30, tolerance=t)),
     "mink-single": lambda t: MinkIk(max_iterations=200, tolerance=t),
     "lm-single": lambda t: LmIk(max_iterations=200, tolerance=t),
-    "dls-single": lambda t: replace(_DLS, tolerance=t),
-    "dls-free-single": lambda t: replace(_DLS, tolerance=t, clip=False, wrap=True),
+    "dls-single": lambda t: replace(TUNED, tolerance=t),
+    "dls-free-single": lambda t: replace(TUNED, tolerance=t, clip=False, wrap=True),
 }
 """Restarted up to 100 times, and from home alone; DLS is clamped to the joint limits or, free, has
 its angles wrapped at the end."""

@@ -106,3 +106,8 @@ def _wrapped(arm: Arm, q: Vector) -> Vector:
 def _close(e: Vector, tolerance: Tolerance) -> bool:
     near = np.sqrt(e[:3] @ e[:3]) <= tolerance.position
     return bool(near and np.sqrt(e[3:] @ e[3:]) <= tolerance.orientation)
+
+
+TUNED = DlsIk(damping=Damping(per_error=0.1), longest=0.1, widest=0.4)
+"""The best clipped one of a sweep over dampings, clamped errors and centring, from one start
+(`scenarios/ablate_ik.py`)."""

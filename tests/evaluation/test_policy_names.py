@@ -21,6 +21,7 @@ from robo47_qp.evaluation.policies import (
     labels,
     policy_settings,
 )
+from robo47_qp.ik.damping import Damping
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
@@ -94,15 +95,17 @@ def test_policies_that_make_no_sense_are_refused(
 @pytest.mark.parametrize("clearance", [None, 0.01])
 def test_each_ik_is_the_solver_that_is_promised(clearance: float | None) -> None:
     hasty = {"stall": Stall(), "clearance": clearance}
+    damping = Damping(per_error=0.1)
+    dls = DlsIk(damping=damping, longest=0.1, widest=0.4, clip=True, clearance=clearance)
     promised: dict[str, IkSolver] = {
         "mink": MultiStart(solver=MinkIk(max_iterations=30, **hasty)),  # type: ignore[arg-type]
         "qp": MultiStart(solver=QpIk(max_iterations=30, **hasty)),  # type: ignore[arg-type]
         "lm": MultiStart(solver=LmIk(max_iterations=20, **hasty)),  # type: ignore[arg-type]
-        "dls": MultiStart(solver=DlsIk(max_iterations=200, clip=True, clearance=clearance)),
+        "dls": MultiStart(solver=dls),
         "mink-single": MinkIk(max_iterations=100, clearance=clearance),
         "qp-single": QpIk(max_iterations=100, clearance=clearance),
         "lm-single": LmIk(max_iterations=100, clearance=clearance),
-        "dls-single": DlsIk(max_iterations=200, clip=True, clearance=clearance),
+        "dls-single": dls,
     }
     assert set(promised) == set(IK_NAMES)
     for name in IK_NAMES:

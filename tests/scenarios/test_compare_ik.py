@@ -202,8 +202,8 @@ def test_without_choices_one_screen_answers_whether_dls_or_the_qp_is_better(
         if row["targets"] == "uniform":
             assert line.split()[-2:] == [f"{row['median_ms']:.2f}", f"{row['p99_ms']:.2f}"]
     for how, a, b in (
-        ("From one start", "dls-clip", "qp-daqp"),
-        ("With restarts", "dls-clip-multi", "qp-daqp-multi"),
+        ("From one start", "dls-tuned", "qp-daqp"),
+        ("With restarts", "dls-tuned-multi", "qp-daqp-multi"),
     ):
         told = text.partition(how)[2]
         for test in report["paired"]:

@@ -15,7 +15,7 @@ from robo47_qp.evaluation.benchmarks.ik.peers.pink import PinkIk
 from robo47_qp.evaluation.benchmarks.ik.peers.toolbox import ToolboxIk
 from robo47_qp.evaluation.benchmarks.ik.targets import near_limits, near_singular, tabletop, uniform
 from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
-from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.dls import TUNED, DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mink import MinkIk
@@ -38,27 +38,30 @@ TABLE = Obstacle(
     T_world_obstacle=SE3.from_translation(np.array([0.30, 0.0, -0.02])),
 )
 """Table in front of the robot, its top at the height of the base."""
-_DLS_OR_QP = ("dls", "dls-clip", "mink", "qp-daqp")
+_DLS_OR_QP = ("dls", "dls-clip", "dls-tuned", "mink", "qp-daqp")
 FIRST_SOLVERS = (*_DLS_OR_QP, *(f"{name}-multi" for name in _DLS_OR_QP))
 """What answers "DLS or QP?": both from one start, then with restarts."""
 FIRST_SETS = ("uniform", "near_limits")
 """Target sets of that answer."""
 QUESTIONS = (
     ("dls", "dls-clip"),
-    ("dls-clip", "qp-daqp"),
+    ("dls-clip", "dls-tuned"),
+    ("dls-tuned-free", "dls-tuned"),
+    ("dls-tuned", "qp-daqp"),
     ("qp-daqp", "mink"),
     ("qp-daqp", "qp-osqp"),
     ("qp-daqp", "lm"),
-    ("dls-clip", "dls-clip-multi"),
+    ("dls-tuned", "dls-tuned-multi"),
     ("qp-daqp", "qp-daqp-multi"),
-    ("dls-clip-multi", "qp-daqp-multi"),
+    ("dls-tuned-multi", "qp-daqp-multi"),
     ("mink", "mink-multi"),
     ("qp-daqp-multi", "mink-multi"),
     ("qp-daqp-multi", "default"),
     ("qp-daqp-multi", "fast"),
 )
-"""Planned comparisons: the effect of limits, of the QP, of mink in place of the fused QP, of its
-backend, of restarts, of the QP when there are restarts, and of stopping stalled starts early."""
+"""Planned comparisons: the effect of limits, of tuning DLS, of the QP, of mink instead of the fused
+QP, of its backend, of restarts, of the QP when there are restarts, and of stopping stalled starts
+early."""
 
 
 def solvers() -> dict[str, IkSolver]:
@@ -71,11 +74,14 @@ def solvers() -> dict[str, IkSolver]:
 
     def each(steps: int) -> dict[str, IkSolver]:
         dls = DlsIk(max_iterations=steps, tolerance=TOLERANCE)
+        tuned = replace(TUNED, max_iterations=steps, tolerance=TOLERANCE)
         qp = QpIk(max_iterations=steps, tolerance=TOLERANCE)
         return {
             "dls-position": replace(dls, position_only=True, clip=False),
             "dls": replace(dls, clip=False),
             "dls-clip": dls,
+            "dls-tuned-free": replace(tuned, clip=False, wrap=True),
+            "dls-tuned": tuned,
             "mink": MinkIk(max_iterations=steps, tolerance=TOLERANCE),
             "qp-daqp": replace(qp, backend="daqp"),
             "qp-osqp": replace(qp, backend="osqp"),

@@ -20,7 +20,7 @@ _COLUMNS = (
     *("success %", "95 % interval", "tight %", "outside", "median ms", "p99 ms", "own ms"),
     *("missed", "free %", "point %", "p95 ms"),
 )
-_SINGLE, _AGAIN = ("dls-clip", "qp-daqp"), ("dls-clip-multi", "qp-daqp-multi")
+_SINGLE, _AGAIN = ("dls-tuned", "qp-daqp"), ("dls-tuned-multi", "qp-daqp-multi")
 """What is compared to answer "DLS or QP?", from one start and with restarts."""
 
 
@@ -118,7 +118,7 @@ def first_table(figures: Sequence[Mapping[str, Any]]) -> FiguresTable:
 
 
 def first_answers(tests: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what the paired tests say of DLS clipped to the limits and of the QP, a line each."""
+    """Return what the paired tests say of the best DLS and of the QP, a line each."""
     lines = []
     for how, pair in (("From one start", _SINGLE), ("With restarts", _AGAIN)):
         told = [
