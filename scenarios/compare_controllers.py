@@ -35,6 +35,7 @@ with importing():
         TrialCondition,
     )
     from robo47_qp.evaluation.benchmarks.control.trial_log import write_trials
+    from robo47_qp.evaluation.perturbation import PRESETS
     from robo47_qp.files import check_writable, claimed, write_json
     from robo47_qp.model.payload import Payload
     from robo47_qp.model.robots.panda import PANDA
@@ -82,7 +83,7 @@ class ControllersOptions:
 
 
 def conditions(start: float) -> list[TrialCondition]:
-    """All that goes wrong, one thing at a time.
+    """All that goes wrong, one thing at a time, and all at once as in cells of two levels.
 
     Args:
         start: When the motion is over [s].
@@ -122,7 +123,14 @@ def conditions(start: float) -> list[TrialCondition]:
             name="both, noise, delay",
             disturbance=replace(both, noise_q=1e-4, torque_delay=1e-3, state_delay=1e-3),
         ),
+        *(_cell(level, number) for level in ("moderate", "severe") for number in range(1, 4)),
     ]
+
+
+def _cell(level: str, number: int) -> TrialCondition:
+    """One of the worlds of a level, without its pushes."""
+    drawn = PRESETS[level].draw(np.random.default_rng(number))
+    return TrialCondition(name=f"{level} {number}", disturbance=replace(drawn, pushes=()))
 
 
 def _heavier(percent: int) -> Disturbance:

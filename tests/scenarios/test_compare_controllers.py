@@ -8,10 +8,12 @@ import pytest
 from rerun.chunk import RrdReader
 from rich.console import Console
 
+from robo47_qp.arrays import ends
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.evaluation.benchmarks.control.trial import Bench, TrialCondition
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_after_disturbance
+from robo47_qp.evaluation.perturbation import PRESETS
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance
 from scenarios import compare_controllers as scenario
@@ -51,6 +53,20 @@ def test_what_is_learned_of_friction_is_worth_something_once_joints_turn(tmp_pat
     assert learned["max_joint_error_rad"] < 0.6 * plain["max_joint_error_rad"]
     plain, learned = (trials["links +5 %"][name] for name in ("+ observer", "+ friction"))
     assert learned["max_joint_error_rad"] == plain["max_joint_error_rad"]
+
+
+@pytest.mark.parametrize("level", ["moderate", "severe"])
+def test_worlds_of_a_level_differ_as_it_says(level: str) -> None:
+    known = {one.name: one.disturbance for one in scenario.conditions(1.0)}
+    worlds = [known[f"{level} {number}"] for number in (1, 2, 3)]
+    preset = PRESETS[level]
+    low, high = ends(preset.joint_friction)
+    for world in worlds:
+        assert (world.noise_q, world.pushes) == (preset.noise_q, ())
+        friction = np.asarray(world.dry_friction)
+        assert friction[:4].min() >= low
+        assert friction.max() <= high
+    assert len({tuple(np.ravel(world.link_mass_factor)) for world in worlds}) == 3
 
 
 def test_the_last_leg_is_told_alone() -> None:
