@@ -33,13 +33,6 @@ def tilt(T_world_body: SE3) -> float:
     return float(np.arctan2(np.hypot(up[0], up[1]), up[2]))
 
 
-def face_tilt(T_world_body: SE3) -> float:
-    """Return the angle between the vertical and the axis of a pose that is closest to it [rad]."""
-    up = np.abs(T_world_body.rotation().as_matrix()[2])
-    axis = int(np.argmax(up))
-    return float(np.arctan2(np.hypot(*np.delete(up, axis)), up[axis]))
-
-
 def end_tilt(T_world_body: SE3) -> float:
     """Return the angle between the vertical and the z axis of a pose, whichever end is up [rad]."""
     angle = tilt(T_world_body)

@@ -31,7 +31,7 @@ from robo47_qp.tasks.handling.pose_estimate import (
     coordinate_error,
     estimate_poses,
 )
-from robo47_qp.tasks.heading import end_tilt, face_tilt, heading, upright
+from robo47_qp.tasks.heading import end_tilt, heading, upright
 from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
@@ -59,7 +59,7 @@ class Sort(Task):
     """Put each item into the bin of its colour; with a seed, items are at random positions.
 
     An item is sorted when all of it is between the bin's walls, its centre below their rim, and it
-    lies on a face and leans on nothing; the task succeeds when all are sorted and at rest, the
+    stands on an end and leans on nothing; the task succeeds when all are sorted and at rest, the
     gripper is open and the arm home.
     """
 
@@ -109,7 +109,7 @@ class Sort(Task):
 
     @cached_property
     def placed(self) -> PlaceCriterion:
-        """When an item in its bin counts as at rest, and as lying on a face."""
+        """When an item in its bin counts as at rest, and as standing."""
         return PlaceCriterion()
 
     @property
@@ -118,8 +118,8 @@ class Sort(Task):
         rim = 1e3 * min(place.height for place in self.bins)
         return (
             "each item: all of it between the walls of the bin of its colour, its centre below "
-            f"the rim ({rim:g} mm), and a face level within {np.degrees(self.placed.tilt):.3g}°: "
-            "of a cylinder, one of its ends",
+            f"the rim ({rim:g} mm), and its axis within {np.degrees(self.placed.tilt):.3g}° of the "
+            "vertical, whichever end is up",
             f"all {self.placed.rest_words}",
             END,
         )
@@ -228,8 +228,7 @@ class Sort(Task):
                 f"is at ({x:.3f}, {y:.3f}, {z:.3f}) m, and not all of it is in the "
                 f"{home.name}: {home.room}"
             )
-        tilted = end_tilt(pose) if item.round else face_tilt(pose)
-        off = Miss(distance=0.0, turn=0.0, tilt=tilted)
+        off = Miss(distance=0.0, turn=0.0, tilt=end_tilt(pose))
         return told(f"the {item.name}", [*reasons, *self.placed.against_pose(off)])
 
     def measures(self, simulation: Simulation) -> dict[str, float]:

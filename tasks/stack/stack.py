@@ -26,7 +26,7 @@ from robo47_qp.tasks.handling.place_criterion import (
     unfinished,
 )
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses
-from robo47_qp.tasks.heading import face_tilt, heading, upright
+from robo47_qp.tasks.heading import heading, tilt, upright
 from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
@@ -112,8 +112,8 @@ class Stack(Task):
         return (
             f"each cube: its centre within {1e3 * self.tolerance:g} mm of the goal's vertical and "
             f"{1e3 * self.height_tolerance:g} mm of its height, its heading within "
-            f"{np.degrees(placed.turn):.3g}° of the goal's by quarter turns, and a face level "
-            f"within {np.degrees(placed.tilt):.3g}°, whichever it is",
+            f"{np.degrees(placed.turn):.3g}° of the goal's by quarter turns, and its axis "
+            f"within {np.degrees(placed.tilt):.3g}° of the vertical, with its top up",
             f"all {placed.rest_words}",
             END,
         )
@@ -211,7 +211,7 @@ class Stack(Task):
         return {
             "stack_error_m": float(max(np.hypot(x, y) for x, y, _ in off)),
             "stack_turn_rad": max(self._turn(pose, goal) for pose in poses),
-            "stack_tilt_rad": max(face_tilt(pose) for pose in poses),
+            "stack_tilt_rad": max(tilt(pose) for pose in poses),
         }
 
     def _against(self, simulation: Simulation, cube: Item, level: int) -> str | None:
@@ -229,15 +229,13 @@ class Stack(Task):
                 f"is {1e3 * rise:+.1f} mm off its height "
                 f"(allowed are {1e3 * self.height_tolerance:g} mm)"
             )
-        turned = Miss(distance=0.0, turn=self._turn(pose, goal), tilt=face_tilt(pose))
+        turned = Miss(distance=0.0, turn=self._turn(pose, goal), tilt=tilt(pose))
         reasons += self.placed.against_pose(turned)
         return told(f"the {cube.name}, number {level + 1} from below,", reasons)
 
     def _turn(self, T_world_cube: SE3, T_world_goal: SE3) -> float:
-        """Return the heading error of a cube on any of its faces [rad]."""
-        cube, standing = upright_item(self.cubes[0], T_world_cube)
-        turn = heading(T_world_cube @ standing) - heading(T_world_goal)
-        return abs(cube.same_heading(turn))
+        """Return the heading error of a cube [rad]."""
+        return abs(self.cubes[0].same_heading(heading(T_world_cube) - heading(T_world_goal)))
 
     def _add(
         self, hand: ItemHandler, tower: Tower, seen: dict[str, SE3]

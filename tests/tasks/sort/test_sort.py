@@ -246,12 +246,14 @@ def test_an_item_may_stand_upside_down(
     assert (task.verdict(simulation) is None) == ok
 
 
-def test_a_box_may_lie_on_any_face(done: tuple[Sort, Simulation]) -> None:
+def test_a_box_on_its_side_is_not_sorted(done: tuple[Sort, Simulation]) -> None:
     task, simulation = done
     pose = simulation.object_pose("red box")
     for turn in (SO3.from_x_radians(0.5 * np.pi), SO3.from_y_radians(-0.5 * np.pi)):
         simulation.place_object("red box", pose @ SE3.from_rotation(turn))
-        assert task.verdict(simulation) is None
+        failure = task.verdict(simulation)
+        assert failure is not None
+        assert "the red box is tilted by 90.0°" in failure.evidence
 
 
 def test_an_item_in_motion_is_not_sorted(done: tuple[Sort, Simulation]) -> None:

@@ -87,7 +87,7 @@ def test_a_tower_that_falls_while_a_cube_is_picked_is_rebuilt() -> None:
     np.testing.assert_allclose(green[first, :3], [0.52, 0.12, 0.02], atol=1e-3)
 
 
-def test_a_cube_on_its_side_is_stacked_too() -> None:
+def test_a_cube_on_its_side_is_stacked_and_does_not_count() -> None:
     runner, simulation = make_runner(TWO)
     simulation.place_object(RED, on_goal(0))
     # Its x axis up: the turn about the vertical shows in the others alone.
@@ -96,8 +96,11 @@ def test_a_cube_on_its_side_is_stacked_too() -> None:
     where = np.array([0.5, 0.1, 0.02])
     simulation.place_object(GREEN, SE3.from_rotation_and_translation(turned, where))
     run = runner.run()
-    assert run.failure is None
     assert names(run).count("close gripper") == 1
+    assert run.measures["stack_error_m"] < 1e-3
+    assert run.failure is not None
+    assert run.failure.cause is Cause.PLACE
+    assert f"the {GREEN}, number 2 from below, is tilted by 90.0°" in run.failure.evidence
 
 
 def test_a_cube_on_one_that_is_in_the_way_goes_aside_first() -> None:
