@@ -74,6 +74,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[0.0, 0.0, TABLE_TOP - 0.70],
         size=[2.0, 2.0, 0.05],
+        friction=SURFACE_FRICTION,
         rgba=[0.62, 0.66, 0.70, 1.0],
     )
     spec.add_texture(

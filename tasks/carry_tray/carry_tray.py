@@ -33,7 +33,7 @@ from robo47_qp.tasks.handling.place_criterion import (
 )
 from robo47_qp.tasks.handling.pose_estimate import camera_errs, estimate_pose
 from robo47_qp.tasks.heading import level, raised, tilt, upright
-from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
+from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP, add_table, check_place
 from robo47_qp.tasks.task_state import task_state
 
 _START, _END, _WALL = (0.335, 0.36), (0.64, 0.66), (0.495, 0.505)
@@ -152,6 +152,7 @@ class CarryTray(Task):
             size=[0.5 * thick, 0.5 * _WIDE, 0.5 * high],
             pos=[x, 0.0, TABLE_TOP + 0.5 * high],
             rgba=[0.45, 0.47, 0.50, 1.0],
+            friction=SURFACE_FRICTION,
         )
         marker = spec.worldbody.add_body(name=_GOAL, mocap=True)
         marker.add_geom(

@@ -11,6 +11,7 @@ from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import heading, tilt
 from robo47_qp.tasks.item import SPINNING, Item
+from robo47_qp.tasks.table import SURFACE_FRICTION
 
 NAME, BALL, CUP = "tray", "ball", "cup"
 PLATE = (0.10, 0.15, 0.004)
@@ -68,7 +69,13 @@ class Tray:
         box = mujoco.mjtGeom.mjGEOM_BOX
         plate = [0.0, 0.0, PLATE[2]]
         tray.add_geom(
-            name="plate", type=box, size=PLATE, pos=plate, mass=self.mass - handles, rgba=WOOD
+            name="plate",
+            type=box,
+            size=PLATE,
+            pos=plate,
+            mass=self.mass - handles,
+            rgba=WOOD,
+            friction=SURFACE_FRICTION,
         )
         for side in (-1.0, 1.0):
             tray.add_geom(
@@ -119,6 +126,7 @@ class Tray:
                 quat=[np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)],
                 mass=0.0,
                 rgba=STEEL,
+                friction=SURFACE_FRICTION,
             )
 
     def place(self, simulation: Simulation, T_world_tray: SE3) -> None:

@@ -9,7 +9,7 @@ from robo47_qp.arrays import Checked, Positive
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.place_criterion import PlaceCriterion
-from robo47_qp.tasks.table import TABLE_TOP
+from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP
 from robo47_qp.tasks.task_state import hide_marker, task_state
 from robo47_qp.tasks.wipe.sponge import FOAM, Sponge
 
@@ -67,6 +67,7 @@ def add_board(spec: mujoco.MjSpec) -> None:
         type=box,
         pos=[0.0, 0.0, -0.015],
         size=[0.5 * x, 0.5 * y, 0.015],
+        friction=SURFACE_FRICTION,
         rgba=[0.93, 0.94, 0.96, 1.0],
     )
     spec.add_sensor(

@@ -12,7 +12,10 @@ import pytest
 import scenarios
 from robo47_qp.constants import TASKS
 from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.robots import robot_names
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.failure import Cause
@@ -24,6 +27,7 @@ from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from scenarios.policies.random_targets import RandomTargets
 from tests.policies import follow
+from tests.robots import robot_or_skip
 
 PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 DECLARED: dict[str, str] = tomllib.loads(PYPROJECT.read_text())["project"]["entry-points"][TASKS]
@@ -42,6 +46,42 @@ def test_all_tasks_are_found() -> None:
 
 def robot_for(task: type[Task]) -> Robot:
     return PAIR if task.tools_needed == 2 else PANDA
+
+
+def check_contacts(robot: Robot, task: Task) -> None:
+    """Check that what holds or bears an item is no more grippy than the least of the items.
+
+    MuJoCo takes the larger one of two coefficients: else those of the items would not count.
+    """
+    simulation = Simulation(robot, task.build_scene)
+    model, robots_own = simulation.model, Arm(robot).model
+    grippers = {name for tool in robot.tools if tool.gripper for name in tool.gripper.fingers}
+    links = {robots_own.body(i).name for i in range(1, robots_own.nbody)} - grippers
+    obstacles = {obstacle.name for obstacle in task.obstacles}
+    for geom in range(model.ngeom):
+        body, name = model.body(int(model.geom_bodyid[geom])).name, model.geom(geom).name
+        touches = model.geom_contype[geom] | model.geom_conaffinity[geom]
+        # What the task declares as an obstacle bears nothing.
+        touches = touches and (name == "table" or name not in obstacles)
+        if touches and body not in links and body not in simulation.objects:
+            # The walls of a hole are 0.3, as its peg is.
+            assert model.geom_friction[geom, 0] <= 0.3, f"{name} of {body}"
+            assert model.geom_friction[geom, 1] <= 0.005, f"{name} of {body}"
+    for item in simulation.objects:
+        for one in model.geom_friction[model.geom_bodyid == model.body(item).id]:
+            assert one[0] <= 0.9
+            assert one[1] <= 0.005
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_contacts_are_not_kind(name: str) -> None:
+    check_contacts(robot_for(FOUND[name]), FOUND[name]())
+
+
+@pytest.mark.parametrize("name", sorted({*robot_names()} - {"panda_pair"}))
+def test_contacts_are_not_kind_with_any_gripper(name: str) -> None:
+    task = FOUND["pick_place"]()
+    check_contacts(in_cell(robot_or_skip(name), task.name), task)
 
 
 @pytest.mark.parametrize("name", ["handover", "carry_tray"])
