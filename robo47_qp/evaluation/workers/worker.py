@@ -172,6 +172,7 @@ def _work(link: Connection, payload: bytes, files: Sequence[Path]) -> None:
     Thread(target=_end_with_parent, daemon=True).start()
     # Policies may print, but the standard output belongs to the parent, which writes JSON to it.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    sys.stdout = sys.stderr
     with Guard() as guard:
         for file in files:
             file_module(file)

@@ -82,9 +82,9 @@ class PolicyProcess:
         }
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)  # noqa: PTH109
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _START, json.dumps(settings)],
+            [sys.executable, "-u", "-c", _START, json.dumps(settings)],
             stdin=subprocess.DEVNULL,
-            # What it prints must not mix with what the run prints.
+            # What it prints must not mix with what the run prints, and is told (-u) however it ends.
             stdout=2,
             env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "0", "TMPDIR": temporary},
             pass_fds=(theirs.fileno(), life),
