@@ -84,7 +84,7 @@ class PolicyProcess:
         self._process = subprocess.Popen(
             [sys.executable, "-u", "-c", _START, json.dumps(settings)],
             stdin=subprocess.DEVNULL,
-            # What it prints must not mix with what the run prints, and is told (-u) however it ends.
+            # What it prints must not mix with what the run prints; -u tells it however it ends.
             stdout=2,
             env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "0", "TMPDIR": temporary},
             pass_fds=(theirs.fileno(), life),
