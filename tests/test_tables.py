@@ -114,7 +114,7 @@ def test_what_the_arm_did_becomes_rows(results: Path) -> None:
     rows = [TABLES["tracking"](*of).splitlines()[2] for of in (("a", "success"), ("a", "alone"))]
     errors = "1.25, 20.00 | 0.02, 1.00 | 0.00, 12.50 | 0.75, 0.00"
     assert rows[0] == f"| `reach` | severe | {errors} | path: 20, 40 % |"
-    assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – | – |"
+    assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – | nothing |"
 
 
 def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:

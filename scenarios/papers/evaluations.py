@@ -54,7 +54,7 @@ def _longest_not_judged(result: Result) -> str:
     """Return what the audit did not judge for the longest time: median, and most."""
     told = result.get("not_judged")
     if not told:
-        return "–"
+        return "–" if told is None else "nothing"
     one = max(told, key=lambda it: it["median_share"])
     return f"{one['signal']}: {100 * one['median_share']:.0f}, {100 * one['max_share']:.0f} %"
 
