@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.evaluation import task_episode
 from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import PolicyReference
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.workers.worker import run_guarded
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.report.audit.finding import Finding
 from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.run.runner import ProgramDriver
@@ -255,3 +257,12 @@ def test_a_policy_that_cannot_be_made_fails_its_episode() -> None:
     unmakeable = PolicyReference(text=f"{TOYS}:UnmakeablePolicy")
     result = episode(driver=unmakeable.driver, foreign=True)(SPEC)
     assert (result.cause, result.error) == ("limit", None)
+
+
+def test_what_the_audit_does_not_judge_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    judged = Finding(signal="a", unit="m", limit=1.0, extreme=0.5, time=0.0, ok=True)
+    exempt = replace(judged, signal="b, exempt", exempt="it presses", share=0.25)
+    monkeypatch.setattr(task_episode, "audit", lambda _: [judged, exempt])
+    result = episode()(SPEC)
+    assert [(one["signal"], one["share"]) for one in result.exempt] == [("b, exempt", 0.25)]
+    assert EpisodeResult.of_entry(json.loads(json.dumps(result.entry()))) == result

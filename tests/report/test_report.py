@@ -51,6 +51,8 @@ def test_it_has_what_a_reader_looks_for(summary: dict[str, Any]) -> None:
     for finding in summary["audit"]:
         names = {"signal", "limit", "extreme", "ok", "time", "unit", "exempt", "share", "least"}
         assert names == set(finding)
+        of_a_distance = any(name in finding["signal"] for name in ("clearance", "distance"))
+        assert finding["least"] == of_a_distance
         assert finding["ok"] is True
         slack = 1e-6 * abs(finding["limit"])
         least = (" q lower (", "clearance", "distance")

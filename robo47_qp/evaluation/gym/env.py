@@ -1,6 +1,6 @@
 """Tasks as environments of Gymnasium."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any, TypeAlias
 
 import gymnasium
@@ -118,9 +118,12 @@ class TaskEnv(_Base):
         """Start an episode; with a seed, in the world of an evaluation with this seed."""
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
-        scenario = self._episodes.scenario(drawn)
-        if not self._vary:
-            scenario = replace(scenario, task=self._task)
+        episodes = self._episodes
+        scenario = (
+            episodes.scenario(drawn)
+            if self._vary
+            else episodes.stack.scenario(self._robot, self._task, drawn)
+        )
         if self._anew:
             self.close()
             self._simulation = self._episodes.simulation(scenario, drawn, drawn=self._shown)

@@ -21,8 +21,8 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.cell import PolicyCell
-from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver
-from robo47_qp.run.policy.policy import JointTarget, ToolTarget, Torques, vector_of
+from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.policy.policy import vector_of
 from robo47_qp.run.registry import task_names
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.simulation import Simulation
@@ -37,8 +37,6 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from robo47_qp.evaluation.gym import register  # noqa: E402
 from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
-    ActionScale,
-    Mode,
     numbers_of,
     observation_space,
 )
@@ -272,25 +270,6 @@ def test_scenes_vary_if_they_are_to() -> None:
     assert len(set(heights)) == 3
 
 
-@pytest.mark.parametrize("mode", ["joints", "tool", "torques"])
-def test_numbers_stand_for_quantities(mode: Mode) -> None:
-    scale = ActionScale(ARM, mode)
-    pose = vector_of(tool_down([0.4, -0.3, 0.2], 0.5))
-    vector = {"joints": ARM.home + 0.1, "tool": pose, "torques": np.arange(7.0)}[mode]
-    numbers = scale.numbers([*vector, 0.03])
-    assert scale.space.contains(numbers)
-    action = scale.action(numbers)
-    assert action.width == pytest.approx(0.03, abs=1e-8)
-    kinds: dict[str, tuple[type, str]] = {
-        "joints": (JointTarget, "q"),
-        "tool": (ToolTarget, "pose"),
-        "torques": (Torques, "tau"),
-    }
-    kind, field = kinds[mode]
-    assert type(action) is kind
-    np.testing.assert_allclose(getattr(action, field), vector, atol=1e-5)
-
-
 def test_an_environment_knows_what_a_policy_knows() -> None:
     made = env(task=ObstacleReach())
     seen, info = made.reset(seed=0)
@@ -335,26 +314,6 @@ def test_an_object_that_is_moved_by_hand_breaks_the_audit() -> None:
     _, _, _, _, info = until_the_end(made, made.scale.numbers(HOME))
     assert not info["audit_ok"]
     assert any(signal.startswith("object jump") for signal in info["broken_promises"])
-
-
-def test_any_quaternion_is_made_a_unit_one() -> None:
-    scale = ActionScale(ARM, "tool")
-    action = scale.action(np.array([0, 0, 0, 0.2, 0, 0, 0.2, 0], dtype=np.float32))
-    assert isinstance(action, ToolTarget)
-    np.testing.assert_allclose(action.pose[3:], [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-7)
-    nothing = scale.action(np.zeros(8, dtype=np.float32))
-    assert isinstance(nothing, ToolTarget)
-    assert not nothing.pose[3:].any()
-
-
-def test_readings_saturate_at_the_bounds_of_the_space() -> None:
-    made = env()
-    made.reset(seed=0)
-    assert isinstance(made._episode, StepwiseDriver)
-    seen = made._episode.observe()
-    seen.force[:] = [600.0, -700.0, 5.0]
-    numbers = numbers_of(seen, observation_space(ARM, 0, 0, 3.0))
-    np.testing.assert_array_equal(numbers["force"], [500.0, -500.0, 5.0])
 
 
 def test_a_robot_without_a_gripper_has_no_width() -> None:

@@ -147,6 +147,10 @@ def test_what_was_not_judged_is_told_with_its_furthest_value_and_its_share() -> 
     assert (gap.extreme, gap.limit, gap.seed) == (-0.2, 0.1, 22)
     assert [path.episodes, path.median_share, path.max_share] == pytest.approx([2, 0.3, 0.4])
     assert (path.extreme, path.seed, path.why) == (0.3, 20, "why path")
+    report = of(results)
+    assert [one["signal"] for one in report.as_json()["not_judged"]] == ["gap, scene", "path"]
+    row = "| path | 2 | 30.0 | 40.0 | 0.3 m | 0.1 m | 20 | why path |"
+    assert row in markdown(report, []).splitlines()
 
 
 def test_a_value_that_is_no_number_is_the_furthest() -> None:

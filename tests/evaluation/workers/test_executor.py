@@ -85,8 +85,9 @@ def test_a_worker_that_does_not_get_ready_is_not_waited_for(
         list(LocalProcesses(workers=1, timeout=1.0).run(Toy(), specs(1)))
 
 
-def test_a_worker_ends_with_its_parent_and_keeps_quiet() -> None:
+def test_a_worker_ends_with_its_parent_and_keeps_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     """A killed parent leaves no process behind, not even one that hangs."""
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     code = (
         "import os, pickle, sys, time\n"
         "from robo47_qp.evaluation.episode import EpisodeSpec\n"

@@ -156,8 +156,9 @@ def test_a_policy_that_gives_no_answer_is_not_waited_for(monkeypatch: pytest.Mon
 
 
 def test_what_it_prints_does_not_mix_with_what_the_run_prints(
-    capfd: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     asked("Still")
     out, err = capfd.readouterr()
     assert out == ""
