@@ -53,5 +53,8 @@ def test_readings_saturate_at_the_bounds_of_the_space() -> None:
     assert isinstance(made._episode, StepwiseDriver)
     seen = made._episode.observe()
     seen.force[:] = [600.0, -700.0, 5.0]
+    assert seen.fingers is not None
+    seen.fingers[:] = [7.0, 600.0]
     numbers = numbers_of(seen, observation_space(ARM, 0, 0, 3.0))
     np.testing.assert_array_equal(numbers["force"], [500.0, -500.0, 5.0])
+    np.testing.assert_array_equal(numbers["fingers"], [7.0, 500.0])
