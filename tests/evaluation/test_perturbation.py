@@ -35,7 +35,12 @@ WIDE = Perturbation(
     friction=(0.3, 0.9),
     link_mass=(-0.05, 0.05),
     link_com=5e-3,
+    link_inertia=(-0.2, 0.1),
     joint_friction=(0.2, 0.6),
+    joint_damping=(-0.3, 0.5),
+    armature=(0.1, 0.2),
+    payload_error=(-0.2, 0.4),
+    object_size=(-0.02, 0.01),
     pushes=3,
     push_force=10.0,
     push_time=4.0,
@@ -60,10 +65,16 @@ def test_draws_fill_their_ranges_evenly() -> None:
         ("friction", 0.3, 0.9),
         ("link_mass_factor", 0.95, 1.05),
         ("link_com_shift", -5e-3, 5e-3),
+        ("link_inertia_factor", 0.8, 1.1),
         ("dry_friction", 0.2, 0.6),
+        ("damping_factor", 0.7, 1.5),
+        ("armature_factor", 1.1, 1.2),
+        ("payload_factor", 0.8, 1.4),
+        ("object_size_factor", 0.98, 1.01),
     ):
         values = np.array([np.ravel(getattr(one, name)) for one in drawn])
         columns[name] = values[:, :8]
+        assert columns[name].shape[1] == (1 if name in ("friction", "payload_factor") else 8)
         span = high - low
         assert low <= values.min() < low + 0.02 * span
         assert high - 0.02 * span < values.max() <= high

@@ -55,6 +55,14 @@ def test_the_force_on_the_tool_is_held_to_that_of_the_task(
     assert found.extreme == pytest.approx(np.linalg.norm(force))
 
 
+@pytest.mark.parametrize(("force", "kept"), [(10.0, True), (10.001, False)])
+def test_the_hand_presses_less_on_what_stands_fixed(run: Run, force: float, kept: bool) -> None:
+    findings = audit(with_value(run, "contact/fixed", ROW, 0, force))
+    assert broken(findings) == ([] if kept else ["tool contact with what is fixed"])
+    found = finding(findings, "tool contact with what is fixed")
+    assert (found.limit, found.extreme, found.time) == (10.0, force, ROW * TIMESTEP)
+
+
 def test_a_task_that_sets_no_limit_promises_none(run: Run) -> None:
     task = PickPlace(force_max=inf)
     findings = audit(replace(run, scenario=replace(run.scenario, task=task)))
