@@ -42,7 +42,7 @@ class FollowOptions:
     """Options of this scenario."""
 
     robot: Annotated[str, one_of(robot_names())] = "panda"
-    """Robot; all but the panda take their model from MuJoCo Menagerie."""
+    """Robot; iiwa14 and xarm7 take their model from MuJoCo Menagerie."""
     controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
     """Controller that tracks what streaming inverse kinematics commands."""
     seconds: float | None = None

@@ -57,8 +57,8 @@ SOLVERS: dict[str, Callable[[Tolerance], IkSolver]] = {
     "dls-single": lambda t: replace(TUNED, tolerance=t),
     "dls-free-single": lambda t: replace(TUNED, tolerance=t, clip=False, wrap=True),
 }
-"""Restarted up to 100 times, and from home alone; DLS is clamped to the joint limits or, free, has
-its angles wrapped at the end."""
+"""Restarted, as often as `MultiStart` does, and from home alone; DLS is clamped to the joint limits
+or, free, has its angles wrapped at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
