@@ -48,7 +48,8 @@ def metrics(run: Run) -> dict[str, float]:
 
     Errors and forces of several tools are those of the worst; rates are the main tool's.
 
-    The recordings page of the documentation explains them. Smoothness is missing if the tool does not move.
+    The recordings page of the documentation explains them. Smoothness is missing if the tool
+    does not move.
     """
     rows, motion, stiff = run.rows, _tool(run), _stiff(run)
     simulated = len(rows) * TIMESTEP
