@@ -286,6 +286,20 @@ def test_a_mark_that_leads_nowhere_is_refused(results: Path, text: str) -> None:
         rendered(text, TABLES)
 
 
+def test_a_condition_that_was_not_measured_is_refused(results: Path) -> None:
+    figures = ("max_joint_error", "max_joint_error_again", "max_tool_error", "last_tool_error")
+    units = ("rad", "rad", "m", "m")
+    one = {f"{name}_{unit}": 1e-3 for name, unit in zip(figures, units, strict=True)}
+    trials = {"moderate 1": {"PD": {**one, "stable": True}, "wild": {**one, "stable": False}}}
+    found = {"trials": trials, **ORIGIN_OF_TOY}
+    (results / "compare_controllers.json").write_text(json.dumps(found))
+    table = TABLES["controllers"]("moderate_1")
+    assert "| moderate 1 | `PD` | 1 mrad | 1 mrad | 1 mm | 1 mm |" in table
+    assert "wild" not in table
+    with pytest.raises(RecordingError, match=r"no condition severe_1; there are: moderate_1"):
+        TABLES["controllers"]("moderate_1", "severe_1")
+
+
 def test_of_the_episodes_the_failures_and_broken_promises_are_kept() -> None:
     found = to_keep(REPORT)
     assert "entries" not in found

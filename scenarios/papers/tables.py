@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
+from robo47_qp.errors import RecordingError
 from scenarios.papers.evaluations import (
     alone,
     policies,
@@ -167,16 +168,30 @@ def motions() -> str:
 
 
 def controllers(*conditions: str) -> str:
-    """Errors of the controllers, a row for each under each condition; none named takes all."""
+    """Errors of the controllers, a row for each under each condition; none named takes all.
+
+    Raises:
+        RecordingError: A condition was not measured.
+    """
+
+    def rows(found: Result) -> list[Result]:
+        trials = {name.replace(" ", "_"): one for name, one in found["trials"].items()}
+        missing = [name for name in conditions if name not in trials]
+        if missing:
+            raise RecordingError(
+                f"docs/results/compare_controllers.json has no condition {', '.join(missing)}; "
+                f"there are: {', '.join(trials)}."
+            )
+        return [
+            {**one, "condition": name.replace("_", " "), "controller": controller}
+            for name in conditions or trials
+            for controller, one in trials[name].items()
+            if one["stable"]
+        ]
+
     return table(
         "compare_controllers",
-        lambda found: [
-            {**one, "condition": condition, "controller": name}
-            for condition, trials in found["trials"].items()
-            if not conditions or condition.replace(" ", "_") in conditions
-            for name, one in trials.items()
-            if one["stable"]
-        ],
+        rows,
         {
             "condition": lambda one: one["condition"],
             "controller": lambda one: f"`{one['controller']}`",
