@@ -26,11 +26,11 @@ _STROKE, _LANES = 0.09, (-0.04, 0.0, 0.04)
 [m]."""
 _ABOVE = 0.015
 """Height of the sponge above the nominal surface before it is lowered [m]."""
-_SETTLED, _READ = 0.5, 0.2
+_SETTLED, _READ = 0.6, 0.2
 """Time from contact until the force has settled, and in which it is then measured [s]."""
-_SWIFTLY, _GENTLY = 0.7, 0.5
+_SWIFTLY, _GENTLY = 0.7, 0.3
 """Speed without contact of a sponge that is lowered, relative to the largest: where the force is
-measured exactly, and where touches have to be even [-]."""
+measured exactly, and where touches have to be even, and the sponge may not slip [-]."""
 _DAMPED = 20.0
 """Damping of the sponge on the board, relative to its apparent mass: 0.8 to 1 of the critical one
 [1/s]."""
@@ -43,19 +43,20 @@ _UNLOADING = (5e-4, 5e-3)
 """Rise of the tool in which the foam, still pressed, tells its stiffness [m]."""
 _TOUCH_ERROR = 0.2
 """Standard deviation of the force that a touch tells [N]."""
-_CREEP = (0.0195, 0.003)
-"""Mean and standard deviation of the rate at which the force of a pressed sponge falls, as it
-creeps between the fingers [N/s]."""
+_CREEP = (0.0076, 1.29e-5, 0.005)
+"""Rate at which the force of a pressed sponge falls, as it creeps between the fingers: that of a
+soft one [N/s], what it grows by with its stiffness [m/s], and the standard deviation [N/s]."""
 _CAREFUL, _DRAGGED = 0.0125, 0.0137
 """Speed of the sponge that is wiped by the foam [m/s], and by how much dragged foam rises at the
 same force, for its speed and its coefficient of friction [s]."""
 _FRICTION, _TRUSTED = 0.5, 20
 """Coefficient of friction that is expected, and how many readings it counts as."""
-_EASY, _OFF = 3e-3, 0.008
-"""Speed at which a sponge that has slid is relieved, and at which it is lifted off otherwise: it
-slips back if that is fast [m/s]."""
-
-
+_BEGINS, _SLOWLY = 1.2, 0.3
+"""Time in which a stroke begins slowly [s], and its pace meanwhile [-]: the joints have turned by
+then, and what their friction does to the force is made up for."""
+_EASED, _RELIEVED, _AWAY = 6.0, 2.2, 0.3
+"""Times in which a sponge that has slid is relieved, and another one, and in which it goes away
+from the board then [s]: it slips back if that is fast."""
 _LAID, _SET_DOWN, _LOOSE = 1.0, 2.5, 2.0
 """Force with which the sponge is laid down [N], which its foam gives way to by 1 mm, how long that
 may take [s], and force of fingers in which it settles before they open [N]."""
@@ -82,7 +83,7 @@ class BoardWiper(ItemHandler):
             strokes = hand.strokes(self.sensed.tool_pose().translation()[2])
             speed = self.settings.speed
             yield self._press("wipe", self._force, waypoints=strokes, speed=speed)
-            yield self._rise("lift off", self._clear(_FOAM), _OFF)
+            yield self._rise("lift off", self._clear(_FOAM), _RELIEVED)
         yield self._line("leave the board", self._up(self.sensed.tool_pose()))
 
     def _lined_up(self) -> Generator[StepLike, None, Self]:
@@ -121,23 +122,40 @@ class BoardWiper(ItemHandler):
                 touch = yield from self._touch_down(felt)
                 lift = Unloading(self.sensed, felt)
                 rise = self._clear(foam.stiffness if foam.touched else softest)
-                yield self._rise("lift off", rise, _OFF, lift.read)
+                yield self._rise("lift off", rise - _CLEAR, _RELIEVED, lift.read)
+                yield self._rise("clear", _CLEAR, _AWAY)
                 after = yield from read_free_wrist(self.sensed)
                 foam.add(touch, lift, free, after)
                 free = after
             touch = yield from self._touch_down(partial(self._force_from, free.force))
             end = self._over(x, _STROKE, self.sensed.tool_pose().translation()[2])
             stroke = self._line(f"stroke {i + 1}", end)
-            still, dragged = (
-                partial(foam.force_at, self.sensed, touch),
-                partial(foam.force_dragged, self.sensed, touch, free.force, self._y()),
-            )
+            still = partial(foam.force_at, self.sensed, touch)
+            dragged = partial(foam.force_dragged, self.sensed, touch, free.force, self._y())
             yield self._press("settle", still, seconds=_SETTLED)
-            yield self._press("wipe", dragged, waypoints=(stroke,), speed=_CAREFUL)
-            foam.pressed += self.sensed.time - touch.since
+            yield self._stroke(stroke, still, dragged)
             yield self._press("stop", still, seconds=_SETTLED)
-            yield self._rise("ease", self._clear(foam.stiffness) - _CLEAR, _EASY)
-            yield self._rise("lift off", _CLEAR, _OFF)
+            foam.pressed += self.sensed.time - touch.since + 0.5 * _EASED
+            yield self._rise("ease", self._clear(foam.stiffness) - _CLEAR, _EASED)
+            yield self._rise("clear", _CLEAR, _AWAY)
+
+    def _stroke(
+        self, line: Waypoint, still: Callable[[], float], dragged: Callable[[], float]
+    ) -> Press:
+        """Return the stroke along a line, which begins slowly, with the force as the foam tells
+        it where the sponge is still and where it is dragged [N]."""
+        begun = self.sensed.time + _BEGINS
+
+        def slow() -> bool:
+            return self.sensed.time < begun
+
+        return self._press(
+            "wipe",
+            lambda: still() if slow() else dragged(),
+            waypoints=(line,),
+            speed=_CAREFUL,
+            pace=lambda: _SLOWLY if slow() else 1.0,
+        )
 
     def _let_down(self, T_world_item: SE3, T_world_goal: SE3) -> Generator[StepLike, None, None]:
         """See `ItemHandler._let_down`; the sponge is then lowered until it touches.
@@ -177,12 +195,13 @@ class BoardWiper(ItemHandler):
         )
 
     def _rise(
-        self, name: str, way: float, speed: float, observe: Callable[[], None] | None = None
+        self, name: str, way: float, seconds: float, observe: Callable[[], None] | None = None
     ) -> Press:
-        """Return the step straight up by a way [m] at a speed [m/s], with the arm stiff."""
+        """Return the step straight up by a way [m] in about a time [s], with the arm stiff."""
         x, y, z = (T := self.sensed.tool_pose()).translation()
         up = SE3.from_rotation_and_translation(T.rotation(), np.array([x, y, z + way]))
-        step = self._press(name, self._force, waypoints=(self._line(name, up),), speed=speed)
+        line, speed = self._line(name, up), way / seconds
+        step = self._press(name, self._force, waypoints=(line,), speed=speed)
         return replace(step, force=0.0, observe=observe)
 
     def to_board(self) -> tuple[Waypoint, Waypoint]:
@@ -300,20 +319,19 @@ class Unloading:
         """Begin before it; `felt` returns the force of the sponge [N]."""
         self._sensed, self._felt = sensed, felt
         self._low = float(sensed.tool_pose().translation()[2])
-        self._readings: list[tuple[float, float]] = []
+        self._readings: list[tuple[float, float, float]] = []
 
     def read(self) -> None:
-        """Measure height of the tool and force."""
+        """Measure time, height of the tool and force."""
         height = float(self._sensed.tool_pose().translation()[2])
         least, most = _UNLOADING
         if least <= height - self._low <= most:
-            self._readings.append((height, self._felt()))
+            self._readings.append((self._sensed.time, height, self._felt()))
 
-    @property
-    def stiffness(self) -> float:
-        """Stiffness of the sponge [N/m]."""
-        height, force = np.array(self._readings).T
-        return -float(np.polyfit(height - height.mean(), force, 1)[0])
+    def stiffness(self, drift: float) -> float:
+        """Return the stiffness of the sponge [N/m], with a wrist that drifts [N/s]."""
+        time, height, force = np.array(self._readings).T
+        return -float(np.polyfit(height - height.mean(), force - drift * time, 1)[0])
 
 
 class FoamSpring:
@@ -345,17 +363,18 @@ class FoamSpring:
     def add(self, touch: Touch, lift: Unloading, before: FreeWrist, after: FreeWrist) -> None:
         """Take in a touch between two readings of the free wrist, whose drift is taken off."""
         time, height, force = touch.mean
-        share = (time - before.time) / (after.time - before.time)
-        force -= share * float(after.force[2] - before.force[2])
+        drift = float(after.force[2] - before.force[2]) / (after.time - before.time)
+        force -= drift * (time - before.time)
         self._touches.append((self.pressed + time - touch.since, height, force))
-        self._slopes.append(lift.stiffness)
-        self.pressed += _SETTLED + _READ
+        self._slopes.append(lift.stiffness(drift))
+        self.pressed += _SETTLED + _READ + 0.5 * _RELIEVED
 
     def force_at(self, sensed: Sensed, touch: Touch) -> float:
         """Return the force while the sponge is at rest on the board after a touch [N]."""
         k, pressed = self.stiffness, self.pressed + sensed.time - touch.since
         times, heights, forces = np.array(self._touches).T
-        usual, spread = _CREEP
+        firm, growth, spread = _CREEP
+        usual = firm + growth * k
         rows = np.append(np.column_stack([np.ones(len(times)), -times]), [[0.0, 1.0]], axis=0)
         values = np.append(k * heights + forces - self.force, usual)
         weights = np.append(np.full(len(times), 1.0 / _TOUCH_ERROR), 1.0 / spread)

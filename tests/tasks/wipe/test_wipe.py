@@ -8,7 +8,7 @@ import pytest
 from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
-from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
@@ -102,7 +102,7 @@ def wiped_by_foam() -> tuple[Run, float]:
     the weight of the sponge [N]."""
     erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
-    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=53.0))
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=60.0))
     return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
 
 
@@ -175,6 +175,14 @@ class Foam(Sensed):
             self.clock, self.pressed = self.clock + 0.01, self.pressed + 0.01
         return touch
 
+    def relieve(self, lift: Unloading) -> None:
+        """Take all of the force away in 2.2 s; the sponge creeps the less, the less is left."""
+        whole = self.true_force
+        for left in np.linspace(1.0, 0.0, 221)[1:]:
+            self.height += whole / 220 / self.stiffness
+            lift.read()
+            self.clock, self.pressed = self.clock + 0.01, self.pressed + 0.01 * left
+
 
 @pytest.mark.parametrize("stiffness", [770.0, 1100.0, 1430.0])
 @pytest.mark.parametrize("friction", [0.3, 0.9])
@@ -186,10 +194,7 @@ def test_the_foam_tells_the_force_whatever_its_stiffness_and_its_friction(
     for force in (9.6, 10.3, 10.1, 9.9):
         touch = cell.touched(free, force)
         lift = Unloading(cell, partial(cell.above, free))
-        low = cell.height
-        for rise in np.arange(0.0, 6e-3, 2e-4):
-            cell.height = low + rise
-            lift.read()
+        cell.relieve(lift)
         after = cell.free()
         spring.add(touch, lift, free, after)
         free = after
@@ -303,3 +308,16 @@ def test_random_marks_are_on_the_board_and_the_sponge_is_beside_it(seed: int) ->
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidValueError, match=f"{name} must be above 0 and finite; found"):
         replace(WipeSettings(), **{name: value})
+
+
+def test_a_sponge_on_a_stiff_arm_that_errs_does_not_slip_as_it_touches() -> None:
+    """In a severe world, friction bends the arm aside as it touches: it is to let go slowly."""
+    episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=PRESETS["severe"])
+    scenario = replace(episode.scenario(78104), watchdog=Watchdog(time_limit=82.0))
+    simulation = episode.simulation(scenario, 78104)
+    run = Runner(scenario, simulation).run()
+    assert [phase.name for phase in run.phases].count("touch down") == 9
+    slid, outside, *_ = task_state(simulation)
+    # With five seconds of the first stroke; 0.46 s are all that a success may have.
+    assert 4.0 < slid < 6.0
+    assert outside <= 0.1
