@@ -19,7 +19,6 @@ from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.wipe.board import SURFACE, WipeSettings
 from robo47_qp.tasks.wipe.foam import (
     CAREFUL,
-    FOAM_STIFFNESS,
     RELIEVED,
     SETTLED,
     FoamSpring,
@@ -45,7 +44,7 @@ _FIRST_TOUCHES, _TOUCHES = 7, 4
 _EASED, _AWAY = 6.0, 0.3
 """Times in which a sponge that has slid is relieved, and in which one that is relieved goes away
 from the board [s]: it slips back if the first is short."""
-_BEGINS, _SLOWLY = 1.2, 0.3
+_BEGINS, _SLOWLY = 2.0, 0.25
 """Time in which a stroke begins slowly [s], and its pace meanwhile [-]: the joints have turned by
 then, and what their friction does to the force is made up for."""
 _RUN_IN = 0.02
@@ -76,7 +75,7 @@ class BoardWiper(ItemHandler):
             strokes = hand.strokes(self.sensed.tool_pose().translation()[2])
             speed = self.settings.speed
             yield self._press("wipe", self._force, waypoints=strokes, speed=speed)
-            yield self._rise("lift off", self._clear(FOAM_STIFFNESS), RELIEVED)
+            yield self._rise("lift off", FoamSpring(self.settings.force).way + _CLEAR, RELIEVED)
         yield self._line("leave the board", self._up(self.sensed.tool_pose()))
 
     def _lined_up(self) -> Generator[StepLike, None, Self]:
@@ -103,8 +102,7 @@ class BoardWiper(ItemHandler):
         feels what is asked for, each with the readings of the free wrist before and after it.
         """
         foam = FoamSpring(force=self.settings.force)
-        softest = FOAM_STIFFNESS * (1.0 - float(self.sensed.sheet.noise["mass_tolerance"] or 0.0))
-        yield from self._run_in(softest)
+        yield from self._run_in(foam)
         for i, x in enumerate(_LANES):
             beside = self._over(x, -_STROKE, self.sensed.tool_pose().translation()[2])
             yield Move(waypoints=(self._line(f"to stroke {i + 1}", beside),))
@@ -113,8 +111,7 @@ class BoardWiper(ItemHandler):
                 felt = partial(self._force_from, free.force)
                 touch = yield from self._touch_down(felt)
                 lift = Unloading(self.sensed, felt)
-                rise = self._clear(foam.stiffness if foam.touched else softest)
-                yield self._rise("lift off", rise - _CLEAR, RELIEVED, lift.read)
+                yield self._rise("lift off", foam.way, RELIEVED, lift.read)
                 yield self._rise("clear", _CLEAR, _AWAY)
                 after = yield from read_free_wrist(self.sensed)
                 foam.add(touch, lift, free, after)
@@ -128,11 +125,11 @@ class BoardWiper(ItemHandler):
             yield self._stroke("wipe", stroke, CAREFUL, (still, dragged))
             yield self._press("stop", still, seconds=SETTLED)
             foam.pressed += self.sensed.time - touch.since + 0.5 * _EASED
-            yield self._rise("ease", self._clear(foam.stiffness) - _CLEAR, _EASED)
+            yield self._rise("ease", foam.way, _EASED)
             yield self._rise("clear", _CLEAR, _AWAY)
 
-    def _run_in(self, softest: float) -> Generator[StepLike, None, None]:
-        """Drag the sponge a little, slowly, and lift it.
+    def _run_in(self, foam: FoamSpring) -> Generator[StepLike, None, None]:
+        """Drag the sponge a little, slowly, and lift it, which tells how stiff its foam is.
 
         It turns between the fingers the first time that it is dragged, and creeps more than later.
         """
@@ -142,8 +139,13 @@ class BoardWiper(ItemHandler):
         height = self.sensed.tool_pose().translation()[2]
         line = self._line("run in", self._over(_LANES[0], _RUN_IN - _STROKE, height))
         yield self._stroke("run in", line, _SLOWLY * CAREFUL, (felt, felt))
-        yield self._rise("ease", self._clear(softest) - _CLEAR, _EASED)
+        lift = Unloading(self.sensed, felt)
+        least, most = foam.ways(float(self.sensed.sheet.noise["mass_tolerance"] or 0.0))
+        yield self._rise("ease", least, _EASED, lift.read)
+        if most > least:
+            yield self._rise("lift off", most - least, RELIEVED)
         yield self._rise("clear", _CLEAR, _AWAY)
+        foam.soften(lift, free, (yield from read_free_wrist(self.sensed)))
 
     def _stroke(
         self,
@@ -184,10 +186,6 @@ class BoardWiper(ItemHandler):
         step = self._press("set down", partial(self._force_from, free.force), seconds=_SET_DOWN)
         yield replace(step, force=_LAID)
         yield Grasp(name="loosen", force=_LOOSE)
-
-    def _clear(self, stiffness: float) -> float:
-        """Return by how much the tool rises to lift the sponge, of a stiffness [N/m], off [m]."""
-        return 1.1 * self.settings.force / stiffness + _CLEAR
 
     def _touch_down(self, felt: Callable[[], float]) -> Generator[StepLike, None, Touch]:
         """Lower the sponge until it is pressed as asked, by what tells its force [N]."""

@@ -20,6 +20,8 @@ CAREFUL, _DRAGGED = 0.0125, 0.0137
 same force, for its speed and its coefficient of friction [s]."""
 _UNLOADING = (5e-4, 5e-3)
 """Rise of the tool in which the foam, still pressed, tells its stiffness [m]."""
+_ROOM = 1.1
+"""Rise for which the foam presses no longer, relative to how far it gives way [-]."""
 _TOUCH_ERROR = 0.2
 """Standard deviation of the force that a touch tells [N]."""
 _CREEP = (0.0076, 1.29e-5, 0.005)
@@ -106,23 +108,36 @@ class FoamSpring:
         self._drag, self._count = _TRUSTED * _FRICTION * force, _TRUSTED
 
     @property
-    def touched(self) -> bool:
-        """Whether there was a touch."""
-        return bool(self._slopes)
-
-    @property
     def stiffness(self) -> float:
         """k [N/m]."""
         found = np.median(self._slopes or [FOAM_STIFFNESS])
         return float(np.clip(found, 0.3 * FOAM_STIFFNESS, 2.0 * FOAM_STIFFNESS))
 
+    @property
+    def way(self) -> float:
+        """How far the tool rises until the foam presses no longer, with some room [m]."""
+        return _ROOM * self.force / self.stiffness
+
+    def ways(self, tolerance: float) -> tuple[float, float]:
+        """Return the same of the stiffest and of the softest foam that there may be [m].
+
+        Args:
+            tolerance: By what part stiffness may be off its nominal value.
+        """
+        nominal = _ROOM * self.force / FOAM_STIFFNESS
+        return nominal / (1.0 + tolerance), nominal / (1.0 - tolerance)
+
+    def soften(self, lift: Unloading, before: FreeWrist, after: FreeWrist) -> float:
+        """Take in how stiff a rise was; return the drift between two readings [N/s]."""
+        drift = float(after.force[2] - before.force[2]) / (after.time - before.time)
+        self._slopes.append(lift.stiffness(drift))
+        return drift
+
     def add(self, touch: Touch, lift: Unloading, before: FreeWrist, after: FreeWrist) -> None:
         """Take in a touch between two readings of the free wrist, whose drift is taken off."""
         time, height, force = touch.mean
-        drift = float(after.force[2] - before.force[2]) / (after.time - before.time)
-        force -= drift * (time - before.time)
+        force -= self.soften(lift, before, after) * (time - before.time)
         self._touches.append((self.pressed + time - touch.since, height, force))
-        self._slopes.append(lift.stiffness(drift))
         self.pressed += SETTLED + _READ + 0.5 * RELIEVED
 
     def force_at(self, sensed: Sensed, touch: Touch) -> float:

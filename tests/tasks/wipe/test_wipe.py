@@ -102,7 +102,7 @@ def wiped_by_foam() -> tuple[Run, float]:
     the weight of the sponge [N]."""
     erring = Perturbation(noise_force=0.3, force_drift=1.0, object_mass=-0.3, object_com=0.01)
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=erring)
-    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=73.0))
+    scenario = replace(episode.scenario(80001), watchdog=Watchdog(time_limit=77.0))
     return Runner(scenario, episode.simulation(scenario, 80001)).run(), 0.7 * WEIGHT
 
 
@@ -313,7 +313,7 @@ def test_impossible_settings_are_refused(name: str, value: float) -> None:
 def test_a_sponge_on_a_stiff_arm_that_errs_does_not_slip_as_it_touches() -> None:
     """In a severe world, friction bends the arm aside as it touches: it is to let go slowly."""
     episode = TaskEpisode(robot=PANDA, task=Wipe(), perturbation=PRESETS["severe"])
-    scenario = replace(episode.scenario(78104), watchdog=Watchdog(time_limit=94.0))
+    scenario = replace(episode.scenario(78104), watchdog=Watchdog(time_limit=98.0))
     simulation = episode.simulation(scenario, 78104)
     run = Runner(scenario, simulation).run()
     assert [phase.name for phase in run.phases].count("touch down") == 9
