@@ -11,6 +11,8 @@ from robo47_qp.tasks.handling.wrist import FreeWrist
 
 FOAM_STIFFNESS = 1100.0
 """Nominal stiffness of the foam, which is known as well as the mass of the sponge [N/m]."""
+_STIFFNESSES = (0.3, 2.0)
+"""Least and largest stiffness that is believed, relative to the nominal one [-]."""
 SETTLED, _READ = 0.6, 0.2
 """Time from contact until the force has settled, and in which it is then measured [s]."""
 RELIEVED = 2.2
@@ -111,7 +113,7 @@ class FoamSpring:
     def stiffness(self) -> float:
         """k [N/m]."""
         found = np.median(self._slopes or [FOAM_STIFFNESS])
-        return float(np.clip(found, 0.3 * FOAM_STIFFNESS, 2.0 * FOAM_STIFFNESS))
+        return float(np.clip(found, *(share * FOAM_STIFFNESS for share in _STIFFNESSES)))
 
     @property
     def way(self) -> float:
@@ -125,7 +127,8 @@ class FoamSpring:
             tolerance: By what part stiffness may be off its nominal value.
         """
         nominal = _ROOM * self.force / FOAM_STIFFNESS
-        return nominal / (1.0 + tolerance), nominal / (1.0 - tolerance)
+        softest, stiffest = _STIFFNESSES
+        return nominal / min(1.0 + tolerance, stiffest), nominal / max(1.0 - tolerance, softest)
 
     def soften(self, lift: Unloading, before: FreeWrist, after: FreeWrist) -> float:
         """Take in how stiff a rise was; return the drift between two readings [N/s]."""

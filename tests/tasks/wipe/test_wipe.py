@@ -210,6 +210,17 @@ def test_the_foam_tells_the_force_whatever_its_stiffness_and_its_friction(
     assert felt == pytest.approx(cell.true_force, abs=0.06)
 
 
+@pytest.mark.parametrize(
+    ("tolerance", "least", "most"), [(0.0, 10.0, 10.0), (0.6, 6.25, 25.0), (8.0, 5.0, 33.33)]
+)
+def test_the_first_rise_suits_every_foam_that_there_may_be(
+    tolerance: float, least: float, most: float
+) -> None:
+    spring = FoamSpring(10.0)
+    assert spring.way == pytest.approx(10e-3)
+    assert spring.ways(tolerance) == pytest.approx((1e-3 * least, 1e-3 * most), rel=1e-3)
+
+
 def test_a_sponge_lost_on_the_board_is_a_drop() -> None:
     def take(simulation: Simulation) -> None:
         simulation.place_object("sponge", SE3.from_translation(np.array([0.3, 0.3, 0.04])))
