@@ -113,7 +113,8 @@ class FoamSpring:
     def stiffness(self) -> float:
         """k [N/m]."""
         found = np.median(self._slopes or [FOAM_STIFFNESS])
-        return float(np.clip(found, *(share * FOAM_STIFFNESS for share in _STIFFNESSES)))
+        least, most = (share * FOAM_STIFFNESS for share in _STIFFNESSES)
+        return float(np.clip(found, least, most))
 
     @property
     def way(self) -> float:
