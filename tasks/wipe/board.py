@@ -25,8 +25,10 @@ MARKS = 8
 """Number of marks."""
 OUTSIDE = 0.01
 """Largest share of the time of sliding with a force outside its band [-]."""
-_SLIDING = 5e-3
+SLIDING = 5e-3
 """Speed above which the sponge counts as sliding [m/s]."""
+PRESSED = 0.1
+"""Share of the force above which it counts as sliding [-]."""
 _TOUCHING = 2e-3
 """Height above a mark below which the foam touches it [m]."""
 _PRESSED = "foam on the board"
@@ -114,7 +116,7 @@ class WipeMonitor:
         force = self.pressed()
         if force >= settings.force_least:
             self._wipe_off()
-        if force > 0.1 * settings.force and self._slides():
+        if force > PRESSED * settings.force and self._slides():
             note[_SLID] += passed
             off = force - settings.force
             if abs(off) > settings.band * settings.force:
@@ -139,7 +141,7 @@ class WipeMonitor:
     def _slides(self) -> bool:
         """Return True if the sponge slides on the board."""
         twist = self._simulation.object_twist(self._sponge.name)
-        if np.hypot(twist[0], twist[1]) <= _SLIDING:
+        if np.hypot(twist[0], twist[1]) <= SLIDING:
             return False
         T_world_board = self._simulation.marker_pose("board")
         sponge = self._simulation.object_pose(self._sponge.name).translation()

@@ -28,6 +28,8 @@ from robo47_qp.tasks.wipe.board import (
     HEIGHT_ERROR,
     MARKS,
     OUTSIDE,
+    PRESSED,
+    SLIDING,
     SURFACE,
     WipeMonitor,
     WipeSettings,
@@ -180,7 +182,8 @@ class Wipe(Task):
     @property
     def _settings_words(self) -> str:
         return (
-            f"while the sponge slides on the board, its force within "
+            f"while the sponge slides on the board, faster than {1e3 * SLIDING:g} mm/s and pressed "
+            f"with more than {PRESSED * self.force:g} N, its force within "
             f"{100 * self.settings.band:g} % of {self.force:g} N for {100 * (1 - OUTSIDE):g} % of "
             "the time"
         )

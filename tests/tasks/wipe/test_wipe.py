@@ -113,6 +113,11 @@ def test_where_the_wrist_drifts_the_foam_tells_the_force() -> None:
     assert run.failure.cause is Cause.TIMEOUT
     stroke = rows_of(run, "stroke 1", "contact/tool")[:, 2]
     assert len(stroke) > 10000
+    # It begins slowly.
+    places = rows_of(run, "stroke 1", "tool/pose_ref")[::100, :2]
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / 0.1
+    assert speeds[:20].max() <= 0.25 * 0.0125 * 1.01
+    assert 0.010 < speeds[40:].max() <= 0.0125
     assert np.mean(np.abs(stroke + weight - 10.0) <= 0.5) >= 0.99
     assert [finding.signal for finding in audit(run) if not finding.ok] == []
 
