@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import sleep
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,23 @@ def test_the_first_torques_are_those_that_hold_the_arm_where_it_is(host: str) ->
     assert result.failure is not None
     assert result.failure.evidence == "enough was seen"
     assert np.abs(first).max() < 0.2
+
+
+def test_a_force_on_the_tool_has_the_sign_that_a_simulation_has(host: str) -> None:
+    """libfranka: forces applied by the environment on the robot are negative."""
+    arm = DrivenArm(FR3, Nudge().build_scene, host)
+    told = arm.link.state
+    names = ("q", "dq", "tau_J", "tau_ext_hat_filtered", "control_command_success_rate")
+    pushed_up = [0.0, 0.0, -7.0, 0.0, 0.0, 0.0]
+    try:
+        arm.link.state = SimpleNamespace(
+            **{name: getattr(told, name) for name in names}, O_F_ext_hat_K=pushed_up
+        )
+        arm._write_state()
+        np.testing.assert_array_equal(arm.felt_force(), [0.0, 0.0, 7.0])
+    finally:
+        arm.link.state = told
+        arm.close()
 
 
 def test_the_robot_stops_at_the_twentieth_command_that_is_lost() -> None:

@@ -268,8 +268,8 @@ class DrivenArm(Simulation):
         self._told["tau_J"][:], self._told["tau_ext"][:] = state.tau_J, state.tau_ext_hat_filtered
         self._health[:] = state.control_command_success_rate, self.link.lost
         whole, within, _ = self._contact.tool_forces
-        # A sensor of MuJoCo tells the force of the tool on others.
-        whole[0][:], within[0][:] = -np.array(state.O_F_ext_hat_K[:3]), 0.0
+        # Both libfranka and a sensor of MuJoCo tell the force of the tool on others.
+        whole[0][:], within[0][:] = state.O_F_ext_hat_K[:3], 0.0
         if self._held is not None:
             name, T_tcp_object = self._held
             self._bodies.carry(name, self.tool_pose() @ T_tcp_object)

@@ -70,7 +70,7 @@ class ServedArm:
         self.torque_limits = np.full(7, _THRESHOLD)
         self.force_limits = np.full(6, _THRESHOLD)
         self._tau_d = np.zeros(7)
-        self._ext, self._tau_ext = np.zeros(6), np.zeros(7)
+        self._ext, self._ext_k, self._tau_ext = np.zeros(6), np.zeros(6), np.zeros(7)
         self._rest()
         self._describe()
 
@@ -177,6 +177,7 @@ class ServedArm:
         now["elbow"][...] = q[2], np.sign(q[3])
         now["elbow_d"][...] = now["elbow_c"][...] = self._q_d[2], np.sign(self._q_d[3])
         now["tau_ext"][...], now["O_F_ext"][...] = self._tau_ext, self._ext
+        now["K_F_ext"][...] = self._ext_k
         now["generator"][...], now["controller"][...] = self.generator, self.controller
         now["robot_mode"][...] = self.mode
         now["success_rate"][...] = sum(self._answered) / _WINDOW if self.moving else 0.0
@@ -277,13 +278,18 @@ class ServedArm:
         self._lost, self._answered = 0, [0.0] * _WINDOW
 
     def _feel(self) -> None:
-        """Estimate what pushes the tool: a force, and the torques that it makes."""
-        force = self.sim.last_tool_force() - self._load[0] * self._bare.model.opt.gravity
+        """Estimate the force of the tool on others, and the torques that make it.
+
+        By its signs, `tau_J` is `tau_ext` and what the model expects (libfranka, `RobotState`).
+        """
+        force = self._load[0] * self._bare.model.opt.gravity - self.sim.last_tool_force()
         if not (force.any() or self._ext.any()):
             return
         self._ext[:3] += _FILTER * (force - self._ext[:3])
         turned = self.sim.tool_pose().rotation().inverse().apply(self._ext[:3])
         self._tau_ext = self._bare.jacobian(self.sim.true_state().q)[:3].T @ turned
+        R_k_tool = (self.T_ne_ee @ self.T_ee_k).rotation().inverse()
+        self._ext_k[:3] = R_k_tool.apply(turned)
 
     def _collision(self) -> str | None:
         if (np.abs(self._ext) > self.force_limits).any():
