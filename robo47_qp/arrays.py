@@ -128,6 +128,8 @@ class Size:
 
 Positive: TypeAlias = Annotated[float, Range(above=0.0)]
 NotNegative: TypeAlias = Annotated[float, Range(at_least=0.0)]
+Longest: TypeAlias = Annotated[float, Range(above=0.0, infinite=True)]
+"""A bound that may be infinite: none."""
 Ratio: TypeAlias = Annotated[float, Range(above=0.0, at_most=1.0)]
 Count: TypeAlias = Annotated[int, Range(at_least=1, whole=True)]
 CountOrZero: TypeAlias = Annotated[int, Range(at_least=0, whole=True)]

@@ -2,11 +2,12 @@
 
 Each law is combined with steps that know no joint limits (free, angles wrapped at the end), that
 are clamped to them (clipped), and that keep them as the bounds of a QP (box). The settings are the
-best ones of clipped DLS, chosen first on targets of their own. A star marks restarts.
+best ones of clipped DLS, chosen first on targets of their own, from one start and with restarts
+each for itself. A star marks restarts.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -53,8 +54,6 @@ CLAMPS = ((np.inf, np.inf), (0.1, 0.4), (0.3, 1.0))
 """Longest displacement [m] and widest rotation [rad] that a step goes for."""
 CENTRING = (0.0, 0.02, 0.1)
 _TUNED = ("damping", "longest", "widest", "centring")
-_MORE = 12
-"""Second looks of a restarted QP at most: all others get as many starts besides."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +82,13 @@ def run(options: AblateOptions, console: Console) -> int:
     check_writable(options.report)
     made = provenance()
     arm = Arm(load_robot(options.robot))
-    swept, best = sweep(arm, options)
+    swept, best = sweep(arm, options, alone)
     console.print(f"best of {len(swept)} settings of clipped DLS, by law: " + _told(best))
-    cast = solvers(best)
+    swept_again, best_again = sweep(arm, options, restarted)
+    console.print("with restarts: " + _told(best_again))
+    cast = solvers(best) | {
+        f"{name}*": restarted(solver) for name, solver in solvers(best_again).items()
+    }
     fields = _compared(arm, cast, options, options.n, options.seed)
     effects = [one for field in fields for one in worth(field, best)]
     console.print(_rates(fields))
@@ -104,6 +107,7 @@ def run(options: AblateOptions, console: Console) -> int:
             "library_seconds": library,
             "solvers": {name: plain(solver) for name, solver in cast.items()},
             "sweep": swept,
+            "sweep_restarted": swept_again,
             "rows": [row for field in fields for row in rows(field)],
             "effects": effects,
         },
@@ -112,8 +116,29 @@ def run(options: AblateOptions, console: Console) -> int:
     return OK
 
 
-def sweep(arm: Arm, options: AblateOptions) -> tuple[list[dict[str, Any]], dict[str, DlsIk]]:
-    """Return how many targets each setting of clipped DLS reaches, and the best one of each law."""
+def alone(solver: IkSolver) -> IkSolver:
+    """Return a solver from one start."""
+    return replace(solver, max_iterations=SINGLE)  # type: ignore[type-var]
+
+
+def restarted(solver: IkSolver) -> IkSolver:
+    """Return a solver with restarts, and the second looks that all solvers get."""
+    each = replace(solver, max_iterations=EACH)  # type: ignore[type-var]
+    return MultiStart(solver=each, max_restarts=STARTS - 1)
+
+
+def sweep(
+    arm: Arm, options: AblateOptions, searched: Callable[[IkSolver], IkSolver]
+) -> tuple[list[dict[str, Any]], dict[str, DlsIk]]:
+    """Return how many targets each setting of clipped DLS reaches, and the best one of each law.
+
+    Of settings that reach as many, the one with fewer steps is the better.
+
+    Args:
+        arm: The arm.
+        options: Targets.
+        searched: Makes of a solver the search that is tried.
+    """
     cast = {
         f"{law} {i} {j} {k}": DlsIk(
             damping=one, longest=clamp[0], widest=clamp[1], centring=centring
@@ -123,28 +148,38 @@ def sweep(arm: Arm, options: AblateOptions) -> tuple[list[dict[str, Any]], dict[
         for j, clamp in enumerate(CLAMPS)
         for k, centring in enumerate(CENTRING)
     }
-    fields = _compared(arm, cast, options, options.tune, options.seed + 1)
+    searches = {name: searched(solver) for name, solver in cast.items()}
+    fields = _compared(arm, searches, options, options.tune, options.seed + 1)
     reached = {
         name: sum(int(field[i].success.sum()) for field in fields) for i, name in enumerate(cast)
+    }
+    steps = {
+        name: sum(int(field[i].iterations.sum()) for field in fields) for i, name in enumerate(cast)
     }
     told = [
         {
             **{one: plain(getattr(solver, one)) for one in _TUNED},
             "reached": reached[name],
             "of": options.tune * len(fields),
+            "steps": steps[name],
         }
         for name, solver in cast.items()
     ]
     best = {
-        law: cast[max((n for n in cast if n.startswith(law)), key=lambda n: reached[n])]
+        law: cast[
+            max((n for n in cast if n.startswith(law)), key=lambda n: (reached[n], -steps[n]))
+        ]
         for law in LAWS
     }
     return told, best
 
 
 def solvers(best: dict[str, DlsIk]) -> dict[str, IkSolver]:
-    """Return law × limits × starts, and the package's and mink's own QPs."""
-    found: dict[str, IkSolver] = {"textbook": DlsIk(), "textbook free": DlsIk(clip=False)}
+    """Return law × limits, and the package's and mink's own QPs."""
+    found: dict[str, IkSolver] = {
+        "textbook": DlsIk(),
+        "textbook free": DlsIk(clip=False, wrap=True),
+    }
     for law, dls in best.items():
         found[f"{law}, free"] = replace(dls, clip=False, wrap=True)
         found[f"{law}, clipped"] = dls
@@ -154,14 +189,7 @@ def solvers(best: dict[str, DlsIk]) -> dict[str, IkSolver]:
             )
     found["qp"] = QpIk(max_iterations=SINGLE)
     found["mink"] = MinkIk(max_iterations=SINGLE)
-    again: dict[str, IkSolver] = {}
-    for name, solver in found.items():
-        more = _MORE if isinstance(solver, DlsIk) else 0
-        again[f"{name}*"] = MultiStart(
-            solver=replace(solver, max_iterations=EACH),  # type: ignore[type-var]
-            max_restarts=STARTS - 1 + more,
-        )
-    return found | again
+    return found
 
 
 def worth(field: Sequence[Answers], best: dict[str, DlsIk]) -> list[dict[str, Any]]:
@@ -174,6 +202,9 @@ def worth(field: Sequence[Answers], best: dict[str, DlsIk]) -> list[dict[str, An
                 (f"clipping{end}", f"{law}, free{end}", f"{law}, clipped{end}"),
                 (f"bounds{end}", f"{law}, clipped{end}", f"{law}, box{end}"),
             ]
+    for end in ("", "*"):
+        clipped = ("textbook", *(f"{law}, clipped" for law in best))
+        pairs += [("QP", f"{name}{end}", f"qp{end}") for name in clipped]
     pairs += [("law", "constant, box", f"{law}, box") for law in best if law != "constant"]
     single = [name for name in by_name if not name.endswith("*")]
     pairs += [("restarts", name, f"{name}*") for name in single]

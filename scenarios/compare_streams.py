@@ -1,13 +1,14 @@
 """DLS against the QP at 1 kHz: one arm and two, on paired targets, with limits and clearances.
 
 Both get the same targets, the same reference velocity, the same box of joint limits and the same
-measured distances. The QP has clearances as constraints, DLS repels in its null space. Judged
-are the commands: limits by differences of positions, clearances by MuJoCo's contacts.
+measured distances. The QP has clearances as constraints, DLS repels in its null space; what does
+not fit the box is scaled ("dls") or clamped joint by joint ("dls-clip"). Judged are the commands:
+limits by differences of positions, clearances by MuJoCo's contacts.
 """
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def run(options: CompareOptions, console: Console) -> int:
         chosen = StreamOptions(robot=robot)
         arm = chosen.arm()
         for kind in ("gentle", "hostile"):
-            for stream in ("qp", "dls"):
+            for stream in ("qp", "dls", "dls-clip"):
                 one = measured(arm, chosen, stream, kind, options)
                 figures.append({"robot": robot, "targets": kind, "stream": stream, **one})
                 table.add_row(
@@ -97,7 +98,8 @@ def measured(
         counts = {event.name: n for event, n in solver.counts.items()}
         relaxed = counts["CLEARANCE_RELAXED"]
     else:
-        rival = DlsStream(settings=replace(chosen.settings())).build(arm)
+        clamped = stream == "dls-clip"
+        rival = DlsStream(settings=chosen.settings(), clamped=clamped).build(arm)
         for k, target in zip(range(count), given, strict=False):
             q[k], v[k], a[k], errors[k] = rival.tick(target)
     profile = chosen.settings().profile or arm.robot.profile

@@ -2,23 +2,20 @@
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, Matrix, NotNegative, Range, Vector
-
-Longest: TypeAlias = Annotated[float, Range(above=0.0, infinite=True)]
-"""A bound that may be infinite: none."""
+from robo47_qp.arrays import Checked, Matrix, NotNegative, Vector
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damping(Checked):
     """λ² = constant² + per_error ‖e‖² + singular² (1 - w / threshold)² where w < threshold.
 
-    w = √det(J Jᵀ) is the manipulability (Nakamura and Hanafusa, "Inverse kinematic solutions with
-    singularity robustness for robot manipulator control", 1986); the law of the error is that of
-    Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", 2011.
+    w is the manipulability, √det(J Jᵀ) of a whole pose (Nakamura and Hanafusa, "Inverse kinematic
+    solutions with singularity robustness for robot manipulator control", 1986); the law of the
+    error is that of Sugihara, "Solvability-unconcerned inverse kinematics by the
+    Levenberg-Marquardt method", 2011.
     """
 
     constant: NotNegative = 0.0
@@ -30,11 +27,18 @@ class Damping(Checked):
     threshold: NotNegative = 0.05
     """Manipulability below which a configuration counts as nearly singular."""
 
-    def squared(self, J: Matrix, squared_error: float) -> float:
-        """Return λ² for a Jacobian (rows, n) and the squared error that is left."""
+    def squared(self, J: Matrix, squared_error: float, asked: int | None = None) -> float:
+        """Return λ².
+
+        Args:
+            J: The Jacobian (rows, n).
+            squared_error: What is left of the error.
+            asked: Degrees of freedom that are asked for, where rows of J stand for none: w is the
+                product of so many singular values, the largest. None: of as many as rows.
+        """
         found = self.constant**2 + self.per_error * squared_error
         if self.singular > 0.0:
-            w = sqrt(max(0.0, float(np.linalg.det(J @ J.T))))
+            w = float(np.prod(np.linalg.svd(J, compute_uv=False)[:asked]))
             if w < self.threshold:
                 found += (self.singular * (1.0 - w / self.threshold)) ** 2
         return found

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass, replace
 from time import process_time
+from typing import Self
 
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Vector
-from robo47_qp.ik.damping import Damping, Longest, clamped
+from robo47_qp.arrays import Checked, CountOrZero, Longest, NotNegative, Vector
+from robo47_qp.ik.damping import Damping, clamped
 from robo47_qp.ik.solver import IkResult, Tolerance, is_target, judged, rejected
 from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
@@ -62,11 +63,12 @@ class DlsIk(Checked):
         if not is_target(T_world_target):
             return rejected(arm, q)
         rows = 3 if self.position_only else 6
+        tolerance, demand = self.tolerance, self.tolerance.demand
         tools = len(tools_of(arm, T_world_target))
+        asked = tools * (rows - demand.free)
         law = self.damping if isinstance(self.damping, Damping) else Damping(constant=self.damping)
         one, middle = np.eye(rows * tools), 0.5 * (arm.q_low + arm.q_high)
         bounded = np.isfinite([self.longest, self.widest]).any()
-        tolerance, demand = self.tolerance, self.tolerance.demand
         if self.position_only:
             tolerance = replace(tolerance, orientation=np.inf)
         q_seed = q
@@ -81,8 +83,11 @@ class DlsIk(Checked):
             if bounded:
                 own = e.reshape(tools, rows)
                 e = np.concatenate([clamped(part, self.longest, self.widest) for part in own])
-            squares = J @ J.T
-            step = J.T @ np.linalg.solve(squares + law.squared(J, float(e @ e)) * one, e)
+            damped = law.squared(J, float(e @ e), asked)
+            if damped > 0.0:
+                step = J.T @ np.linalg.solve(J @ J.T + damped * one, e)
+            else:
+                step = np.linalg.lstsq(J, e, rcond=None)[0]
             if self.centring:
                 lean = self.centring * np.where(arm.free, 0.0, middle - q)
                 step += lean - np.linalg.pinv(J, rcond=_NULL) @ (J @ lean)
@@ -94,6 +99,10 @@ class DlsIk(Checked):
         q = arm.unwound(q, q_seed)
         result = judged(arm, T_world_target, q, tolerance, iteration, None, self.clearance)
         return replace(result, seconds=process_time() - started)
+
+    def thorough(self) -> Self:
+        """See `EarlyStopping.thorough`."""
+        return replace(self, max_iterations=max(self.max_iterations, 100))
 
 
 def _wrapped(arm: Arm, q: Vector) -> Vector:

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robo47_qp.arrays import NotNegative
+from robo47_qp.arrays import Longest, NotNegative
 from robo47_qp.ik.box_qp import box_qp
-from robo47_qp.ik.damping import Damping, Longest, clamped
+from robo47_qp.ik.damping import Damping, clamped
 from robo47_qp.ik.descent import CompiledSearch, CompiledStepper, is_compiled
 from robo47_qp.ik.fused_step import FusedStepper, Linearised
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search

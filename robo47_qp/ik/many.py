@@ -10,7 +10,7 @@ from mink import SE3
 from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp._core.library import backend, functions, pointer
-from robo47_qp.arrays import Matrix, Range
+from robo47_qp.arrays import Matrix, OneOf, Range
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.restarts import Batch
@@ -133,10 +133,12 @@ def fk_many(
         threads: By default one for each processor at hand.
 
     Raises:
-        InvalidValueError: q is no array of finite numbers of that shape, or `threads` is below 1.
+        InvalidValueError: q is no array of finite numbers of that shape, `threads` is below 1, or
+            the robot has no such tool.
     """
     workers = _workers(threads)
     q = _rows(arm, "q", q)
+    OneOf(tuple(range(len(arm.robot.tools)))).check("tool", tool)
     T = np.empty((len(q), 4, 4))
     if backend() == "numpy":
         for row, configuration in zip(T, q, strict=True):
@@ -194,7 +196,8 @@ def _poses(targets: Sequence[SE3]) -> Matrix:
 
 
 def _seeds(arm: Arm, q_seeds: ArrayLike | None, count: int) -> Matrix:
-    given = np.asarray(arm.home if q_seeds is None else q_seeds, dtype=np.float64)
+    expected = f"finite numbers of shape (count, {arm.n}) or ({arm.n},)"
+    given = _numbers("q_seeds", arm.home if q_seeds is None else q_seeds, expected)
     seeds = _rows(arm, "q_seeds", np.tile(given, (count, 1)) if given.ndim == 1 else given)
     if len(seeds) != count:
         expected = f"one configuration, or one for each of {count} targets"
@@ -203,8 +206,17 @@ def _seeds(arm: Arm, q_seeds: ArrayLike | None, count: int) -> Matrix:
 
 
 def _rows(arm: Arm, name: str, q: ArrayLike) -> Matrix:
-    rows = np.ascontiguousarray(q, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != arm.n or not np.isfinite(rows).all():
-        expected = f"finite numbers of shape (count, {arm.n})"
+    expected = f"finite numbers of shape (count, {arm.n})"
+    rows = _numbers(name, q, expected)
+    if rows.ndim != 2 or rows.shape[1] != arm.n:
         raise InvalidValueError(name, f"shape {rows.shape}", expected)
+    if not np.isfinite(rows).all():
+        raise InvalidValueError(name, "NaN or infinite", expected)
     return rows
+
+
+def _numbers(name: str, values: ArrayLike, expected: str) -> Matrix:
+    try:
+        return np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(name, repr(values), expected) from error

@@ -121,7 +121,7 @@ class MultiStart(Checked):
     answers: Count = 1
     """Number of different solutions to collect, if there are so many, before the preferred one is
     taken."""
-    apart: float = 0.3
+    apart: NotNegative = 0.3
     """Two solutions differ if a joint differs by more than this [rad or m]."""
     preference: Preference = Preference()
 

@@ -12,7 +12,7 @@ import numpy as np
 from mink import SE3
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, Longest, Vector
 from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_text
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
@@ -24,22 +24,23 @@ _FAR = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tolerance:
+class Tolerance(Checked):
     """How close counts as reached."""
 
-    position: float = 1e-6
+    position: Longest = 1e-6
     """[m]"""
-    orientation: float = 1e-6
+    orientation: Longest = 1e-6
     """[rad]; infinite where the orientation does not matter."""
     demand: ToolDemand = FULL
     """What of the tool's pose counts."""
 
     def __post_init__(self) -> None:
-        """Check the demand.
+        """Check the settings.
 
         Raises:
-            InvalidValueError: It is none.
+            InvalidValueError: A number is not above 0, or the demand is none.
         """
+        super().__post_init__()
         check_demand(self.demand)
 
 

@@ -101,10 +101,11 @@ class FreeAxis(ToolDemand):
             InvalidValueError: It is not three finite numbers, or has no length.
         """
         axis = checked_vector("axis", self.axis, 3)
-        length = float(np.linalg.norm(axis))
-        if length < _SMALL:
+        if not axis.any():
             raise InvalidValueError("axis", axis.tolist(), "a vector with a length")
-        object.__setattr__(self, "axis", tuple((axis / length).tolist()))
+        # The largest component becomes 1 first, so that no square is too large or too small.
+        axis /= np.abs(axis).max()
+        object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 
     def turn(self, w: Vector, R_axes_tool: Matrix) -> Vector:
         """Return the least rotation that turns the axis to where the target has it."""

@@ -6,7 +6,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, Count, CountOrZero, NotNegative, Vector
 from robo47_qp.errors import PlanError
 from robo47_qp.ik.composing import start_of
 from robo47_qp.ik.multistart import MultiStart
@@ -73,7 +73,7 @@ _LOOKS = 33
 
 
 @dataclass(frozen=True, kw_only=True)
-class BranchChoice:
+class BranchChoice(Checked):
     """Chooses configurations for waypoints. Its fields are settings.
 
     Only a PTP waypoint leaves a choice: a tool path is followed in the branch in which it
@@ -84,11 +84,11 @@ class BranchChoice:
     `crowding` (1 - room) [s], by dynamic programming (Bellman, 1957).
     """
 
-    candidates: int = 8
+    candidates: Count = 8
     """Number of configurations to try per PTP waypoint."""
-    restarts: int = 100
+    restarts: CountOrZero = 100
     """Number of IK starts per PTP waypoint."""
-    crowding: float = 0.5
+    crowding: NotNegative = 0.5
     """Cost of a configuration at a joint limit [s]."""
     collisions: Collisions | None = None
     """Collision check; configurations for PTP waypoints that collide, or from which a tool path

@@ -325,3 +325,16 @@ def test_the_number_of_second_looks_fits_the_core() -> None:
     most = max(b - a for a, b in zip((0, *looks), looks, strict=False))
     assert most + multistart._ENDS <= 128
     assert multistart._ENDS <= 8
+
+
+@pytest.mark.parametrize("tool", [1, -1, 1_000_000, "tcp"])
+def test_a_tool_that_the_robot_does_not_have_is_refused(panda: Arm, tool: Any) -> None:
+    with pytest.raises(InvalidValueError, match="tool must be 0"):
+        fk_many(panda, [panda.home], tool)
+
+
+def test_words_are_no_configurations(panda: Arm) -> None:
+    with pytest.raises(InvalidValueError, match=r"q must be finite numbers of shape \(count, 7\)"):
+        fk_many(panda, "abc")
+    with pytest.raises(InvalidValueError, match="q_seeds must be finite numbers"):
+        solve_many(LmIk(), panda, [panda.pose(panda.home)], "abc")

@@ -1,18 +1,30 @@
 """Laws of damping, clamped errors, the null space term and wrapped angles of DLS and LM."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.damping import Damping, clamped
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import Tolerance
+from robo47_qp.ik.tool_demand import FULL, POSITION, FreeAxis, ToolDemand
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from tests.examples import shifted, turned
 
 ARM = Arm(PANDA)
+
+
+class Impatient(DlsIk):
+    """A search whose second looks are no longer than the first."""
+
+    def thorough(self) -> "Impatient":
+        return Impatient(max_iterations=0)
 
 
 def far_target() -> object:
@@ -131,3 +143,45 @@ def test_what_makes_no_sense_is_refused(settings: dict[str, float]) -> None:
         DlsIk(**settings)  # type: ignore[arg-type]
     with pytest.raises(InvalidValueError):
         Damping(constant=-0.1)
+
+
+def test_a_demand_on_a_part_of_the_pose_is_no_singularity() -> None:
+    """By the volume of the image of a ball, in the directions that are asked for."""
+    law = Damping(singular=0.1, threshold=0.01)
+    for demand, asked in ((FreeAxis(), 5), (POSITION, 3), (FULL, 6)):
+        J = demand.jacobian(ARM, ARM.pose(ARM.home), ARM.home)
+        values = np.sort(np.sqrt(np.clip(np.linalg.eigvalsh(J @ J.T), 0.0, None)))[::-1]
+        w = float(np.prod(values[:asked]))
+        assert w > law.threshold
+        assert law.squared(J, 0.0, asked) == 0.0
+        near = Damping(singular=0.1, threshold=2.0 * w)
+        assert near.squared(J, 0.0, asked) == pytest.approx(0.0025, rel=1e-6)
+    target = SE3.from_translation(np.array([0.0, 0.0, 0.01])) @ ARM.pose(ARM.home)
+    plain = DlsIk(damping=1e-6, tolerance=Tolerance(demand=POSITION), max_iterations=1)
+    lawful = replace(plain, damping=Damping(constant=1e-6, singular=0.1, threshold=1e-3))
+    first, second = (solver.solve(ARM, target, ARM.home).q for solver in (plain, lawful))
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("demand", [POSITION, FreeAxis()])
+def test_no_damping_is_the_least_step(demand: ToolDemand) -> None:
+    target = SE3.from_translation(np.array([0.0, 0.02, 0.01])) @ ARM.pose(ARM.home)
+    undamped = DlsIk(damping=0.0, tolerance=Tolerance(demand=demand))
+    exact, nearly = (
+        replace(undamped, damping=damping, max_iterations=1).solve(ARM, target, ARM.home).q
+        for damping in (0.0, 1e-6)
+    )
+    np.testing.assert_allclose(exact, nearly, atol=1e-8)
+    assert MultiStart(solver=undamped).solve(ARM, target, ARM.home).converged
+
+
+def test_dls_continues_its_closest_ends_as_the_qp_does() -> None:
+    few = DlsIk(max_iterations=30)
+    assert few.thorough().max_iterations == 100
+    assert DlsIk().thorough() == DlsIk()
+    rng, found = np.random.default_rng(5), {}
+    targets = [ARM.pose(rng.uniform(ARM.q_min, ARM.q_max)) for _ in range(30)]
+    for name, each in (("with", few), ("without", Impatient(max_iterations=30))):
+        search = MultiStart(solver=each, max_restarts=10)
+        found[name] = sum(search.solve(ARM, one, ARM.home).converged for one in targets)
+    assert found["with"] > found["without"]

@@ -11,7 +11,12 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.solver import Tolerance
+from robo47_qp.ik.stream.stream import StreamIk
 from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.motion.branch_choice import BranchChoice
+from robo47_qp.motion.following.tracking import Tracking
+from robo47_qp.motion.paths.segments import PathProfile
 from scenarios.check_motions import CheckOptions
 from scenarios.collision_ik import CollisionIkOptions
 from scenarios.compare_controllers import ControllersOptions
@@ -70,3 +75,30 @@ def test_options_without_sense_are_refused(
     values = {k: tmp_path / v if k in ("report", "log") else v for k, v in change.items()}
     with pytest.raises(InvalidValueError, match=message):
         options(**values)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), "a"])
+def test_what_counts_as_reached_is_above_zero(bad: object) -> None:
+    for field in ("position", "orientation"):
+        with pytest.raises(InvalidValueError, match=f"{field} must be above 0"):
+            Tolerance(**{field: bad})  # type: ignore[arg-type]
+    assert Tolerance(orientation=float("inf")).orientation == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        (BranchChoice, {"candidates": 0}),
+        (BranchChoice, {"crowding": float("nan")}),
+        (Tracking, {"knot_spacing": 0.0}),
+        (Tracking, {"deviation": float("nan")}),
+        (PathProfile, {"linear": (0.25, 0.0, 5.0)}),
+        (PathProfile, {"angular": (1.0, float("nan"), 5.0)}),
+        (StreamIk, {"frozen": "joint3"}),
+    ],
+)
+def test_settings_of_paths_and_streams_are_checked(
+    kind: Callable[..., Any], settings: dict[str, Any]
+) -> None:
+    with pytest.raises(InvalidValueError, match=next(iter(settings))):
+        kind(**settings)

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robo47_qp.control.joint_stops import JointStops
+from robo47_qp.evaluation.benchmarks.ik.judge import Judge
+from robo47_qp.evaluation.benchmarks.ik.same_step import states
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.ik.stream.joint_bounds import JointBounds
 from robo47_qp.model.arm import Arm
@@ -158,3 +160,18 @@ def test_limits_of_streams_stops_and_actions_leave_them_out() -> None:
     action = checked_action(JointTarget(q=ARM.home + 9.0 * FREE), ARM)
     assert isinstance(action, JointTarget)
     np.testing.assert_array_equal(action.q, ARM.home + 9.0 * FREE)
+
+
+def test_the_judge_of_ik_knows_that_they_have_no_limits() -> None:
+    q = ARM.home + np.array([2.0, 0.1, -3.0, -0.1, 3.0, 0.1, 2.5])
+    found = Judge(ROBOT).verdict(ARM.pose(q), q)
+    assert found.limit_excess == 0.0
+    assert max(found.position_error, found.orientation_error) < 1e-9
+    beyond = q + np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    excess = Judge(ROBOT).verdict(ARM.pose(q), beyond).limit_excess
+    assert excess == pytest.approx(beyond[1] - ARM.q_max[1])
+
+
+def test_steps_are_compared_from_finite_states() -> None:
+    for state in states(ARM, 20):
+        assert np.isfinite(state.q).all()

@@ -13,6 +13,7 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
 from robo47_qp.motion.planner import Leg, Planner
@@ -272,6 +273,17 @@ def test_a_line_of_no_length_outside_the_limits_is_refused(robot: Robot, arm: Ar
     here = Waypoint(name="here", target=arm.pose(q_start), motion=Motion.LIN)
     with pytest.raises(PlanError, match=r"'here' cannot be planned.*0\.100 (rad|m) outside"):
         planner(robot).plan(arm, here, q_start, DT)
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_a_line_from_far_outside_the_limits_is_refused(joint: int) -> None:
+    arm = Arm(PANDA)
+    q_start = arm.home.copy()
+    q_start[joint] = arm.q_max[joint] + 0.3
+    lower = SE3.from_translation(np.array([0.0, 0.0, -0.02])) @ arm.pose(q_start)
+    there = Waypoint(name="there", target=lower, motion=Motion.LIN)
+    with pytest.raises(PlanError, match="'there' cannot be planned"):
+        planner(PANDA).plan(arm, there, q_start, DT)
 
 
 @pytest.mark.parametrize("pace", [0.0, -1.0, 5.0, np.nan])

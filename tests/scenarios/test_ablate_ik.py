@@ -9,8 +9,9 @@ from robo47_qp.ik.damping import Damping
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
+from robo47_qp.ik.solver import EarlyStopping
 from scenarios import ablate_ik
-from scenarios.ablate_ik import AblateOptions, run, solvers
+from scenarios.ablate_ik import AblateOptions, restarted, run, solvers
 
 
 def test_each_law_is_tried_free_clipped_and_bounded_with_one_setting() -> None:
@@ -24,10 +25,14 @@ def test_each_law_is_tried_free_clipped_and_bounded_with_one_setting() -> None:
     assert free.damping == clipped.damping == box.damping == law
     assert {one.longest for one in (free, clipped, box)} == {0.2}
     assert {one.max_iterations for one in (free, clipped, box)} == {200}
-    # Second looks are starts, too: who takes none gets as many more.
-    again = {name: one for name, one in cast.items() if isinstance(one, MultiStart)}
-    assert {f"{name}*" for name in cast if f"{name}*" in cast} == again.keys()
-    assert again["by error, clipped*"].max_restarts == again["qp*"].max_restarts + 12
+    # All get the same starts and second looks.
+    for solver in (clipped, box, cast["qp"], cast["mink"]):
+        again = restarted(solver)
+        assert isinstance(again, MultiStart)
+        assert isinstance(again.solver, EarlyStopping)
+        assert again.max_restarts == 200
+        assert again.solver.max_iterations == 30  # type: ignore[attr-defined]
+        assert again.solver.thorough().max_iterations == 100  # type: ignore[attr-defined]
 
 
 def test_a_small_ablation_is_printed_and_written(
@@ -43,6 +48,12 @@ def test_a_small_ablation_is_printed_and_written(
     told = json.loads(out.read_text())
     best = told["solvers"]["constant, clipped"]["damping"]["constant"]
     assert best == 0.05  # the other hardly moves
+    again = told["solvers"]["constant, clipped*"]
+    assert (again["class"], again["solver"]["damping"]["constant"]) == ("MultiStart", 0.05)
+    for sweep in ("sweep", "sweep_restarted"):
+        assert len(told[sweep]) == 6
+        first, *_ = sorted(told[sweep], key=lambda one: (-one["reached"], one["steps"]))
+        assert first["damping"]["constant"] == 0.05
     effects = {(one["effect"], one["to"]): one for one in told["effects"]}
     rates = {row["solver"]: row["success"] for row in told["rows"]}
     for (_, name), one in effects.items():
@@ -50,4 +61,5 @@ def test_a_small_ablation_is_printed_and_written(
         assert low <= one["points"] <= high
         assert one["points"] == pytest.approx(100.0 * (rates[name] - rates[one["from"]]))
     assert told["library_seconds"] > 0.0
-    assert ("bounds", "constant, box") in effects
+    for effect in (("bounds", "constant, box"), ("QP", "qp"), ("QP", "qp*")):
+        assert effect in effects

@@ -1,5 +1,6 @@
 """Settings of differential inverse kinematics at a fixed rate, and what a tick returns."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated
@@ -70,7 +71,10 @@ class StreamSettings(Checked):
         super().__post_init__()
         check_demand(self.demand)
         for name in ("objectives", "limits", "constraints", "frozen"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            given = getattr(self, name)
+            if isinstance(given, str) or not isinstance(given, Iterable):
+                raise InvalidValueError(name, repr(given), "a list")
+            object.__setattr__(self, name, tuple(given))
         if self.gain * self.dt > 0.3:
             most = f"at most {0.3 / self.dt:g} at a tick of {self.dt:g} s, or it oscillates"
             raise InvalidValueError("gain", self.gain, most)

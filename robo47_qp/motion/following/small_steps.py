@@ -112,6 +112,9 @@ def solve_nearby(
     low, high = q - STRIDE, q + STRIDE
     if limits:
         low, high = np.maximum(arm.q_min, low), np.minimum(arm.q_max, high)
+    if (low >= high).any():
+        # A joint is further outside its limits than the search goes.
+        return None
     around = np.random.default_rng(_SEED).uniform(low, high, (starts, arm.n))
     for start in (np.clip(q, low, high), *around):
         found = least_squares(

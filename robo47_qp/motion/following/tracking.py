@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Checked, CountOrZero, Matrix, NotNegative, Positive, Vector
 from robo47_qp.errors import RefusalReason
 from robo47_qp.ik.composing import deviation, exact_rows, without_lasting
 from robo47_qp.ik.solver import IkResult, IkSolver
@@ -38,7 +38,7 @@ class IkEffort(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tracking:
+class Tracking(Checked):
     """Follows tool paths. Its fields are settings.
 
     IK solves the path at knots, each started from the one before; a spline of degree 5
@@ -47,15 +47,15 @@ class Tracking:
     again with the joints led away from their limits as far as the tool allows.
     """
 
-    deviation: float = 5e-6
+    deviation: Positive = 5e-6
     """Largest deviation of the tool from the path [m] and [rad]."""
-    knot_spacing: float = 0.01
+    knot_spacing: Positive = 0.01
     """First spacing of the knots [m] and [rad]."""
-    doublings: int = 4
+    doublings: CountOrZero = 4
     """Largest number of times that the knots are doubled."""
-    jump: float = 0.3
+    jump: Positive = 0.3
     """Change of a joint between knots that counts as a change of IK branch [rad]."""
-    retreat: float = 3.0
+    retreat: NotNegative = 3.0
     """Rate at which a redundant arm moves away from joint limits where it would reach one
     [rad per m or rad of the path]; 0 refuses the path there."""
     polish: bool = False

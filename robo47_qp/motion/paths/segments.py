@@ -2,15 +2,17 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol, TypeAlias
 
 import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Checked, Matrix, Range, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.tool_poses import Target
+
+_Bounds: TypeAlias = Annotated[tuple[float, float, float], Range(above=0.0)]
 
 _FLAT = 1e-6
 """Sine of an angle below which three points lie on one line."""
@@ -226,12 +228,12 @@ def arc_about(start: SE3, goal: SE3, centre: Vector) -> Arc:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathProfile:
+class PathProfile(Checked):
     """Bounds on speed, acceleration and jerk of the tool along a straight path."""
 
-    linear: tuple[float, float, float] = (0.25, 0.75, 5.0)
+    linear: _Bounds = (0.25, 0.75, 5.0)
     """[m/s, m/s², m/s³]"""
-    angular: tuple[float, float, float] = (1.0, 3.0, 20.0)
+    angular: _Bounds = (1.0, 3.0, 20.0)
     """[rad/s, rad/s², rad/s³]"""
 
     def along(self, length: float, angle: float, pace: float) -> Vector:

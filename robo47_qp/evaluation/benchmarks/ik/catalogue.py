@@ -77,8 +77,8 @@ def solvers() -> dict[str, IkSolver]:
         tuned = replace(TUNED, max_iterations=steps, tolerance=TOLERANCE)
         qp = QpIk(max_iterations=steps, tolerance=TOLERANCE)
         return {
-            "dls-position": replace(dls, position_only=True, clip=False),
-            "dls": replace(dls, clip=False),
+            "dls-position": replace(dls, position_only=True, clip=False, wrap=True),
+            "dls": replace(dls, clip=False, wrap=True),
             "dls-clip": dls,
             "dls-tuned-free": replace(tuned, clip=False, wrap=True),
             "dls-tuned": tuned,

@@ -21,9 +21,9 @@ class DlsStream:
     The gradient of Σ_i k (d_0 - d_i)² / (2 d_0) over the pairs closer than d_0 repels them as far
     as the tool allows (Liegeois, "Automatic supervisory control of the configuration and behavior
     of multibody mechanisms", 1977; Maciejewski and Klein, "Obstacle avoidance for kinematically
-    redundant manipulators in dynamically varying environments", 1985). The whole velocity is
-    then scaled, between that of full braking and the wanted one, into the same box of joint
-    limits as the QP has. Clearances are no constraints of it.
+    redundant manipulators in dynamically varying environments", 1985). The velocity is then
+    brought into the same box of joint limits as the QP has, by scaling or by clamping. Clearances
+    are no constraints of it.
     """
 
     settings: StreamIk
@@ -31,7 +31,13 @@ class DlsStream:
     repulsion: float = 2.0
     """k: speed of parting at no distance [m/s, along the gradient]."""
     influence: float = 0.1
-    """d_0: distance beyond the clearance at which repulsion begins [m]."""
+    """d_0 [m]. Pairs that part or rest have rows only where they are nearer than
+    `clearance_bounds.NEAR`: for them, repulsion begins there."""
+
+    clamped: bool = False
+    """How a velocity comes into the box. False: the joints of each arm are scaled together, between
+    full braking and what is wanted, so that the tool keeps its direction, and waits where a joint
+    is at its limit. True: each joint is clamped by itself, and the tool leaves its direction."""
 
     def build(self, arm: Arm) -> "DlsStreamSolver":
         """Return a stream for one arm, at rest at its home."""
@@ -50,6 +56,9 @@ class DlsStreamSolver:
         self.bounds = bounds
         self._wanted = TargetVelocity(settings, arm, self.profile)
         self.q, self.v = arm.home.copy(), np.zeros(arm.n)
+        moved = np.array([arm.tool_joints(i) for i in range(len(arm.robot.tools))])
+        self._arms = [(tools == moved.T).all(axis=1) for tools in np.unique(moved.T, axis=0)]
+        """Joints that move the same tools, of which one scale is asked (n,)."""
         clearance = settings.clearance or 0.0
         self._near = ClearanceBounds(
             arm.derived(Clearance, clearance),
@@ -74,11 +83,20 @@ class DlsStreamSolver:
         inverse = DampedInverse(found.way.rows, self._stream.settings.singular_threshold)
         wanted = found.v_ref + inverse.null(away)
         box = self.bounds.box(self.q, self.v)
-        slow = np.clip(braked(self.v, self.bounds.a_max, self._dt), box.low, box.high)
-        change = wanted - slow
-        room = np.where(change > 0.0, box.high - slow, box.low - slow)
-        shares = np.divide(room, change, out=np.ones_like(room), where=np.abs(change) > 1e-12)
-        v = np.clip(slow + min(1.0, float(shares.min())) * change, box.low, box.high)
+        v = np.clip(wanted, box.low, box.high)
+        if not self._stream.clamped:
+            v = self._scaled(wanted, box.low, box.high)
         a = (v - self.v) / self._dt
         self.q, self.v = self.bounds.moved(self.q, self.v, v), v
         return self.q.copy(), v.copy(), a, found.position_error
+
+    def _scaled(self, wanted: Vector, low: Vector, high: Vector) -> Vector:
+        """Return the velocity nearest to the wanted one on the way from full braking to it."""
+        slow = np.clip(braked(self.v, self.bounds.a_max, self._dt), low, high)
+        change = wanted - slow
+        room = np.where(change > 0.0, high - slow, low - slow)
+        shares = np.divide(room, change, out=np.ones_like(room), where=np.abs(change) > 1e-12)
+        for joints in self._arms:
+            shares[joints] = min(1.0, float(shares[joints].min()))
+        v: Vector = np.clip(slow + shares * change, low, high)
+        return v

@@ -67,8 +67,10 @@ class Judge:
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in robot.joints]
         self._q = [int(joint.qposadr[0]) for joint in joints]
-        self._low = np.array([joint.range[0] for joint in joints])
-        self._high = np.array([joint.range[1] for joint in joints])
+        limited = [bool(self._model.jnt_limited[joint.id]) for joint in joints]
+        ranges = np.array([joint.range for joint in joints])
+        self._low = np.where(limited, ranges[:, 0], -np.inf)
+        self._high = np.where(limited, ranges[:, 1], np.inf)
         self._tcp = self._model.site(robot.tcp).id
         self._built_in: frozenset[tuple[int, int]] = frozenset()
         self._place(np.asarray(robot.home))

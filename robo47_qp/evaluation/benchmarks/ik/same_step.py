@@ -51,9 +51,9 @@ def states(arm: Arm, count: int, seed: int = 4) -> Iterator[State]:
     """Yield configurations inside the limits and on them, with targets near and far."""
     rng = np.random.default_rng(seed)
     for i in range(count):
-        q, q_seed = rng.uniform(arm.q_min, arm.q_max, (2, arm.n))
+        q, q_seed = rng.uniform(arm.q_low, arm.q_high, (2, arm.n))
         if i % 2:
-            on = rng.random(arm.n) < 0.3
+            on = (rng.random(arm.n) < 0.3) & ~arm.free
             q[on] = np.where(rng.random(arm.n) < 0.5, arm.q_min, arm.q_max)[on]
         way = rng.uniform(-1.0, 1.0, arm.n) * 10.0 ** -rng.uniform(0.0, 4.0)
         yield State(q, q_seed, arm.pose(q + way))
