@@ -1,8 +1,8 @@
 """The process of a policy: it answers observations with actions, and a warden ends what it leaves.
 
-The process that is started is the warden. It forks before anything is imported: the copy runs the
-policy in a session of its own, while the warden waits until the policy has ended or the run has,
-then ends all their descendants, and removes their temporary files.
+The process that is started is the warden. It forks before anything large is imported: the copy
+runs the policy in a session of its own, while the warden waits until the policy has ended or the
+run has, then ends all their descendants, and removes their temporary files.
 """
 
 import contextlib
@@ -12,13 +12,14 @@ import os
 import random
 import re
 import select
-import shutil
 import signal
 import socket
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from robo47_qp.run.policy.tree import remove_tree
 
 if TYPE_CHECKING:
     from robo47_qp.run.policy.trespass import Trespass
@@ -49,7 +50,7 @@ def main() -> None:
     os.close(settings["line"])
     code = _wait(policy, settings["life"])
     end_children()
-    shutil.rmtree(settings["temporary"], ignore_errors=True)
+    remove_tree(Path(settings["temporary"]))
     os._exit(code)
 
 

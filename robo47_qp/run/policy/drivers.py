@@ -5,10 +5,10 @@ from typing import Annotated, TypeAlias
 
 from robo47_qp.arrays import Checked, Positive, Range
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.errors import InvalidValueError, PlanError, Robo47Error
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.failure import Cause, Failure
-from robo47_qp.run.foreign_code import ClassLoadError, Guard
+from robo47_qp.run.foreign_code import Guard
 from robo47_qp.run.policy.action_check import checked_action
 from robo47_qp.run.policy.cell import PolicyCell
 from robo47_qp.run.policy.child import told
@@ -89,21 +89,28 @@ class PolicyDriver:
         return failure
 
     def _answered(self, runner: Runner, cell: PolicyCell) -> Failure | None:
-        """Let the policy act; a process of its own lives as long as the episode."""
+        """Let the policy act; a process of its own lives as long as the episode.
+
+        Whatever goes wrong with that process is a failure of the policy: only it can see to that.
+        """
         policy, loop = self._policy, runner.loop
         if not isinstance(policy, PolicyProcess):
             return self._episode(runner, cell)
+        failure, started, looked, closed = None, Guard(), Guard(), Guard()
         try:
-            policy.start(runner.scenario.seed)
-            failure = self._episode(runner, cell)
-            if failure is None:
-                policy.look(loop.sim.time)
-            return failure
-        except ClassLoadError as error:
-            return _fault(loop, str(error))
+            with started:
+                policy.start(runner.scenario.seed)
+            if started.error is None:
+                failure = self._episode(runner, cell)
+            if started.error is None and failure is None:
+                with looked:
+                    policy.look(loop.sim.time)
         finally:
-            policy.close()
+            with closed:
+                policy.close()
             runner.beyond = policy.beyond
+        errors = [guard.error for guard in (started, looked, closed) if guard.error is not None]
+        return failure or (_broken(loop, errors[0]) if errors else None)
 
     def _episode(self, runner: Runner, cell: PolicyCell) -> Failure | None:
         loop, timing = runner.loop, self._timing
@@ -205,6 +212,13 @@ def _raised(loop: ControlLoop, method: str, error: Exception | SystemExit | None
         return _fault(loop, str(error))
     words = "nothing" if error is None else told(error)
     return _fault(loop, f"it raised {type(error).__name__} in {method}: {words}")
+
+
+def _broken(loop: ControlLoop, error: Exception | SystemExit) -> Failure:
+    """Return the failure of a policy whose process could not be started, asked or ended."""
+    if isinstance(error, Robo47Error):
+        return _fault(loop, str(error))
+    return _fault(loop, f"its process could not be run: {type(error).__name__}: {told(error)}")
 
 
 def _fault(loop: ControlLoop, what: str) -> Failure:

@@ -3,12 +3,12 @@
 import contextlib
 import json
 import os
-import shutil
 import socket
 import subprocess
 import sys
 from collections.abc import Sequence
 from hashlib import sha256
+from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
@@ -16,6 +16,7 @@ from robo47_qp.errors import Robo47Error
 from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.run.policy.child import shortened
 from robo47_qp.run.policy.policy import Action, Observation
+from robo47_qp.run.policy.tree import remove_tree
 from robo47_qp.run.policy.wire import (
     Stranger,
     WireError,
@@ -51,6 +52,7 @@ class PolicyProcess:
         """Name a policy as in `load_class`; a file by its absolute path."""
         self._reference, self._known = reference, list(known)
         self._process: subprocess.Popen[bytes] | None = None
+        self._ending = contextlib.ExitStack()
         self._number = 0
         self.files: list[str] = []
         """Source files of the policy and of the modules that it has loaded from beside it, once
@@ -69,29 +71,35 @@ class PolicyProcess:
             ClassLoadError: There is no such class, or its module cannot be imported.
         """
         digest = sha256(f"policy of episode {seed}".encode()).digest()
-        self._temporary = temporary = mkdtemp(prefix="robo47-policy-")
-        self._line, theirs = socket.socketpair()
-        life, self._life = os.pipe()
-        settings = {
-            "reference": self._reference,
-            "known": self._known,
-            "seed": int.from_bytes(digest[:8], "little"),
-            "line": theirs.fileno(),
-            "life": life,
-            "temporary": temporary,
-        }
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)  # noqa: PTH109
-        self._process = subprocess.Popen(
-            [sys.executable, "-u", "-c", _START, json.dumps(settings)],
-            stdin=subprocess.DEVNULL,
-            # What it prints must not mix with what the run prints; -u tells it however it ends.
-            stdout=2,
-            env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "0", "TMPDIR": temporary},
-            pass_fds=(theirs.fileno(), life),
-            start_new_session=True,
-        )
-        theirs.close()
-        os.close(life)
+        with contextlib.ExitStack() as ending, contextlib.ExitStack() as handed:
+            temporary = mkdtemp(prefix="robo47-policy-")
+            ending.callback(remove_tree, Path(temporary))
+            ending.callback(self._wait)
+            life, self._life = os.pipe()
+            handed.callback(os.close, life)
+            ending.callback(os.close, self._life)
+            self._line, theirs = socket.socketpair()
+            handed.callback(theirs.close)
+            ending.callback(self._line.close)
+            settings = {
+                "reference": self._reference,
+                "known": self._known,
+                "seed": int.from_bytes(digest[:8], "little"),
+                "line": theirs.fileno(),
+                "life": life,
+                "temporary": temporary,
+            }
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-c", _START, json.dumps(settings)],
+                stdin=subprocess.DEVNULL,
+                # What it prints must not mix with what the run prints; -u tells it however it ends.
+                stdout=2,
+                env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "0", "TMPDIR": temporary},
+                pass_fds=(theirs.fileno(), life),
+                start_new_session=True,
+            )
+            self._ending = ending.pop_all()
         self._number, self.beyond = 0, []
         self._line.settimeout(PATIENCE)
         try:
@@ -137,17 +145,17 @@ class PolicyProcess:
 
     def close(self) -> None:
         """End the process and all that it has started, and remove its temporary files."""
+        self._ending.close()
+
+    def _wait(self) -> None:
         if self._process is None:
             return
-        self._line.close()
-        os.close(self._life)
         try:
             self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._process = None
-        shutil.rmtree(self._temporary, ignore_errors=True)
 
     def _ask(
         self, method: str, seen: dict[str, Any], time: float, patience: float | None = None

@@ -278,6 +278,19 @@ class Orphan(Still):
         return JointTarget(q=self.q)
 
 
+class Digger(Still):
+    """Leaves folders within each other, deeper than Python calls itself."""
+
+    def act(self, observation: Observation) -> Any:
+        here = Path.cwd()
+        os.chdir(tempfile.gettempdir())
+        for _ in range(1500):
+            os.mkdir("d")  # noqa: PTH102  # the whole path is too long
+            os.chdir("d")
+        os.chdir(here)
+        raise ValueError(tempfile.gettempdir())
+
+
 class Stopper(Still):
     """Stops what watches it."""
 

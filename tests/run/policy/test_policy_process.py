@@ -123,6 +123,30 @@ def test_children_and_temporary_files_go_with_it() -> None:
     assert not Path(folder).exists()
 
 
+def test_folders_of_any_depth_go_with_it() -> None:
+    assert not Path(fault("Digger").split()[-1]).exists()
+
+
+@pytest.mark.parametrize("method", ["start", "look", "close"])
+def test_what_its_process_makes_of_the_run_is_its_own_failure(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An internal error would not count, and a policy could choose which episodes do."""
+    policy = PolicyProcess(f"{HOSTILE}:Still")
+    known = getattr(policy, method)
+
+    def fails(*given: object) -> None:
+        known(*given)
+        raise RecursionError("too deep")
+
+    monkeypatch.setattr(policy, method, fails)
+    run = follow(policy, task=PickPlace(), timing=SHORT, seed=3)
+    assert run.failure is not None
+    assert run.failure.cause is Cause.LIMIT
+    assert run.failure.evidence.endswith("its process could not be run: RecursionError: too deep")
+    assert policy._process is None
+
+
 def test_a_policy_that_stops_its_warden_is_ended_all_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
