@@ -100,7 +100,9 @@ def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int,
     if not whole:
         return {}
     try:
-        first, *entries = [json.loads(line) for line in whole.decode("utf-8").splitlines()]
+        # Not `splitlines`: evidence may hold other characters that end a line.
+        lines = whole.decode("utf-8").removesuffix("\n").split("\n")
+        first, *entries = map(json.loads, lines)
         results = [EpisodeResult.of_entry(entry) for entry in entries]
     except (ValueError, TypeError, KeyError) as error:
         raise JournalError(

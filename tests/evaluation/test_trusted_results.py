@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from robo47_qp.evaluation.report.report import EvaluationReport, compare
 from robo47_qp.evaluation.report.words import rate_line
 from robo47_qp.evaluation.workers.worker import READY, Worker
 from tests.toy_episodes import SETTINGS
+
+_SEPARATORS = "line\u2028paragraph\u2029next\x85feed\x0cunit\x1freturn\r\nend"
 
 
 def result(seed: int, *, success: bool = True) -> EpisodeResult:
@@ -144,3 +147,14 @@ def test_errors_are_run_again(tmp_path: Path) -> None:
     journal.add(result(1))
     journal.close()
     assert Journal.read(path, SETTINGS)[1].success
+
+
+def test_a_journal_is_read_whatever_its_texts_hold(tmp_path: Path) -> None:
+    """JSON leaves characters as they are at which `str.splitlines` ends a line."""
+    path = tmp_path / "eval.jsonl"
+    journal = Journal(path, SETTINGS, resume=False)
+    told = [replace(result(seed, success=False), evidence=_SEPARATORS) for seed in range(2)]
+    for one in told:
+        journal.add(one)
+    journal.close()
+    assert list(Journal.read(path, SETTINGS).values()) == told
