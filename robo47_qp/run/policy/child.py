@@ -191,7 +191,16 @@ def told(error: BaseException) -> str:
 
 
 def shortened(text: str) -> str:
-    """Return a text without lone surrogates and addresses, which differ from run to run."""
+    """Return a text of a policy as one line of a bearable length.
+
+    It has no addresses, which differ from run to run, and no characters that cannot be written or
+    printed: with line breaks, a text could pass for a part of a report.
+    """
+    text = text[: _LONGEST + 1].encode("utf-8", "backslashreplace").decode("utf-8")
     text = text[:_LONGEST] + (" ..." if len(text) > _LONGEST else "")
-    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
-    return _ADDRESS.sub("0x...", text)
+    return _ADDRESS.sub("0x...", one_line(text))
+
+
+def one_line(text: str) -> str:
+    """Return a text with a space in place of every character that is not printable."""
+    return "".join(one if one.isprintable() else " " for one in text)

@@ -11,7 +11,7 @@ from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import Guard
 from robo47_qp.run.policy.action_check import checked_action
 from robo47_qp.run.policy.cell import PolicyCell
-from robo47_qp.run.policy.child import told
+from robo47_qp.run.policy.child import shortened, told
 from robo47_qp.run.policy.policy import Action, Observation, Policy
 from robo47_qp.run.policy.process import PolicyFault, PolicyProcess
 from robo47_qp.run.runner import Runner
@@ -222,5 +222,5 @@ def _broken(loop: ControlLoop, error: Exception | SystemExit) -> Failure:
 
 
 def _fault(loop: ControlLoop, what: str) -> Failure:
-    time = loop.sim.time
+    time, what = loop.sim.time, shortened(what)
     return Failure(cause=Cause.LIMIT, evidence=f"the policy at {time:.3f} s: {what}", time=time)

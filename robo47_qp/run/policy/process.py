@@ -40,6 +40,10 @@ _START = "from robo47_qp.run.policy.child import main; main()"
 class PolicyFault(Robo47Error):  # noqa: N818  # a failure, like StepFailed
     """A policy that gave no action: it raised, its process ended, or it sent something else."""
 
+    def __init__(self, words: str) -> None:
+        """Tell what happened; the words may be the policy's own."""
+        super().__init__(shortened(words))
+
 
 class PolicyProcess:
     """A policy whose process begins with `start` and ends with `close`; see `Policy`.
@@ -109,9 +113,10 @@ class PolicyProcess:
             raise ClassLoadError("policy", self._reference, str(fault), self._known) from fault
         if "ready" not in said:
             self.close()
-            raise PolicyLoadError(str(said.get("why"))[:4000])
+            raise PolicyLoadError(_words(said.get("why")))
         ready = said["ready"]
-        self.files = [str(file) for file in ready] if isinstance(ready, list) else []
+        ready = ready if isinstance(ready, list) else []
+        self.files = [file for file in ready if isinstance(file, str)]
 
     def reset(self, observation: Observation) -> None:
         """See `Policy.reset`.
@@ -134,8 +139,7 @@ class PolicyProcess:
             raise PolicyFault(str(error)) from error
         if isinstance(action, Stranger):
             expected = "a JointTarget, a ToolTarget, Torques, or None"
-            kind = shortened(action.kind)
-            raise PolicyFault(f"the action must be {expected}; found a {kind}.")
+            raise PolicyFault(f"the action must be {expected}; found a {action.kind}.")
         return action  # type: ignore[no-any-return]
 
     def look(self, time: float) -> None:
@@ -172,9 +176,9 @@ class PolicyProcess:
         beyond = said.get("beyond")
         for what in beyond if isinstance(beyond, list) else []:
             if len(self.beyond) < _TOLD:
-                self.beyond.append((time, shortened(str(what)[:_LINE])))
+                self.beyond.append((time, shortened(_words(what)[:_LINE])))
         if "raised" in said:
-            raise PolicyFault(shortened(str(said["raised"])))
+            raise PolicyFault(_words(said["raised"]))
         return said
 
     def _heard(self, when: str) -> dict[str, Any]:
@@ -196,6 +200,11 @@ class PolicyProcess:
         signal = code - 128 if code > 128 else -code
         how = f"signal {signal}" if signal > 0 else f"exit code {code}"
         return f"its process ended with {how} {when}"
+
+
+def _words(said: object) -> str:
+    """Return a text that the process has sent; what is deep inside a message is not told."""
+    return said if isinstance(said, str) else f"something that is no text: a {type(said).__name__}"
 
 
 class PolicyLoadError(ClassLoadError):

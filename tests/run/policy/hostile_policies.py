@@ -249,7 +249,17 @@ class Quitter(Still):
 
 class Wordy(Still):
     def act(self, observation: Observation) -> Any:
-        raise ValueError("\ud800" + f"{self!r}" + "x" * 50_000_000)
+        raise ValueError("\ud800\r# heading " + f"{self!r}" + "x" * 50_000_000)
+
+
+class Mangler(Still):
+    """Sends a field whose name is no text that can be written."""
+
+    def act(self, observation: Observation) -> Any:
+        from robo47_qp.run.policy import wire
+
+        wire.packed_action = lambda _: {"kind": "q", "q": [0.0] * 7, "\ud800\r# won\u2028": 1}  # type: ignore[assignment]
+        return None
 
 
 class Big(Still):

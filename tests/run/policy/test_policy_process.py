@@ -99,6 +99,7 @@ def test_state_begins_anew_and_generators_depend_on_the_seed() -> None:
         ("Leaver", "its process ended with exit code 0 in act"),
         ("Quitter", "it raised SystemExit in act: enough"),
         ("Wrong", "the action must be a JointTarget, .* found a PosixPath"),
+        ("Mangler", r"it sent an action with other fields: .* '\\ud800 # won '$"),
         ("Big", "it sent a message of .* bytes; at most 1048576 are read, in act"),
         ("Forger", "it sent a message of .* bytes; at most 1048576 are read, in act"),
         ("Forker", "its process sent an answer that nobody has asked for"),
@@ -112,9 +113,24 @@ def test_what_it_does_to_itself_is_its_own_failure(name: str, evidence: str) -> 
 def test_an_error_is_told_in_bearable_words() -> None:
     words = fault("Wordy")
     assert len(words) < 3000
-    assert r"\ud800" in words
+    assert r"\ud800 # heading <" in words
     assert "object at 0x...>" in words
-    words.encode("utf-8")
+    assert words.isprintable()
+
+
+def test_what_is_told_while_it_is_loaded_is_told_in_bearable_words(tmp_path: Path) -> None:
+    """By whoever has the line: a text, or anything that JSON has."""
+    for sent in (r'"\ud800\r# won" * 1000', "[" * 900 + "]" * 900, "7"):
+        (tmp_path / "bad.py").write_text(
+            "import json, os, struct, sys\n"
+            f"text = json.dumps({{'why': {sent}}}).encode()\n"
+            "line = json.loads(sys.argv[1])['line']\n"
+            "os.write(line, struct.pack('<I', len(text)) + text)\n"
+        )
+        with pytest.raises(ClassLoadError) as caught:
+            PolicyProcess(f"{tmp_path}/bad.py:Policy").start()
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 3000
 
 
 def test_children_and_temporary_files_go_with_it() -> None:
