@@ -12,6 +12,7 @@ from robo47_qp.evaluation.report.report import (
     Throughput,
     median_cycle_time,
 )
+from robo47_qp.run.policy.child import one_line
 
 MOST = 50
 """Rows of a table at most."""
@@ -246,4 +247,5 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
 
 
 def _cell(value: object) -> str:
-    return str(value).replace("|", "\\|").replace("\n", " ")
+    """Return a value as text that ends neither its cell nor the table, whoever wrote it."""
+    return one_line(str(value)).replace("|", "\\|").replace("<", "&lt;")

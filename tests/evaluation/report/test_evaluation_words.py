@@ -101,6 +101,20 @@ def test_each_cause_has_the_evidence_of_its_first_episode() -> None:
     ]
 
 
+def test_no_text_of_an_episode_ends_its_cell() -> None:
+    """Every line of a report is its own: a heading, a table or a comment of a policy's is none."""
+    text = "x\r\r# reach\n\n20 of 20\x0b\x0c\x1c\x85\u2028\u2029| 1 |<!-- <h1>"
+    plain, forged = figures(("drop", ("jerk",))), figures(("drop", (text,)))
+    forged = replace(forged, results=[replace(forged.results[0], evidence=text)])
+    told = markdown(forged, [])
+    assert len(told.splitlines()) == len(markdown(plain, []).splitlines())
+    assert "<" not in told
+    for line in told.splitlines():
+        if "reach  20 of 20" in line:
+            assert line.startswith("| ")
+            assert "\\| 1 \\|" in line
+
+
 def test_of_one_comparison_among_several_the_corrected_p_is_told() -> None:
     assert comparison_line(PAIR).endswith("p = 0.25 (McNemar, exact)")
     among = comparison_line(replace(PAIR, p_holm=0.5))
