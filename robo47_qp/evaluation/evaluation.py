@@ -147,13 +147,13 @@ class PolicyEvaluation:
             InvalidValueError: A number is out of range, the robot cannot do the task (see
                 `checked_start`), or the task is done before it begins.
         """
-        episode = self._episode()
-        stack = self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
+        episode, policy = self._episode(), self._policy
+        stack = policy if isinstance(policy, ClassicalStack) else policy.stack
         settings = {
             "task": plain(self.task),
             "robot": self.robot.name,
             "robot_sha256": robot_digest(self.robot),
-            "policy": policy_settings(self.policy, self.name),
+            "policy": policy_settings(policy, self.name),
             "perturbation": plain(self.perturbation),
             "speed": stack.pace,
             "time_limit": self.time_limit or self.task.time_limit,
@@ -164,8 +164,15 @@ class PolicyEvaluation:
         n, seed = self.episodes, self.seed
         return Evaluation(episode=episode, settings=settings, episodes=n, seed=seed)
 
+    @cached_property
+    def _policy(self) -> ClassicalStack | PolicyReference:
+        """The policy, which is waited for as long as for an episode."""
+        if isinstance(self.policy, ClassicalStack):
+            return self.policy
+        return replace(self.policy, patience=self.timeout)
+
     def _episode(self) -> Episode:
-        policy, robot, task = self.policy, self.robot, self.task
+        policy, robot, task = self._policy, self.robot, self.task
         if not isinstance(policy, ClassicalStack):
             check_one_tool(task)
             policy.load()

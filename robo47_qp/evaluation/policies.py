@@ -8,12 +8,13 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from robo47_qp.arrays import Checked, Positive
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.evaluation.policy_files import digest_of, files_in, package_folder
 from robo47_qp.files import plain
 from robo47_qp.run.foreign_code import absolute
 from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
-from robo47_qp.run.policy.process import PolicyProcess
+from robo47_qp.run.policy.process import PATIENCE, PolicyProcess
 from robo47_qp.stack import IK_SOLVERS, ClassicalStack
 
 CLASSICAL = "classical"
@@ -21,7 +22,7 @@ CLASSICAL = "classical"
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyReference:
+class PolicyReference(Checked):
     """A policy from outside the package, by its module or file and class."""
 
     text: str
@@ -30,11 +31,13 @@ class PolicyReference:
     """Rate of its decisions and length of an episode."""
     stack: ClassicalStack = ClassicalStack()
     """Controller, and planner with the limits of all motions."""
+    patience: Positive = PATIENCE
+    """Longest wall time of an answer, and of loading it [s]."""
 
     def process(self) -> PolicyProcess:
         """Return the policy, to be run in a process of its own."""
         known = (CLASSICAL, f"{CLASSICAL}:IK with a name that --ik takes")
-        return PolicyProcess(self.absolute.text, known)
+        return PolicyProcess(self.absolute.text, known, self.patience)
 
     def load(self) -> list[str]:
         """Load the class in a process of its own; see `PolicyProcess.files` for what is returned.

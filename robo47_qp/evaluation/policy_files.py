@@ -53,9 +53,12 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def digest_of(files: Iterable[Path], folder: Path | None) -> str:
-    """Return the SHA-256 of files with their places in the folder, or their names elsewhere."""
+    """Return the SHA-256 of files with their places in the folder, or their names elsewhere.
+
+    What is no file, such as a pipe, does not count.
+    """
     digest = sha256()
-    for path in sorted(files):
+    for path in sorted(path for path in files if path.is_file()):
         inside = folder is not None and path.is_relative_to(folder)
         name = path.relative_to(folder or path).as_posix() if inside else path.name
         try:

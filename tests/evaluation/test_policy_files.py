@@ -1,8 +1,10 @@
 """What a policy depends on: code and weights in its folder, not what evaluations leave there."""
 
+import os
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -11,11 +13,13 @@ from rich.console import Console
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation import evaluation, policy_files
 from robo47_qp.evaluation.evaluate import evaluate
+from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.journal import JournalError
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.policies import PolicyReference
-from robo47_qp.evaluation.policy_files import files_in, package_folder
+from robo47_qp.evaluation.policy_files import digest_of, files_in, package_folder
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.tasks.reach.reach import Reach
 from tests.evaluation.test_evaluate import InProcess
 
@@ -118,6 +122,23 @@ def test_a_file_that_nobody_can_read_does_not_stand_in_the_way(
         "robo47_qp.evaluation.policies.files_in", lambda _: [*found, folder / "gone"]
     )
     assert digest(folder) == before
+
+
+def test_a_pipe_that_a_policy_tells_for_a_file_is_not_waited_for(folder: Path) -> None:
+    os.mkfifo(folder / "fifo")
+    told, found = [folder / "fifo", Path("nul\0"), folder / "mine.py"], list[str]()
+    reading = Thread(target=lambda: found.append(digest_of(told, folder)), daemon=True)
+    reading.start()
+    reading.join(20.0)
+    assert found == [digest_of([folder / "mine.py"], folder)]
+
+
+def test_a_policy_is_loaded_within_the_time_of_an_episode(folder: Path) -> None:
+    (folder / "mine.py").write_text("import time; time.sleep(600.0)")
+    policy = PolicyReference(text=f"{folder}/mine.py:Mine")
+    slow = PolicyEvaluation(task=Reach(count=1), robot=PANDA, policy=policy, timeout=0.5)
+    with pytest.raises(ClassLoadError, match="gave no answer while it was loaded"):
+        slow.evaluation  # noqa: B018
 
 
 def test_a_folder_of_too_many_files_is_refused(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from tempfile import mkdtemp
+from time import monotonic
 from typing import Any
 
 from robo47_qp.errors import Robo47Error
@@ -27,7 +28,9 @@ from robo47_qp.run.policy.wire import (
 )
 
 PATIENCE = 300.0
-"""Longest wall time of an answer, the import of the policy included [s]."""
+"""Longest wall time of an answer, and of loading the policy, where no other is asked for [s]."""
+_LONGEST_WAIT = 1e6
+"""Longest time that a system call waits [s]."""
 _GRACE = 2.0
 """Time in which a process that closed its line must end [s]."""
 _ENDING = 10.0
@@ -52,9 +55,17 @@ class PolicyProcess:
     with the run, and inherits no open file but its end of the line and the standard error.
     """
 
-    def __init__(self, reference: str, known: Sequence[str] = ()) -> None:
-        """Name a policy as in `load_class`; a file by its absolute path."""
-        self._reference, self._known = reference, list(known)
+    def __init__(
+        self, reference: str, known: Sequence[str] = (), patience: float = PATIENCE
+    ) -> None:
+        """Name a policy.
+
+        Args:
+            reference: As in `load_class`; a file by its absolute path.
+            known: Other names that would work, for messages.
+            patience: Longest wall time of an answer, and of loading it [s].
+        """
+        self._reference, self._known, self._patience = reference, list(known), patience
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = contextlib.ExitStack()
         self._number = 0
@@ -105,9 +116,8 @@ class PolicyProcess:
             )
             self._ending = ending.pop_all()
         self._number, self.beyond = 0, []
-        self._line.settimeout(PATIENCE)
         try:
-            said = self._heard("while it was loaded")
+            said = self._heard("while it was loaded", self._patience)
         except PolicyFault as fault:
             self.close()
             raise ClassLoadError("policy", self._reference, str(fault), self._known) from fault
@@ -165,12 +175,13 @@ class PolicyProcess:
         self, method: str, seen: dict[str, Any], time: float, patience: float | None = None
     ) -> dict[str, Any]:
         self._number += 1
-        self._line.settimeout(PATIENCE if patience is None else patience)
+        patience = self._patience if patience is None else patience
+        self._line.settimeout(min(patience, _LONGEST_WAIT))
         try:
             send(self._line, {"number": self._number, "method": method, "seen": seen})
         except OSError as error:
             raise PolicyFault(self._death(f"in {method}")) from error
-        said = self._heard(f"in {method}")
+        said = self._heard(f"in {method}", patience)
         if said.get("number") != self._number:
             raise PolicyFault("its process sent an answer that nobody has asked for")
         beyond = said.get("beyond")
@@ -181,13 +192,16 @@ class PolicyProcess:
             raise PolicyFault(_words(said["raised"]))
         return said
 
-    def _heard(self, when: str) -> dict[str, Any]:
+    def _heard(self, when: str, patience: float) -> dict[str, Any]:
         try:
-            return receive(self._line)
+            return receive(self._line, deadline=monotonic() + patience, alive=self._lives)
         except WireError as error:
             raise PolicyFault(f"{error}, {when}") from error
         except (EOFError, OSError) as error:
             raise PolicyFault(self._death(when)) from error
+
+    def _lives(self) -> bool:
+        return self._process is not None and self._process.poll() is None
 
     def _death(self, when: str) -> str:
         if self._process is None:

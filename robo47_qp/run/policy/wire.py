@@ -9,6 +9,8 @@ import socket
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
+from math import inf
+from time import monotonic
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +20,8 @@ from robo47_qp.sim.cell_sheet import CellSheet
 
 LONGEST = 1 << 20
 """Longest message of a policy's process that is read [B]."""
+_LOOK = 0.5
+"""How often is looked whether the other side lives, while nothing comes [s]."""
 _HEAD = struct.Struct("<I")
 _KINDS: dict[str, Callable[..., Action]] = {"q": JointTarget, "pose": ToolTarget, "tau": Torques}
 """Actions by the name of their field of numbers."""
@@ -42,18 +46,31 @@ def send(line: socket.socket, content: Mapping[str, Any]) -> None:
     line.sendall(_HEAD.pack(len(text)) + text)
 
 
-def receive(line: socket.socket, longest: int | None = LONGEST) -> dict[str, Any]:
+def receive(
+    line: socket.socket,
+    longest: int | None = LONGEST,
+    *,
+    deadline: float = inf,
+    alive: Callable[[], bool] = lambda: True,
+) -> dict[str, Any]:
     """Return the next message.
+
+    Args:
+        line: To the other side.
+        longest: Longest message that is read [B]; None for any.
+        deadline: When it must be there, by `time.monotonic`, however it comes [s].
+        alive: Whether the other side lives, asked at times: another process may hold its end.
 
     Raises:
         WireError: It is longer than allowed, or no JSON object.
+        TimeoutError: It is not there in time.
         EOFError: The other side has gone.
     """
-    (length,) = _HEAD.unpack(_exactly(line, _HEAD.size))
+    (length,) = _HEAD.unpack(_exactly(line, _HEAD.size, deadline, alive))
     if longest is not None and length > longest:
         raise WireError(f"it sent a message of {length} bytes; at most {longest} are read")
     try:
-        content = json.loads(_exactly(line, length))
+        content = json.loads(_exactly(line, length, deadline, alive))
     except (ValueError, RecursionError) as error:
         raise WireError("it sent a message that is no JSON") from error
     if not isinstance(content, dict):
@@ -61,10 +78,21 @@ def receive(line: socket.socket, longest: int | None = LONGEST) -> dict[str, Any
     return content
 
 
-def _exactly(line: socket.socket, count: int) -> bytes:
+def _exactly(line: socket.socket, count: int, deadline: float, alive: Callable[[], bool]) -> bytes:
     parts, left = [], count
     while left:
-        part = line.recv(min(left, 1 << 16))
+        wait = deadline - monotonic()
+        if wait <= 0.0:
+            raise TimeoutError("the message is not there in time")
+        line.settimeout(min(wait, _LOOK) if wait < inf else None)
+        # Before it is read: who ends may have answered.
+        gone = not alive()
+        try:
+            part = line.recv(min(left, 1 << 16))
+        except TimeoutError:
+            if not gone:
+                continue
+            part = b""
         if not part:
             raise EOFError("the other side has gone")
         parts.append(part)

@@ -4,10 +4,13 @@ import contextlib
 import functools
 import gc
 import inspect
+import json
 import logging
 import os
 import random
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -301,6 +304,19 @@ class Digger(Still):
         raise ValueError(tempfile.gettempdir())
 
 
+class Heir(Still):
+    """Leaves a process that has killed what watches it and keeps the line."""
+
+    def act(self, observation: Observation) -> Any:
+        warden = os.getppid()
+        if os.fork() == 0:
+            os.setsid()
+            os.kill(warden, signal.SIGKILL)
+            time.sleep(30.0)
+            os._exit(0)
+        time.sleep(1000.0)
+
+
 class Stopper(Still):
     """Stops what watches it."""
 
@@ -312,6 +328,17 @@ class Stopper(Still):
 class Sleeper(Still):
     def act(self, observation: Observation) -> Any:
         time.sleep(1000.0)
+
+
+class Dripper(Still):
+    """Sends an answer byte by byte, for 10 s."""
+
+    def act(self, observation: Observation) -> Any:
+        line = socket.socket(fileno=json.loads(sys.argv[1])["line"])
+        line.sendall(struct.pack("<I", 200))
+        for _ in range(200):
+            line.sendall(b" ")
+            time.sleep(0.05)
 
 
 class Wrong(Still):
