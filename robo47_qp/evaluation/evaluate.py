@@ -62,7 +62,7 @@ class Job:
         """Run the episodes that the journal does not have, and write the report.
 
         Raises:
-            JournalError, RecordingError, WorkerError: See `Evaluation.run`.
+            ChangedError, JournalError, RecordingError, WorkerError: See `Evaluation.run`.
         """
         files = self.options.files
         with EvaluationBar(console, self.options.episodes, title) as bar:

@@ -16,8 +16,9 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import CheckedOptions, CountOrZero, Range
+from robo47_qp.errors import Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
-from robo47_qp.evaluation.journal import Journal
+from robo47_qp.evaluation.journal import Journal, differences_of
 from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.evaluation.policies import PolicyReference, policy_settings
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
@@ -25,6 +26,7 @@ from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.evaluation.workers.executor import Executor, LocalProcesses, cores
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
 from robo47_qp.files import plain
+from robo47_qp.model.mjcf import forget_files
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.run_report import versions
 from robo47_qp.run.foreign_code import files_beside
@@ -42,6 +44,10 @@ _CODE = (".py", ".xml", ".c", ".h")
 built anew where they change."""
 
 
+class ChangedError(Robo47Error):
+    """An evaluation of which a policy, the code or a robot was changed while it ran."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation(CheckedOptions):
     """Episodes to run, and their seeds."""
@@ -52,6 +58,8 @@ class Evaluation(CheckedOptions):
     episodes: Episodes
     seed: CountOrZero = 0
     """Episode i has the seed `seed + i`."""
+    now: Callable[[], Mapping[str, Any]] | None = None
+    """Returns the settings anew, as files are now; None where none of them is of a file."""
 
     @property
     def specs(self) -> list[EpisodeSpec]:
@@ -75,10 +83,12 @@ class Evaluation(CheckedOptions):
             resume: Continue the journal, if there is one.
 
         Raises:
+            ChangedError: Something that the results depend on has changed meanwhile. That is
+                looked for after the first episode and at the end, also that by Ctrl-C.
             JournalError, RecordingError: See `Journal`.
             WorkerError: See `Executor.run`.
         """
-        started, fresh = perf_counter(), []
+        started, fresh = perf_counter(), list[EpisodeResult]()
         with ExitStack() as stack:
             journal = None
             if path is not None:
@@ -90,16 +100,47 @@ class Evaluation(CheckedOptions):
             left = [spec for spec in self.specs if spec.seed not in known]
             if show is not None:
                 show(done)
-            for result in stack.enter_context(closing(_generator(executor, self.episode, left))):
-                if journal is not None:
-                    journal.add(result)
-                fresh.append(result)
-                if show is not None:
-                    show([*done, *fresh])
+            try:
+                with closing(_generator(executor, self.episode, left)) as results:
+                    for result in results:
+                        if journal is not None:
+                            journal.add(result)
+                        fresh.append(result)
+                        if show is not None:
+                            show([*done, *fresh])
+                        if len(fresh) == 1:
+                            self._check_unchanged(journal)
+            finally:
+                if len(fresh) > 1:
+                    self._check_unchanged(journal)
         return EvaluationReport(
             settings=self.settings,
             results=sorted([*done, *fresh], key=lambda result: result.index),
             timing=Throughput.of(fresh, perf_counter() - started, executor.workers),
+        )
+
+    def _check_unchanged(self, journal: Journal | None) -> None:
+        """Check that files are those that the settings tell; else mark the journal.
+
+        Raises:
+            ChangedError: They are not.
+        """
+        if self.now is None:
+            return
+        try:
+            changed = differences_of(self.settings, self.now())
+        except (Robo47Error, OSError) as error:
+            changed = [f"files ({error})"]
+        if not changed:
+            return
+        kept = ""
+        if journal is not None:
+            journal.spoil(changed)
+            kept = f" {journal.path} keeps the episodes, and is not continued."
+        raise ChangedError(
+            f"These changed while the evaluation ran: {', '.join(changed)}. A report would hold "
+            f"two versions as one, so none was written.{kept} Let all files be and start a new "
+            "evaluation, without --resume."
         )
 
 
@@ -147,9 +188,18 @@ class PolicyEvaluation:
             InvalidValueError: A number is out of range, the robot cannot do the task (see
                 `checked_start`), or the task is done before it begins.
         """
-        episode, policy = self._episode(), self._policy
+        return Evaluation(
+            episode=self._episode(),
+            settings=self._settings(),
+            episodes=self.episodes,
+            seed=self.seed,
+            now=self._settings,
+        )
+
+    def _settings(self) -> dict[str, Any]:
+        policy = self._policy
         stack = policy if isinstance(policy, ClassicalStack) else policy.stack
-        settings = {
+        return {
             "task": plain(self.task),
             "robot": self.robot.name,
             "robot_sha256": robot_digest(self.robot),
@@ -158,11 +208,13 @@ class PolicyEvaluation:
             "speed": stack.pace,
             "time_limit": self.time_limit or self.task.time_limit,
             "timeout": self.timeout,
-            "code": code_digest(_sources(self.task)),
+            "code": code_digest(self._places),
             "versions": versions(),
         }
-        n, seed = self.episodes, self.seed
-        return Evaluation(episode=episode, settings=settings, episodes=n, seed=seed)
+
+    @cached_property
+    def _places(self) -> list[Path]:
+        return _sources(self.task)
 
     @cached_property
     def _policy(self) -> ClassicalStack | PolicyReference:
@@ -175,7 +227,7 @@ class PolicyEvaluation:
         policy, robot, task = self._policy, self.robot, self.task
         if not isinstance(policy, ClassicalStack):
             check_one_tool(task)
-            policy.load()
+            _ = policy.loaded  # what cannot be had is told first
         simulation = checked_start(task, robot, self.seed)
         plain_episode = TaskEpisode(
             robot=robot, task=task, perturbation=self.perturbation, time_limit=self.time_limit
@@ -211,6 +263,7 @@ def evaluate_policy(
         perturbation: Ranges of the disturbances; by default none.
 
     Raises:
+        ChangedError: See `Evaluation.run`.
         ClassLoadError: The policy cannot be loaded.
         InvalidValueError: A number is out of range, the robot cannot do the task (see
                 `checked_start`), or the task is done before it begins.
@@ -237,7 +290,8 @@ def _sources(task: Task) -> list[Path]:
 
 
 def robot_digest(robot: Robot) -> str:
-    """Return the SHA-256 of a robot's description and of its model as compiled from its files."""
+    """Return the SHA-256 of a robot's description and of its model as its files are now."""
+    forget_files()
     model = Simulation(robot, lambda _: None).model
     compiled = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, compiled)

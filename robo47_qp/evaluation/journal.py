@@ -2,12 +2,15 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from robo47_qp.errors import RecordingError, Robo47Error
 from robo47_qp.evaluation.episode import EpisodeResult
+
+_CHANGED = "changed"
+"""Of a line that is no result: the settings that changed while the results were written."""
 
 
 class JournalError(Robo47Error):
@@ -62,18 +65,29 @@ class Journal:
         Raises:
             RecordingError: It cannot be written.
         """
+        self._add(result.entry())
+        self.results[result.seed] = result
+
+    def spoil(self, changed: Sequence[str]) -> None:
+        """Write which settings have changed while it was written: it is never continued.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
+        self._add({_CHANGED: list(changed)})
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _add(self, content: Mapping[str, Any]) -> None:
         try:
-            self._write(result.entry())
+            self._write(content)
         except OSError as error:
             raise RecordingError(
                 f"{self.path} cannot be written to: {error.strerror}. It holds "
                 f"{len(self.results)} episodes; make room and continue with --resume."
             ) from error
-        self.results[result.seed] = result
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
     def _write(self, content: Mapping[str, Any]) -> None:
         line = json.dumps(content, allow_nan=False, ensure_ascii=False)
@@ -103,13 +117,20 @@ def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int,
         # Not `splitlines`: evidence may hold other characters that end a line.
         lines = whole.decode("utf-8").removesuffix("\n").split("\n")
         first, *entries = map(json.loads, lines)
-        results = [EpisodeResult.of_entry(entry) for entry in entries]
+        changed = [entry[_CHANGED] for entry in entries if _CHANGED in entry]
+        results = [EpisodeResult.of_entry(entry) for entry in entries if _CHANGED not in entry]
+        mixed = ", ".join(map(str, changed[0])) if changed else ""
     except (ValueError, TypeError, KeyError) as error:
         raise JournalError(
             f"{path} is not the journal of an evaluation: {error}. Name another file with --log, "
             "or start again without --resume."
         ) from error
-    differences = _differences(first, json.loads(json.dumps(_header(settings))))
+    if changed:
+        raise JournalError(
+            f"{path} holds episodes of two versions; these changed while they ran: {mixed}. Name "
+            "another file with --log, or start again without --resume."
+        )
+    differences = differences_of(first, json.loads(json.dumps(_header(settings))))
     if differences:
         raise JournalError(
             f"{path} is of another evaluation; these differ: {', '.join(differences)}. Ask for "
@@ -118,7 +139,8 @@ def _results(path: Path, whole: bytes, settings: Mapping[str, Any]) -> dict[int,
     return {result.seed: result for result in results}
 
 
-def _differences(found: Any, asked: Mapping[str, Any]) -> list[str]:
+def differences_of(found: Any, asked: Mapping[str, Any]) -> list[str]:
+    """Return the names of the settings that differ, those asked for first."""
     if not isinstance(found, Mapping):
         return ["its form"]
     names = [*asked, *(name for name in found if name not in asked)]

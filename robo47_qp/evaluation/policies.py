@@ -62,8 +62,13 @@ class PolicyReference(Checked):
         return replace(self, text=absolute(self.text))
 
     @cached_property
+    def loaded(self) -> list[str]:
+        """What `load` returns, of the first time."""
+        return self.load()
+
+    @property
     def digest(self) -> str | None:
-        """SHA-256 of the policy's files; None for a module without any.
+        """SHA-256 of the policy's files as they are now; None for a module without any.
 
         Those are the modules that it loads from beside it, and all in the folder of its file or
         of its package; see `files_in`.
@@ -72,7 +77,7 @@ class PolicyReference(Checked):
             ClassLoadError: See `load`.
             InvalidValueError: See `files_in`.
         """
-        files = {Path(file) for file in self.load()}
+        files = {Path(file) for file in self.loaded}
         place, _, _ = self.absolute.text.rpartition(":")
         folder = Path(place).parent if place.endswith(".py") else None
         if folder is None and files:

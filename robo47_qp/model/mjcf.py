@@ -92,6 +92,12 @@ def robot_spec(robot: Robot, *, drawn: bool = True) -> mujoco.MjSpec:
     return _prepared(robot, drawn).copy()
 
 
+def forget_files() -> None:
+    """Have the files of robots read anew: they are kept as they were read first."""
+    for kept in (_prepared, _bare_model, _bare_arm):
+        kept.cache_clear()
+
+
 @lru_cache(maxsize=16)
 def _prepared(robot: Robot, drawn: bool) -> mujoco.MjSpec:
     """Return the spec of `robot_spec`; callers copy it, as reading takes long."""

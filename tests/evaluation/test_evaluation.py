@@ -280,9 +280,9 @@ def test_the_progress_is_shown_from_the_start(tmp_path: Path) -> None:
 
 
 def test_nothing_to_evaluate_is_refused() -> None:
-    for setting, found in (({"episodes": 0}, "--episodes"), ({"seed": -1}, "--seed")):
+    for episodes, seed, found in ((0, 0, "--episodes"), (1, -1, "--seed")):
         with pytest.raises(InvalidValueError, match=found):
-            Evaluation(episode=Toy(), settings={}, **{"episodes": 1, **setting})
+            Evaluation(episode=Toy(), settings={}, episodes=episodes, seed=seed)
 
 
 def test_two_results_are_the_same_but_for_their_times() -> None:
