@@ -42,6 +42,7 @@ from robo47_qp.run.task import Task
 
 _COMPARISON = ("report", "text")
 """Files of `EvaluateOptions.files` that hold a comparison of several policies."""
+_LATE = "one of the two runs was ended by the limit of wall time (--timeout)"
 
 
 class Job:
@@ -222,8 +223,9 @@ def _replay(job: Job, seed: int, console: Console) -> int:
         words = "success" if result.success else f"{result.failure}: {result.explanation}"
         lines = [f"seed {seed}: {words}"]
         lines += [] if result.error is None else [f"  traceback  {report}"]
-        if same is not None and result.error is None:
-            lines.append(f"  identical to the evaluated episode: {'yes' if same else 'NO'}")
+        if before is not None and result.error is None:
+            words = {True: "yes", False: "NO", None: f"not compared: {_LATE}"}[same]
+            lines.append(f"  identical to the evaluated episode: {words}")
         if result.audit_ok is not None:
             broken = ", ".join(result.broken_promises)
             lines.append(f"  audit kept: {'yes' if result.audit_ok else f'NO: {broken}'}")
@@ -272,7 +274,7 @@ def _summary(report: EvaluationReport, options: EvaluateOptions) -> list[str]:
 
 
 def _print_unsound(report: EvaluationReport, journal: Path, console: Console) -> None:
-    """Print internal errors, and replays that differed."""
+    """Print internal errors, and replays that differed or were not compared."""
     if report.errors:
         count = counted(len(report.errors), "episode")
         console.print(f"[bold red]{count} ended with an internal error[/], the first:")
@@ -280,6 +282,9 @@ def _print_unsound(report: EvaluationReport, journal: Path, console: Console) ->
     other = [seed for seed, same in report.replayed.items() if same is False]
     if other:
         console.print(f"[bold red]the replays of these seeds differed:[/] {other}")
+    late = [seed for seed, same in report.replayed.items() if same is None]
+    if late:
+        _print(console, [f"the replays of these seeds were not compared: {late}; {_LATE}"])
 
 
 def _print(console: Console, lines: Sequence[str]) -> None:

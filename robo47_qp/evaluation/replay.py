@@ -43,7 +43,8 @@ def replay(
         recording: File to write.
 
     Returns:
-        The result, and whether it equals the one in the journal; None without that.
+        The result, and whether it equals the one in the journal: None without that, and where
+        wall time ended one of the two.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -52,7 +53,13 @@ def replay(
     index = seed - evaluation.seed if before is None else before.index
     spec = EpisodeSpec(index=index, seed=seed, recording=recording.resolve())
     (result,) = executor.run(evaluation.episode, [spec])
-    return result, None if before is None else before.is_same(result)
+    return result, None if before is None else _same(before, result)
+
+
+def _same(before: EpisodeResult, again: EpisodeResult) -> bool | None:
+    """Return whether results are equal; None where the machine decided that one of them is late."""
+    late = again.error is None and before.timed_out != again.timed_out
+    return None if late else before.is_same(again)
 
 
 def picked(results: Sequence[EpisodeResult], most: int) -> list[EpisodeResult]:
@@ -73,7 +80,7 @@ def record_failures(
 
     Returns:
         By seed: whether the result was identical bit by bit; None for an episode that ran out
-        of wall time, as recording takes longer.
+        of wall time once and not the other time: recording takes longer, and machines are busy.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -85,9 +92,7 @@ def record_failures(
         before = {f.seed: f for f in failures}
         specs = [EpisodeSpec(index=f.index, seed=f.seed, recording=files[f.seed]) for f in failures]
         for again in executor.run(episode, specs):
-            first = before[again.seed]
-            late = again.timed_out and not first.timed_out
-            same[again.seed] = None if late else first.is_same(again)
+            same[again.seed] = _same(before[again.seed], again)
         _merge([file for file in files.values() if file.exists()], path)
     return dict(sorted(same.items()))
 

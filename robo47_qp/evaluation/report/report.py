@@ -89,7 +89,7 @@ class EvaluationReport:
     """With another evaluation, if one was asked for."""
     replayed: Mapping[int, bool | None] = field(default_factory=dict)
     """By seed of the recorded failures: whether the recorded run was identical bit by bit; None
-    where it ran out of wall time."""
+    where one of the two ran out of wall time."""
     versions: Mapping[str, str] = field(default_factory=versions)
     """Of the packages that a result depends on."""
 
