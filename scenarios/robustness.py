@@ -17,7 +17,7 @@ with importing():
     from rich.table import Table
 
     from robo47_qp.arrays import Checked, Count, CountOrZero
-    from robo47_qp.cli import INTERRUPTED, LOGS, OK, main
+    from robo47_qp.cli import FAILED, INTERRUPTED, LOGS, OK, main
     from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
     from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
     from robo47_qp.evaluation.workers.executor import cores
@@ -89,6 +89,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
     def show(stack: str, kind: str, point: Point) -> None:
         at = "" if point.value is None else f" {point.value:.3g} {kinds()[kind][0].strip('-')}"
         told = f"{stack}: {kind}{at}: {point.successes} of {point.episodes}"
+        told += f", internal errors {point.errors}" if point.errors else ""
         console.print(told, highlight=False, soft_wrap=True)
 
     try:
@@ -112,7 +113,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
     write_json(options.report, report)
     for path in (options.report, picture):
         console.print(f"{path}", soft_wrap=True)
-    return OK
+    return FAILED if any(point.errors for curve in curves for point in curve.points) else OK
 
 
 def title_of(report: Mapping[str, Any]) -> str:

@@ -28,7 +28,7 @@ def plot_evaluation(report: EvaluationReport, path: Path) -> None:
     FigureCanvasAgg(figure)
     rate, causes, cycle, last = figure.subplots(2, 2).ravel()
     figure.suptitle(f"{report.task} with {report.policy}", fontsize=12)
-    results = report.results
+    results = [result for result in report.results if result.error is None]
     _rate(rate, results)
     _causes(causes, report)
     _spread(cycle, results, CYCLE, "cycle time [s]")
@@ -45,10 +45,10 @@ def plot_evaluation(report: EvaluationReport, path: Path) -> None:
 
 
 def _rate(axes: Axes, results: Sequence[EpisodeResult]) -> None:
-    """Plot the success rate over the episodes, with its interval."""
+    """Plot the success rate over the episodes that were judged, with its interval."""
     won = np.cumsum([result.success for result in results])
     n = np.unique(np.linspace(1, len(won), min(len(won), 200)).round().astype(int))
-    bounds = 100.0 * np.array([wilson(int(won[k - 1]), int(k)) for k in n])
+    bounds = 100.0 * np.reshape([wilson(int(won[k - 1]), int(k)) for k in n], (-1, 2))
     axes.fill_between(n, bounds[:, 0], bounds[:, 1], color=_BAND, alpha=0.2, lw=0)
     axes.plot(n, 100.0 * won[n - 1] / n, color=_BAND)
     axes.set(xlabel="episodes", ylabel="succeeded [%], 95 %", ylim=(-2.0, 102.0))

@@ -27,11 +27,14 @@ class EvaluationBar(Steps):
 
 
 def described(results: Sequence[EpisodeResult]) -> str:
-    """Return the success rate so far, with its interval, and the number of errors."""
+    """Return the success rate of what was judged so far, with its interval, and the errors."""
     if not results:
         return "starting"
-    successes = sum(result.success for result in results)
-    low, high = wilson(successes, len(results))
-    errors = sum(result.error is not None for result in results)
-    rate = f"{100 * successes / len(results):.1f} % ({100 * low:.1f} to {100 * high:.1f})"
-    return f"{rate}, {errors} errors" if errors else rate
+    judged = [result.success for result in results if result.error is None]
+    words = ["nothing judged"]
+    if judged:
+        low, high = wilson(sum(judged), len(judged))
+        rate = 100 * sum(judged) / len(judged)
+        words = [f"{rate:.1f} % ({100 * low:.1f} to {100 * high:.1f})"]
+    errors = len(results) - len(judged)
+    return ", ".join([*words, f"{errors} errors"] if errors else words)

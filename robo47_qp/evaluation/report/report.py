@@ -152,6 +152,11 @@ class EvaluationReport:
         return sum(result.audit_ok is False for result in self.results)
 
     @property
+    def audits_kept(self) -> int:
+        """Number of episodes that were audited and kept to all limits."""
+        return sum(result.audit_ok is True for result in self.results)
+
+    @property
     def sound(self) -> bool:
         """True if there were no internal errors and every replay was identical."""
         return not self.errors and False not in self.replayed.values()
@@ -213,6 +218,7 @@ class EvaluationReport:
             "causes": self.causes,
             "errors": len(self.errors),
             "broken_audits": self.broken_audits,
+            "audits_kept": self.audits_kept,
         }
 
     @classmethod

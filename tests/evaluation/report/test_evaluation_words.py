@@ -1,14 +1,18 @@
 """What an evaluation says and draws: audits, causes, corrected p, forces that are all zero."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robo47_qp.evaluation.episode import EpisodeResult
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec, errored
+from robo47_qp.evaluation.report import plots
 from robo47_qp.evaluation.report.paired import CycleTimes, PairedComparison
-from robo47_qp.evaluation.report.plots import _factors, _spread
+from robo47_qp.evaluation.report.plots import _factors, _spread, plot_evaluation
+from robo47_qp.evaluation.report.progress import described
 from robo47_qp.evaluation.report.report import EvaluationReport, Throughput
 from robo47_qp.evaluation.report.words import (
     broken_line,
@@ -141,6 +145,37 @@ def test_one_is_not_told_as_several() -> None:
     assert "2 episodes in 2.0 s on 2 workers" in throughput_line(
         replace(one, episodes=2, workers=2)
     )
+
+
+WRONG = errored(EpisodeSpec(index=9, seed=9), "a bug")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told", "drawn"),
+    [(1, "50.0 % (9.5 to 90.5), 1 errors", [100.0, 50.0]), (0, "50.0 % (9.5 to 90.5)", [100, 50])],
+)
+def test_an_internal_error_is_no_failure_while_it_runs_and_in_the_picture(
+    wrong: int, told: str, drawn: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = [*figures((None, ()), ("drop", ())).results, *[WRONG] * wrong]
+    assert described(results) == told
+    lines: list[list[float]] = []
+
+    def kept(axes: Axes, judged: list[EpisodeResult]) -> None:
+        known(axes, judged)
+        lines.append(list(axes.lines[0].get_ydata()))  # type: ignore[arg-type]
+
+    known = plots._rate
+    monkeypatch.setattr(plots, "_rate", kept)
+    plot_evaluation(EvaluationReport(settings=SETTINGS, results=results), tmp_path / "a.png")
+    assert lines == [drawn]
+
+
+def test_errors_alone_are_told_and_drawn(tmp_path: Path) -> None:
+    assert described([WRONG]) == "nothing judged, 1 errors"
+    assert described([]) == "starting"
+    plot_evaluation(EvaluationReport(settings=SETTINGS, results=[WRONG]), tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
 def test_where_nothing_is_touched_no_negative_force_is_drawn() -> None:

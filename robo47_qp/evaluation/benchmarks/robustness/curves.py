@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from robo47_qp.arrays import Checked, Count, CountOrZero
-from robo47_qp.errors import UnknownNameError
+from robo47_qp.errors import Robo47Error, UnknownNameError
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.perturbation import Perturbation, options
 from robo47_qp.evaluation.statistics import wilson
@@ -50,6 +50,17 @@ def alone(kind: str, value: float) -> Perturbation:
     return replace(Perturbation(), **beside).with_options({kind: value})
 
 
+class NothingJudgedError(Robo47Error):
+    """A level of which nothing is known, since no episode was judged."""
+
+    def __init__(self, journal: Path, why: str) -> None:
+        """Name the journal and the first error."""
+        super().__init__(
+            f"No episode of {journal} was judged: all ended with an internal error, the first with "
+            f"{why.rstrip('.')}. Mend that and continue with --resume."
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Point:
     """Success at one level."""
@@ -58,9 +69,12 @@ class Point:
     """In the unit of the option; None where nothing is wrong."""
     successes: int
     episodes: int
+    """Those that were judged."""
     causes: Mapping[str, int]
     """Failures by cause."""
     audits_kept: int
+    errors: int = 0
+    """Episodes that ended with an internal error, which is none of the stack's failures."""
 
     @property
     def rate(self) -> float:
@@ -160,7 +174,8 @@ class Robustness(Checked):
             resume: Continue the journals that are there.
 
         Raises:
-            JournalError, RecordingError, WorkerError: See `Evaluation.run`.
+            ChangedError, JournalError, RecordingError, WorkerError: See `Evaluation.run`.
+            NothingJudgedError: All episodes of a level ended with internal errors.
             UnknownNameError: A stack or a kind has an unknown name.
         """
         known = kinds()
@@ -198,14 +213,13 @@ class Robustness(Checked):
         level = NOTHING if value is None else f"{kind}.{value:g}"
         journal = self.folder / f"{stack}.{level}.jsonl"
         report = chosen.evaluation.run(chosen.executor, journal, resume=resume)
-        causes: dict[str, int] = {}
-        for result in report.results:
-            if result.failure is not None:
-                causes[result.failure] = causes.get(result.failure, 0) + 1
+        if not report.judged:
+            raise NothingJudgedError(journal, report.errors[0].explanation)
         return Point(
             value=value,
-            successes=sum(result.success for result in report.results),
-            episodes=len(report.results),
-            causes=causes,
-            audits_kept=sum(result.audit_ok is True for result in report.results),
+            successes=report.successes,
+            episodes=report.judged,
+            causes=report.causes,
+            audits_kept=report.audits_kept,
+            errors=len(report.errors),
         )

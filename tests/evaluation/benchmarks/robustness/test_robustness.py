@@ -12,8 +12,21 @@ import pytest
 from rich.console import Console
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
-from robo47_qp.evaluation.benchmarks.robustness.curves import STACKS, Curve, Point, alone, kinds
-from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, failed
+from robo47_qp.evaluation.benchmarks.robustness.curves import (
+    STACKS,
+    Curve,
+    NothingJudgedError,
+    Point,
+    alone,
+    kinds,
+)
+from robo47_qp.evaluation.episode import (
+    Episode,
+    EpisodeResult,
+    EpisodeSpec,
+    errored,
+    failed,
+)
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.run.failure import Cause, Failure
@@ -152,6 +165,46 @@ def test_a_campaign_ends_where_half_is_lost_and_is_continued(
     assert robustness.run(again, Console(quiet=True)) == 0
     assert Serial.count == 2 * 3 * (1 + 3 + 5)
     assert json.loads(out.read_text())["curves"] == json.loads(before)["curves"]
+
+
+@dataclass(frozen=True)
+class Buggy(Fragile):
+    """Ends with an internal error in some worlds, for some seeds."""
+
+    broken: tuple[int, ...] = ()
+
+    def __call__(self, spec: EpisodeSpec) -> EpisodeResult:
+        if self.world.pose_bias > 1.5e-3 and spec.seed in self.broken:
+            return errored(spec, "ZeroDivisionError: a bug of ours")
+        return super().__call__(spec)
+
+
+def test_an_internal_error_is_no_loss_of_the_stack(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two of three episodes: half were lost if they counted."""
+    broken = [0, 1]
+    monkeypatch.setattr(
+        PolicyEvaluation, "_episode", lambda self: Buggy(self.perturbation, broken=tuple(broken))
+    )
+    monkeypatch.setattr(PolicyEvaluation, "executor", property(lambda _: Serial()))
+    out, screen = tmp_path / "curves.json", StringIO()
+    options = RobustnessOptions(
+        kinds=("pose_bias",), stacks=("stack",), episodes=3, levels=3, seed=0, report=out
+    )
+    assert robustness.run(options, Console(file=screen, width=80)) == 1
+    assert "stack: pose_bias 0.002 m: 1 of 1, internal errors 2" in screen.getvalue()
+    (told,) = json.loads(out.read_text())["curves"]
+    assert [point["errors"] for point in told["points"]] == [0, 0, 2, 2]
+    assert [point["episodes"] for point in told["points"]] == [3, 3, 1, 1]
+    assert told["half_is_lost_at"] == pytest.approx(3e-3)
+    assert told["points"][-1]["causes"] == {"grasp": 1}
+    broken.append(2)
+    with pytest.raises(
+        NothingJudgedError,
+        match=r"pose_bias\.0\.002\.jsonl was judged: .* ZeroDiv.*a bug of ours\.",
+    ):
+        robustness.run(options, Console(quiet=True))
 
 
 def test_wrong_names_are_refused_before_anything_runs(tmp_path: Path) -> None:
