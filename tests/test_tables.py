@@ -127,6 +127,16 @@ def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:
     assert rows[4].endswith("| 1200.5 |")
 
 
+def test_an_episode_without_an_audit_has_kept_none(results: Path) -> None:
+    """What broke off before anything moved; results of before do not tell how many did."""
+    for told, audits in (({"audits_kept": 1}, 1), ({"audits_kept": 0}, 0), ({}, 2)):
+        report = to_keep({**REPORT, "broken_audits": 0, **told})
+        (results / "success_severe_reach.json").write_text(json.dumps(report))
+        assert f"| ik 1 | {audits} |" in TABLES["success"]()
+        short = f"9.5–90.5 %), audit kept in {audits} |" if audits < 2 else "9.5–90.5 %) |"
+        assert short in TABLES["success_short"]()
+
+
 def test_rows_and_columns_without_a_kept_file_are_left_out(results: Path) -> None:
     assert TABLES["success_short"]() == TABLES["success"]() == TABLES["robots"]() == NOTHING
     told = to_keep(REPORT)

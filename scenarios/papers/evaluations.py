@@ -206,7 +206,7 @@ def _evaluation(result: Result) -> list[str]:
         interval(result),
         "–" if first is None else str(first),
         _causes(result),
-        str(result["judged"] - result["broken_audits"]),
+        str(_audits_kept(result)),
         "–" if cycle is None else f"{cycle:.1f} s",
         str(result["seeds"][0]),
         f"`{result['commit'][:7]}`",
@@ -216,8 +216,16 @@ def _evaluation(result: Result) -> list[str]:
 def _rate(result: Result | None) -> str:
     if result is None:
         return "–"
-    told, broken = f"{_counts(result)} ({interval(result)})", result["broken_audits"]
-    return f"{told}, audit kept in {result['judged'] - broken}" if broken else told
+    told, audits = f"{_counts(result)} ({interval(result)})", _audits_kept(result)
+    return told if audits == result["judged"] else f"{told}, audit kept in {audits}"
+
+
+def _audits_kept(result: Result) -> int:
+    """Return in how many episodes the audit was kept.
+
+    Results of before do not tell it: those without an audit count there, too.
+    """
+    return int(result.get("audits_kept", result["judged"] - result["broken_audits"]))
 
 
 def _counts(result: Result) -> str:

@@ -125,6 +125,9 @@ def test_a_report_that_is_none_is_refused(content: dict[str, Any]) -> None:
 def test_errors_are_no_failures() -> None:
     """They say nothing about the policy, neither in its rate nor in comparisons."""
     wrong = errored(EpisodeSpec(index=2, seed=2), "no ompl")
+    audited = [replace(result(i), audit_ok=ok) for i, ok in enumerate((True, False, True, None))]
+    told = EvaluationReport(settings=SETTINGS, results=audited).headline()
+    assert (told["judged"], told["broken_audits"], told["audits_kept"]) == (4, 1, 2)
     report = EvaluationReport(
         settings=SETTINGS, results=[result(0), result(1, success=False), wrong]
     )
