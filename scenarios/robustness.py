@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from robo47_qp.report.importing import importing
 
@@ -16,7 +16,7 @@ with importing():
     from rich.console import Console
     from rich.table import Table
 
-    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
     from robo47_qp.cli import FAILED, INTERRUPTED, LOGS, OK, main
     from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
     from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
@@ -56,7 +56,7 @@ class RobustnessOptions(Checked):
     """3 kinds, 3 levels each four times as wrong as the one before, 4 episodes: a first look."""
     resume: bool = False
     """Continue an interrupted campaign."""
-    report: Path = LOGS / "robustness.json"
+    report: Annotated[Path, Suffix(".json")] = LOGS / "robustness.json"
     """File for the figures (JSON); picture (.png) and a folder of journals go beside it."""
 
     def _label(self, field: str) -> str:

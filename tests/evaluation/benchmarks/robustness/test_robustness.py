@@ -207,6 +207,13 @@ def test_an_internal_error_is_no_loss_of_the_stack(
         robustness.run(options, Console(quiet=True))
 
 
+@pytest.mark.parametrize("name", ["campaign", "campaign.png"])
+def test_a_report_of_another_ending_is_refused_before_anything_runs(name: str) -> None:
+    """Without one, it had the name of the folder of journals; the picture is another file."""
+    with pytest.raises(InvalidValueError, match=r"--report must be a file that ends with \.json"):
+        RobustnessOptions(report=Path(name))
+
+
 def test_wrong_names_are_refused_before_anything_runs(tmp_path: Path) -> None:
     for wrong in ({"kinds": ("gravity",)}, {"stacks": ("ppo",)}):
         options = RobustnessOptions(report=tmp_path / "x.json", **wrong)  # type: ignore[arg-type]
