@@ -53,9 +53,10 @@ _EDGES = (0.035, 0.05)
 class Stack(Task):
     """Stack cubes on top of each other; with a seed, they and the goal are drawn at random.
 
-    Any cube may be at any level, on any of its faces. The tower stands when every level has a cube
-    whose centre is within `tolerance` of the goal's vertical and of its own height, which is level
-    and has the heading of the goal, all at rest, the gripper open and the arm home.
+    Any cube may be at any level, with its top up. The tower stands when every level has a cube
+    whose centre is within `tolerance` of the goal's vertical and `height_tolerance` of its own
+    height, which is level and has the heading of the goal by quarter turns, all at rest, the
+    gripper open and the arm home.
     """
 
     cubes: tuple[Item, ...] = tuple(
