@@ -61,7 +61,7 @@ class Range(Rule):
     def _accepts(self, value: Any) -> bool:
         try:
             numbers = np.ravel(index(value) if self.whole else value).astype(float).tolist()
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return False
         return all(map(self._contains, numbers))
 
