@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ class Journal:
     """A file of JSON lines: the settings, then the results in the order they arrive."""
 
     def __init__(self, path: Path, settings: Mapping[str, Any], *, resume: bool) -> None:
-        """Open the file; `resume` continues it, otherwise an existing one is renamed to .old.
+        """Open the file; `resume` continues it, otherwise an existing one is put aside.
+
+        It is then called eval.jsonl.old, or eval.2.jsonl.old and so on where that is there.
 
         Raises:
             JournalError: The file has other settings, or is not a journal.
@@ -33,7 +36,7 @@ class Journal:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() and not resume:
-                path.replace(path.with_name(f"{path.name}.old"))
+                path.replace(_aside(path))
             whole = _whole_lines(path)
             self.results = _results(path, whole, settings)
             with path.open("ab") as file:
@@ -95,6 +98,12 @@ class Journal:
         while left:
             left = left[self._file.write(left) :]
         os.fsync(self._file.fileno())
+
+
+def _aside(path: Path) -> Path:
+    """Return a name for an old journal that no other one has."""
+    names = chain([path.name], (f"{path.stem}.{n}{path.suffix}" for n in count(2)))
+    return next(old for name in names if not (old := path.with_name(f"{name}.old")).exists())
 
 
 def _header(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -204,10 +204,12 @@ def test_an_evaluation_can_go_on_from_another_seed(
 
 def test_without_resume_the_journal_is_put_aside(tmp_path: Path) -> None:
     path = tmp_path / "eval.jsonl"
-    evaluated(path, Here(), episodes=3)
-    before = path.read_bytes()
+    names, before = ("eval.jsonl.old", "eval.2.jsonl.old", "eval.3.jsonl.old"), []
+    for episodes in (3, 1, 4):
+        evaluated(path, Here(), episodes=episodes)
+        before.append(path.read_bytes())
     evaluated(path, Here(), episodes=2)
-    assert path.with_name("eval.jsonl.old").read_bytes() == before
+    assert [path.with_name(name).read_bytes() for name in names] == before
     assert len(path.read_text().splitlines()) == 3
 
 

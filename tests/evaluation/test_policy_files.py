@@ -104,6 +104,7 @@ def test_what_evaluations_and_runs_write_beside_a_policy_is_not(folder: Path) ->
         put(folder, name)
     assert set(files_in(folder)) > own
     put(folder, "eval.jsonl.old")
+    put(folder, "eval.2.jsonl.old")
     put(folder, "eval.mine-py-Mine.jsonl", b'{"journal": 1, "task": {}}\n')
     for ending in ("rrd", "json", "rows"):
         put(folder, f"eval-reach-5.{ending}")
