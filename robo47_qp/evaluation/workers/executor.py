@@ -10,7 +10,7 @@ from typing import Protocol
 
 from robo47_qp.arrays import CheckedOptions, Count, Positive
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec, died, overdue
-from robo47_qp.evaluation.workers.worker import Worker, WorkerError, wait_for
+from robo47_qp.evaluation.workers.worker import Worker, WorkerError, stop, wait_for
 
 _START_TIMEOUT = 300.0
 """Time limit until a worker is ready, for instance with a large policy [s]."""
@@ -71,8 +71,7 @@ class LocalProcesses(CheckedOptions):
                     if result is not None:
                         yield result
         finally:
-            for worker in pool:
-                worker.stop()
+            stop(pool)
 
     def _heard(self, worker: Worker, *, foreign: bool) -> tuple[EpisodeResult | None, bool]:
         """Return the result that has arrived, if any, and whether the worker is lost."""

@@ -34,6 +34,8 @@ _WORDS = 20_000
 """Characters that are kept of a traceback."""
 _LONGEST_WAIT = 3600.0
 """Time after which workers are looked at again, whatever their deadlines [s]."""
+_GRACE = 1.0
+"""Time in which a worker whose policy was ended removes what that leaves [s]."""
 _ABANDONED = 3
 """Exit code of a worker whose parent has died."""
 
@@ -118,6 +120,15 @@ class Worker:
         return None
 
     def stop(self) -> None:
+        """See `stop`."""
+        stop([self])
+
+    def end_children(self) -> bool:
+        """Kill all that the process has started, on Linux; return whether there was anything."""
+        pid = self._process.pid
+        return pid is not None and self._process.is_alive() and end_children(pid)
+
+    def kill(self) -> None:
         """Kill the process."""
         self._process.kill()
         self._process.join()
@@ -130,6 +141,20 @@ class Worker:
         if not self.ready:
             raise WorkerError(f"A worker process ended with {how} before it was ready.")
         return how
+
+
+def stop(workers: Sequence[Worker]) -> None:
+    """Kill workers, and on Linux before them all that they have started.
+
+    Later nothing would adopt what a policy leaves that has stopped or killed its warden. Its
+    temporary files are left to the worker, which is given a second.
+    """
+    left = [worker for worker in workers if worker.end_children()]
+    end = monotonic() + _GRACE
+    for worker in left:
+        worker.connection.poll(max(0.0, end - monotonic()))
+    for worker in workers:
+        worker.kill()
 
 
 def wait_for(workers: list[Worker]) -> None:

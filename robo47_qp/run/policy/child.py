@@ -77,27 +77,36 @@ def _prctl(option: int, value: int) -> None:
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
-def end_children() -> None:
-    """Kill all descendants, after `adopt_orphans`: as they die, their children become own ones."""
-    end = time.monotonic() + 5.0
-    while children := _children():
+def end_children(of: int | None = None) -> bool:
+    """Kill all descendants of a process that lives; return whether there were any.
+
+    As they die, their children become children of that process; see `adopt_orphans`.
+
+    Args:
+        of: The process; None for this one.
+    """
+    end, found = time.monotonic() + 5.0, False
+    while (children := _children(os.getpid() if of is None else of)) and time.monotonic() < end:
+        found = True
         for child in children:
             with contextlib.suppress(OSError):
                 os.kill(child, signal.SIGKILL)
-        with contextlib.suppress(ChildProcessError):
-            while os.waitpid(-1, os.WNOHANG)[0]:
-                pass
-        if time.monotonic() > end:
-            return
         time.sleep(0.001)
+    with contextlib.suppress(ChildProcessError):
+        while of is None and os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+    return found
 
 
-def _children() -> list[int]:
-    own, found = str(os.getpid()), []
+def _children(of: int) -> list[int]:
+    found = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             # The name, in parentheses, may hold anything.
-            if path.read_text(errors="replace").rpartition(")")[2].split()[1] == own:
+            told = path.read_text(errors="replace").rpartition(")")[2].split()
+            # A process whose first thread alone has ended is told as a zombie, too.
+            dead = told[0] == "Z" and int(told[17]) <= 1
+            if told[1] == str(of) and not dead:
                 found.append(int(path.parent.name))
     return found
 

@@ -174,3 +174,18 @@ def test_what_a_policy_leaves_that_has_killed_its_warden_ends_with_its_episode()
         assert "its process ended with signal 9 in act" in result.evidence
     lines = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline")]
     assert not [line for line in lines if b"sleep(600)\0/" in line]
+
+
+def test_what_a_policy_leaves_that_has_stopped_its_warden_ends_with_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    policy = PolicyReference(text="tests.run.policy.hostile_policies:Holder")
+    evaluation = PolicyEvaluation(
+        task=PickPlace(), robot=PANDA, policy=policy, episodes=1, workers=1, timeout=8.0
+    )
+    (result,) = evaluation.evaluation.run(evaluation.executor).results
+    assert result.cause == "timeout"
+    lines = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline")]
+    assert not [line for line in lines if b"sleep(601)" in line or os.fsencode(tmp_path) in line]
+    assert list(tmp_path.glob("robo47-policy-*")) == []

@@ -325,6 +325,16 @@ class Stopper(Still):
         raise ValueError(f"{os.getpid()} {tempfile.gettempdir()}")
 
 
+class Holder(Still):
+    """Stops what watches it, after it has started a process that would stay, and hangs."""
+
+    def act(self, observation: Observation) -> Any:
+        command = [sys.executable, "-c", "import time; time.sleep(601)"]
+        subprocess.Popen(command, start_new_session=True, env={}, stdout=subprocess.DEVNULL)
+        os.kill(os.getppid(), signal.SIGSTOP)
+        time.sleep(1000.0)
+
+
 class Sleeper(Still):
     def act(self, observation: Observation) -> Any:
         time.sleep(1000.0)
