@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
 
@@ -27,8 +28,8 @@ def package_folder(file: Path) -> Path | None:
 def files_in(folder: Path) -> list[Path]:
     """Return all files in a folder and in those inside, links followed.
 
-    Left out are hidden names, environments, caches of Python, folders called logs, and what
-    evaluations and runs have written.
+    Left out are hidden names, environments, caches of Python, folders called logs, what
+    evaluations and runs have written, and where the output of this process goes.
 
     Raises:
         InvalidValueError: There are more than `MOST`.
@@ -49,7 +50,17 @@ def files_in(folder: Path) -> list[Path]:
         # A link may lead back to a folder above it.
         seen.add(here.resolve())
         inside[:] = sorted(n for n in inside if _counts(here / n, seen))
-    return [path for path in sorted(found) if path.is_file()]
+    return [path for path in sorted(found) if path.is_file() and not _is_output(path)]
+
+
+def _is_output(path: Path) -> bool:
+    """Return whether what this process prints is redirected to a file."""
+    for stream in (1, 2):
+        # A stream may be closed.
+        with suppress(OSError):
+            if os.path.samestat(path.stat(), os.fstat(stream)):
+                return True
+    return False
 
 
 def digest_of(files: Iterable[Path], folder: Path | None) -> str:

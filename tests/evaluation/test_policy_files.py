@@ -1,6 +1,8 @@
 """What a policy depends on: code and weights in its folder, not what evaluations leave there."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -109,6 +111,18 @@ def test_what_evaluations_and_runs_write_beside_a_policy_is_not(folder: Path) ->
     for ending in ("rrd", "json", "rows"):
         put(folder, f"eval-reach-5.{ending}")
     assert set(files_in(folder)) == own
+
+
+def test_where_the_output_is_redirected_to_is_not(folder: Path) -> None:
+    code = "from robo47_qp.evaluation.policy_files import files_in; from pathlib import Path; "
+    code += "print(*(path.name for path in files_in(Path())), flush=True)"
+    before = [path.name for path in files_in(folder)]
+    out, err = folder / "out.txt", folder / "err.txt"
+    with out.open("w") as told, err.open("w") as errors:
+        command = [sys.executable, "-c", code]
+        subprocess.run(command, cwd=folder, stdout=told, stderr=errors, check=True)
+    assert out.read_text().split() == before
+    assert folder / "out.txt" in files_in(folder)
 
 
 def test_a_file_that_nobody_can_read_does_not_stand_in_the_way(
