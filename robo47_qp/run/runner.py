@@ -27,6 +27,7 @@ from robo47_qp.run.recording import CHUNK_ROWS, Rows, Sink, Store
 from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.steps import StepExecutor, as_step
 from robo47_qp.sim.cell_sheet import CellSheet
+from robo47_qp.sim.objects import Inertia
 from robo47_qp.sim.sensed import Senses
 from robo47_qp.sim.signal import Signal
 from robo47_qp.sim.simulation import Simulation
@@ -223,7 +224,7 @@ class Runner:
             failure=failure,
             measures=measures,
             loop_seconds=loop.seconds,
-            objects={name: np.array(self._sim.model.body(name).ipos) for name in self._sim.objects},
+            objects={name: Inertia.of(self._sim.model, name) for name in self._sim.objects},
             fixed=self._sim.fixed(),
             retaken=loop.retaken,
             failed_steps=None if self.failed is None else len(self.failed),

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from robo47_qp.arrays import Vector
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.obstacle import Obstacle
@@ -14,6 +13,7 @@ from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Rows
 from robo47_qp.run.task import Task
 from robo47_qp.run.watchdog import Watchdog
+from robo47_qp.sim.objects import Inertia
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,8 +49,8 @@ class Run:
     """The task's figures of the final state, by name with unit."""
     loop_seconds: float
     """Wall time of the control loop with its recording, without planning and observers [s]."""
-    objects: Mapping[str, Vector]
-    """Bodies that move freely, each with its centre of mass in its frame (3,) [m]."""
+    objects: Mapping[str, Inertia]
+    """Bodies that move freely."""
     fixed: Sequence[Obstacle]
     """What stands fixed around the robot and can be touched, at the end of the run."""
     retaken: Sequence[int] = ()

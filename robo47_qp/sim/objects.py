@@ -1,10 +1,12 @@
 """SimulatedObjects: the free and mocap bodies of a MuJoCo model."""
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
-from mink import SE3
+from mink import SE3, SO3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.sim.scene import free_bodies, mocap_bodies
@@ -13,6 +15,22 @@ from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 _TWIST = ("x", "y", "z", "wx", "wy", "wz")
 _PER_S, _PER_S2 = "m/s, rad/s", "m/s², rad/s²"
 """Labels and units of an object's motion: linear in the world, angular in the body."""
+
+
+class Inertia(NamedTuple):
+    """Where the mass of a body is, in its frame."""
+
+    centre: Vector
+    """Its centre (3,) [m]."""
+    moments: Matrix
+    """Moments about it (3, 3) [kg·m²]."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, name: str) -> "Inertia":
+        """Return that of a body of a model."""
+        body = model.body(name)
+        R = SO3(np.array(body.iquat)).as_matrix()
+        return cls(np.array(body.ipos), R @ np.diag(body.inertia) @ R.T)
 
 
 class SimulatedObjects:

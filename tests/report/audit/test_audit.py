@@ -51,6 +51,7 @@ PROMISES = [
     "object jump",
     "object turn",
     "object kick",
+    "object spin",
 ]
 OF_JOINTS = PROMISES[:13]
 
