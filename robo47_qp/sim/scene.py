@@ -81,18 +81,25 @@ def compile_scene(robot: Robot, build_scene: BuildScene, *, drawn: bool = True) 
 def _fixed(spec: mujoco.MjSpec, own: set[str]) -> list[str]:
     """Return the names of the bodies that the robot can touch and that stand fixed.
 
-    These are the world, and what the scene adds to it without a joint, with geoms that collide.
-    Unnamed ones get names.
+    These are the world, and what the scene adds to it with no joint on the way there, with geoms
+    that collide. Unnamed ones get names.
     """
     found = [spec.worldbody.name]
     for i, body in enumerate(list(spec.worldbody.bodies)):
-        if body.name in own or any(one.joints for one in (body, *body.find_all("body"))):
+        if body.name in own:
             continue
-        for k, part in enumerate((body, *body.find_all("body"))):
+        for k, part in enumerate(_standing(body)):
             if any(geom.contype or geom.conaffinity for geom in part.geoms):
                 part.name = part.name or f"fixed body {i} {k}"
                 found.append(part.name)
     return found
+
+
+def _standing(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """Return a body and those on it that no joint lets move."""
+    if body.joints:
+        return []
+    return [body, *(part for child in body.bodies for part in _standing(child))]
 
 
 def fixed_obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Obstacle:

@@ -136,6 +136,19 @@ def test_what_stands_fixed_is_all_that_a_hand_can_hit() -> None:
     assert {one.name for one in pair.fixed()} == {"table", "floor", "wall"}
 
 
+def test_a_post_that_carries_a_door_stands_fixed() -> None:
+    def gate(spec: mujoco.MjSpec) -> None:
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        post = spec.worldbody.add_body(name="post", pos=[0.5, 0.2, 0.2])
+        post.add_geom(name="post", type=box, size=[0.02, 0.02, 0.2])
+        door = post.add_body(name="door", pos=[0.1, 0.0, 0.0])
+        door.add_joint(name="hinge", axis=[0, 0, 1])
+        for name, body in (("leaf", door), ("knob", door.add_body()), ("cap", post.add_body())):
+            body.add_geom(name=name, type=box, size=[0.01, 0.01, 0.01], mass=1)
+
+    assert {one.name for one in Simulation(PANDA, gate).fixed()} == {"post", "cap"}
+
+
 def test_what_a_robot_stands_on_is_its_own(tmp_path: Path) -> None:
     spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
     spec.worldbody.add_geom(name="pedestal", size=[0.1, 0.1, 0.1], pos=[0.0, 0.0, -0.1])
