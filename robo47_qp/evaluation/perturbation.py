@@ -183,7 +183,8 @@ class Perturbation(SensorErrors):
         A range is written with a colon, as "-0.05:0.05".
 
         Raises:
-            InvalidValueError: A value is out of range, or neither number nor range.
+            InvalidValueError: A value is out of range, or neither number nor range; or pushes are
+                chosen without a force, or a force without pushes.
             UnknownNameError: There is no such option.
         """
         known = options()
@@ -195,10 +196,15 @@ class Perturbation(SensorErrors):
             for option, value in chosen.items()
         }
         try:
-            return replace(self, **values)
+            changed = replace(self, **values)
         except InvalidValueError as error:
             option = next(name for name in chosen if known[name][0] == error.name)
             raise InvalidValueError(_label(option), chosen[option], error.expected) from error
+        for given, other in (("pushes", "push_force"), ("push_force", "pushes")):
+            if values.get(given) and other not in values and not getattr(changed, other):
+                expected = f"given, too, with {_label(given)} {chosen[given]}"
+                raise InvalidValueError(_label(other), getattr(changed, other), expected)
+        return changed
 
 
 @cache

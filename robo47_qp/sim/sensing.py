@@ -51,7 +51,7 @@ class About:
     scale: float = 1
     """Value of the field if the option is 1."""
     growth: Growth | None = None
-    """None where it says nothing alone."""
+    """None where it does not say how much is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,7 +150,14 @@ class SensorErrors(Checked):
         NotNegative,
         About("Time constant of the noise of poses; at 0, each frame has noise of its own", "s"),
     ] = 0.0
-    camera_rate: Annotated[Positive, About("Frames of the camera per second", "1/s")] = 30.0
+    camera_rate: Annotated[
+        Positive,
+        About(
+            "Frames of the camera per second; other than 30, poses are those of its last frame "
+            "also where nothing else of the camera errs",
+            "1/s",
+        ),
+    ] = 30.0
     camera_latency: Annotated[
         NotNegative,
         About("Time from a frame to its poses", "ms", scale=1e-3, growth=Growth(first=50.0)),
@@ -189,7 +196,8 @@ class SensorErrors(Checked):
         """True where a seen pose may differ from the true one."""
         bias, noise = self.pose_bias or self.rotation_bias, self.pose_noise or self.heading_noise
         late = self.camera_latency or self.dropped_frames or self.occlusion
-        return bool(bias or noise or late or self.outliers)
+        slow = self.camera_rate != SensorErrors.camera_rate
+        return bool(bias or noise or late or slow or self.outliers)
 
 
 def figures(errors: SensorErrors) -> dict[str, Any]:

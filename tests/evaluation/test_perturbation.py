@@ -199,6 +199,30 @@ def test_an_option_is_refused_by_its_own_name(chosen: dict[str, float], message:
         _ = EvaluateOptions(perturbations=chosen).perturbation
 
 
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"pushes": 2}, r"^--push-force must be given, too, with --pushes 2; found 0.0\.$"),
+        ({"push_force": 9.5}, r"^--pushes must be given, too, with --push-force 9.5; found 0\.$"),
+    ],
+)
+def test_pushes_without_a_force_and_a_force_without_pushes_are_refused(
+    chosen: dict[str, float], message: str
+) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        PRESETS["moderate"].with_options(chosen)
+    # A level that has both, or both options, say what the other one is.
+    nothing = dict.fromkeys(chosen, 0)
+    for level, allowed in (
+        ("severe", chosen),
+        ("severe", nothing),
+        ("none", nothing),
+        ("none", {"pushes": 0, "push_force": 0.0, **chosen}),
+    ):
+        preset = PRESETS[level]
+        assert preset.with_options(allowed) == dataclasses.replace(preset, **allowed)
+
+
 def test_an_option_that_is_not_there_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="No perturbation is called 'object_mass'; known: "):
         Perturbation().with_options({"object_mass": 0.1})
@@ -218,6 +242,8 @@ class Effect:
     changes: set[str]
     beside: Mapping[str, object] = field(default_factory=dict)
     """Fields without which it does nothing."""
+    flags: tuple[str, ...] = ()
+    """Options without which it is refused."""
 
 
 PUSHED = {"pushes": 1, "push_force": 30.0, "push_time": 0.0}
@@ -227,7 +253,7 @@ EFFECTS = {
     "pose_noise_time": Effect(0.3, {"seen position", "seen goal"}, {"pose_noise": 0.01}),
     "pose_bias": Effect(0.01, {"seen frame", "seen position", "seen goal"}),
     "rotation_bias": Effect(0.05, {"seen frame", "seen position", "seen heading", "seen goal"}),
-    "camera_rate": Effect(60.0, {"seen position", "seen goal", "seen frame"}, {"pose_noise": 0.01}),
+    "camera_rate": Effect(3.0, {"seen frame", "seen position"}),
     "camera_latency": Effect(50.0, {"seen frame"}),
     "dropped_frames": Effect(0.5, {"seen frame"}),
     "outliers": Effect(0.5, {"seen position", "seen goal", "seen frame"}),
@@ -251,8 +277,8 @@ EFFECTS = {
     "velocity_cutoff": Effect(20.0, {"measured v"}),
     "noise_force": Effect(0.3, {"measured force"}),
     "force_drift": Effect(1.0, {"measured force"}),
-    "pushes": Effect(1, {"motion"}, PUSHED),
-    "push_force": Effect(30.0, {"motion"}, PUSHED),
+    "pushes": Effect(1, {"motion"}, PUSHED, ("--push-force", "30")),
+    "push_force": Effect(30.0, {"motion"}, PUSHED, ("--pushes", "1")),
     "push_time": Effect(0.05, {"motion"}, PUSHED),
 }
 """Every perturbation has an entry: whoever adds one says here what it changes."""
@@ -340,13 +366,14 @@ def test_every_perturbation_is_an_option_that_changes_what_it_says_and_is_report
         seen.append(chosen)
         return 0
 
-    flags = [f"--{option.replace('_', '-')}", str(effect.option)]
+    flags = [f"--{option.replace('_', '-')}", str(effect.option), *effect.flags]
     assert main(EvaluateOptions, run, "", args=flags) == 0
     numbers = [float(part) * about.scale for part in str(effect.option).split(":")]
     value: object = tuple(numbers) if len(numbers) > 1 else numbers[0]
     if isinstance(effect.option, int):
         value = effect.option
-    assert seen[0].perturbation == Perturbation(**{name: value})  # type: ignore[arg-type]
+    beside = {"push_force": 30.0, "pushes": 1} if effect.flags else {}
+    assert seen[0].perturbation == Perturbation(**{**beside, name: value})  # type: ignore[arg-type]
     settings = seen[0].evaluation(Reach(), PANDA).evaluation.settings
     assert settings["perturbation"][name] == pytest.approx(numbers if numbers[1:] else value)
     assert about.text
