@@ -22,7 +22,7 @@ from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.robot import Robot
 
 RESOLUTION = 0.1e-3
-"""How much closer than the distance found the robot may have been, at most [m]."""
+"""How much closer than the distance found the robot may have been, by default [m]."""
 _FIRST_ROWS = 33
 _MOUNTED = 1e-4
 """Distance at home up to which a geom is mounted on what is fixed [m]."""
@@ -97,8 +97,8 @@ class ClosestApproach:
         """Distances of the pairs."""
         self._around = set(around)
 
-    def along(self, q: Matrix) -> Nearest:
-        """Return the smallest distance over all rows, found to within `RESOLUTION`.
+    def along(self, q: Matrix, *, resolution: float = RESOLUTION) -> Nearest:
+        """Return the smallest distance over all rows.
 
         The distance of a pair of geoms falls by no more than its bounds times the joint
         displacements, so rows are skipped in which the pair cannot be closer than the smallest
@@ -106,6 +106,8 @@ class ClosestApproach:
 
         Args:
             q: Joints of the arm, then of its grippers (N, joints) [rad or m].
+            resolution: How much smaller it may be than what is found, at most [m]; 0 finds it in
+                about twice the time.
         """
         q = np.ascontiguousarray(q)
         travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
@@ -116,12 +118,14 @@ class ClosestApproach:
         order = np.argsort(first.min(axis=0), kind="stable")
         if self.distances.core is not None:
             start = first[0], best, at
-            best, at = self._followed(self.distances.core, q, travelled, order, start)
+            best, at = self._followed(
+                self.distances.core, q, travelled, order, start, resolution
+            )
             return Nearest(best, at[0], *self._names(at[1]))
         for i in order.tolist():
             closed, row, apart = travelled @ self.distances.reach[i], 0, float(first[0, i])
             while True:
-                far = closed[row] + apart - best + RESOLUTION
+                far = closed[row] + apart - best + resolution
                 row = max(row + 1, int(np.searchsorted(closed, far, side="right")))
                 if row >= len(q):
                     break
@@ -138,6 +142,7 @@ class ClosestApproach:
         travelled: Matrix,
         order: NDArray[np.intp],
         found: tuple[Vector, float, tuple[int, int]],
+        resolution: float,
     ) -> tuple[float, tuple[int, int]]:
         """Return what `along` finds in the compiled core: the smallest distance, its row and pair.
 
@@ -147,6 +152,7 @@ class ClosestApproach:
             travelled: How far each joint has come since the first row (N, joints) [rad or m].
             order: Order in which the pairs are followed (pairs,).
             found: Distances in the first row (pairs,), and the smallest so far, with its place [m].
+            resolution: As in `along`.
         """
         start, best, (row, pair) = found
         path = Structure(
@@ -156,7 +162,7 @@ class ClosestApproach:
             travelled=travelled,
             start=start,
             order=order.astype(np.int32),
-            resolution=RESOLUTION,
+            resolution=resolution,
             best=best,
             best_row=row,
             best_pair=pair,

@@ -62,6 +62,7 @@ def test_the_core_finds_the_same_to_the_bit(monkeypatch: pytest.MonkeyPatch, own
     monkeypatch.setattr(core.distances, "between", counted)
     for rows in (q, q[::50], q[:1]):
         assert core.along(rows) == plain.along(rows)
+        assert core.along(rows, resolution=0.0) == plain.along(rows, resolution=0.0)
     for row in q[::10]:
         for seen in (np.inf, 0.1, 0.01):
             found = core.distances.at(row, seen)
@@ -106,9 +107,13 @@ def test_what_may_be_hidden_is_as_little_as_said(tmp_path: Path, dip: float, see
     wall = Obstacle(name="wall", shape=Shape.BOX, size=(0.5, 3, 3), T_world_obstacle=at(1.5, 0, 0))
     q = np.zeros((4000, 4))
     q[2345, 0] = dip
-    found = ClosestApproach(robot, (wall,)).along(q)
+    closest = ClosestApproach(robot, (wall,))
+    found = closest.along(q)
     assert found.distance == pytest.approx(0.9 - dip, abs=1e-9 if seen else RESOLUTION)
     assert (found.row == 2345) == seen
+    exact = closest.along(q, resolution=0.0)
+    assert exact.distance == pytest.approx(0.9 - dip, abs=1e-9)
+    assert exact.row == 2345
 
 
 def test_open_fingers_reach_further_than_closed_ones() -> None:

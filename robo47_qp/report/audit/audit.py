@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp.arrays import Matrix
-from robo47_qp.collision.closest_approach import ClosestApproach, closest_approach
+from robo47_qp.collision.closest_approach import RESOLUTION, ClosestApproach, closest_approach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import bare_arm
 from robo47_qp.model.obstacle import Obstacle
@@ -161,12 +161,17 @@ def _same(one: Obstacle, other: Obstacle) -> bool:
 def _apart(
     signal: str, closest: ClosestApproach, q: Matrix, limit: float, exempt: Exempt
 ) -> list[Finding]:
-    """Return the closest approach in the rows that are judged, and in those that are not."""
+    """Return the closest approach in the rows that are judged, and in those that are not.
+
+    It is exact where it decides whether the limit was kept, else to within `RESOLUTION`.
+    """
     found = []
     for rows, why in ((~exempt.rows, ""), (exempt.rows, exempt.why)):
         if not rows.any():
             continue
         nearest = closest.along(q[rows])
+        if not why and limit <= nearest.distance < limit + RESOLUTION:
+            nearest = closest.along(q[rows], resolution=0.0)
         name = f"{signal} ({nearest.body} to {nearest.obstacle})"
         found.append(
             Finding(

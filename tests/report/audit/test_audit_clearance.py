@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.collision.closest_approach import ClosestApproach
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
@@ -112,6 +113,28 @@ def test_a_declared_obstacle_does_not_stand_for_another_of_its_name(run: Run) ->
     task = PickPlace(obstacles=(TABLE,))
     declared = replace(run, scenario=replace(run.scenario, task=task))
     assert not any("of the scene" in f.signal for f in clearances(declared))
+
+
+def test_a_breach_is_found_however_small_it_is(run: Run) -> None:
+    """One row of a hand that rests 10 µm from a wall."""
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    for signal in ("joints/q", "joints/q_ref", "gripper/fingers"):
+        rows[signal][:] = rows[signal][0]
+    rows["joints/q"][:, 1] += 0.05
+    still = np.hstack([rows["joints/q"], rows["gripper/fingers"]])[:1]
+
+    def wall(x: float) -> Obstacle:
+        size, there = (0.1, 3.0, 3.0), SE3.from_translation(np.array([x, 0.0, 0.0]))
+        return Obstacle(name="wall", shape=Shape.BOX, size=size, T_world_obstacle=there)
+
+    beside = wall(2.0 - ClosestApproach(PANDA, (wall(2.0),)).along(still).distance + 10e-6)
+    kept = replace(run, rows=rows, fixed=(beside,))
+    assert [f.signal for f in clearances(kept) if not f.ok] == []
+    rows["joints/q"][ROW, 1] += 1e-4
+    (broken,) = (f for f in clearances(kept) if not f.ok)
+    assert broken.signal.startswith("measured clearance, scene (")
+    assert broken.time == ROW * TIMESTEP
+    assert -50e-6 < broken.extreme < -10e-6
 
 
 def test_what_stands_fixed_is_all_that_a_hand_can_hit() -> None:
