@@ -24,6 +24,8 @@ _ROUNDS, _LOUD = 50, 0.1
 """Rounds of lowering the noise, in joints that make this share of a torque's variance."""
 _STILL = 5e-4
 """Standard deviation of the velocity with which noise moves a joint that rests [rad/s]."""
+_LEAST = 1e-3
+"""Least part of the largest bandwidth that is usual, however loud the noise is [-]."""
 _STEP, _STEPS = 0.95, 24
 """From one step of lower bandwidths to the next [-], and how many there are."""
 
@@ -169,7 +171,9 @@ def _usual(arm: Arm, bandwidth: float, noise_q: float, dt: float) -> Vector:
     for i, most in enumerate(quiet):
         if most < _gain(bandwidth, dt):
             excess = partial(_excess, most=most, dt=dt)
-            omegas[i] = brentq(excess, 1e-3 * bandwidth, bandwidth)
+            low = _LEAST * bandwidth
+            # What is louder still gets the least there is.
+            omegas[i] = low if excess(low) >= 0.0 else brentq(excess, low, bandwidth)
     return omegas
 
 

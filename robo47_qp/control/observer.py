@@ -5,8 +5,8 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Positive, Range, Vector
-from robo47_qp.constants import MANY
+from robo47_qp.arrays import Checked, CountOrZero, NotNegative, Range, Vector
+from robo47_qp.constants import MANY, TIMESTEP
 from robo47_qp.control.bandwidth import Bandwidths
 from robo47_qp.control.closed_chain import ClosedChain
 from robo47_qp.control.controller import dry_friction_torque
@@ -47,7 +47,7 @@ class DisturbanceObserver(Checked):
     rate limit: at seven standard deviations, with the inertias of the present configuration.
     """
 
-    bandwidth: Positive = 140.0
+    bandwidth: Annotated[float, Range(above=0.0, at_most=1.0 / TIMESTEP)] = 140.0
     """Largest ω [rad/s]. A delay T that is not told leaves the arm stable up to about 0.7 / ω."""
     noise_q: NotNegative | None = None
     """Standard deviation of measured positions for which the torque rate is kept [rad]; None

@@ -7,6 +7,7 @@ from robo47_qp.arrays import Vector
 from robo47_qp.control.bandwidth import Bandwidths
 from robo47_qp.control.computed_torque import ComputedTorque
 from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.trajectory import Trajectory, hold
@@ -33,6 +34,21 @@ def test_exact_positions_leave_all_bandwidth_everywhere(panda: Arm) -> None:
     exact = bandwidths(panda, noise_q=0.0)
     for rests in (MOVES, ~MOVES):
         assert (exact.at(panda, STRETCHED, np.ones(7), rests=rests) == 140.0).all()
+
+
+@pytest.mark.parametrize("noise_q", [0.1, 1.0])
+def test_noise_beyond_all_measure_leaves_the_least_bandwidth(panda: Arm, noise_q: float) -> None:
+    loud = bandwidths(panda, noise_q=noise_q)
+    assert loud.usual.min() == pytest.approx(0.14)
+    assert (loud.usual[4:] > 0.14).all()
+    assert (loud.at_rest <= loud.usual).all()
+    assert (loud.at_rest > 0.0).all()
+
+
+def test_a_bandwidth_beyond_the_control_rate_is_refused(panda: Arm) -> None:
+    DisturbanceObserver(bandwidth=1000.0).build(panda, DT)
+    with pytest.raises(InvalidValueError, match="bandwidth must be above 0 and at most 1000; fou"):
+        DisturbanceObserver(bandwidth=1e5)
 
 
 def test_a_heavy_load_takes_bandwidth_and_home_does_not(panda: Arm) -> None:
