@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import CheckedOptions, CountOrZero, Range
-from robo47_qp.errors import Robo47Error
+from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.journal import Journal, differences_of
 from robo47_qp.evaluation.perturbation import Perturbation
@@ -186,8 +186,12 @@ class PolicyEvaluation:
         Raises:
             ClassLoadError: The policy cannot be loaded.
             InvalidValueError: A number is out of range, the robot cannot do the task (see
-                `checked_start`), or the task is done before it begins.
+                `checked_start`), the task is done before it begins, or the stack has no
+                velocities: without an observer, and with a cut-off of 0.
         """
+        if self._stack.observer is None and self.perturbation.velocity_cutoff == 0.0:
+            expected = "above 0 without an observer: controllers need velocities"
+            raise InvalidValueError("--velocity-cutoff", 0.0, expected)
         return Evaluation(
             episode=self._episode(),
             settings=self._settings(),
@@ -197,8 +201,7 @@ class PolicyEvaluation:
         )
 
     def _settings(self) -> dict[str, Any]:
-        policy = self._policy
-        stack = policy if isinstance(policy, ClassicalStack) else policy.stack
+        policy, stack = self._policy, self._stack
         return {
             "task": plain(self.task),
             "robot": self.robot.name,
@@ -222,6 +225,10 @@ class PolicyEvaluation:
         if isinstance(self.policy, ClassicalStack):
             return self.policy
         return replace(self.policy, patience=self.timeout)
+
+    @property
+    def _stack(self) -> ClassicalStack:
+        return self.policy if isinstance(self.policy, ClassicalStack) else self.policy.stack
 
     def _episode(self) -> Episode:
         policy, robot, task = self._policy, self.robot, self.task

@@ -13,6 +13,7 @@ from robo47_qp.control.active import ActiveController
 from robo47_qp.control.compiled import CompiledControl
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.payload import Load, Payload, loads
 from robo47_qp.model.robot import MotionProfile
@@ -20,7 +21,7 @@ from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.timing.stopping import stop
 from robo47_qp.motion.trajectory import Trajectory, hold
 from robo47_qp.run import signals
-from robo47_qp.run.failure import Failure
+from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.observers import Observer
 from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Recording
@@ -205,7 +206,7 @@ class ControlLoop:
             True if `until` ended it, with the reference still in motion.
 
         Raises:
-            Aborted: The run cannot continue.
+            Aborted: The run cannot continue, or the torque is not finite.
         """
         references = self._references(trajectory)
         if extra is None:
@@ -323,6 +324,10 @@ class ControlLoop:
                     done += 1
                 else:
                     done += self._run(compiled, world, left, rows[done : done + ahead])
+        except InvalidValueError as error:
+            # Whoever asked for the motion is not to blame for the torque that control makes of it.
+            evidence = f"the arm cannot be controlled: {error}".removesuffix(".")
+            raise Aborted(Failure(cause=Cause.LIMIT, evidence=evidence)) from error
         finally:
             self.recording.close_rows()
         sim.lately = partial(self._columns.of, rows)

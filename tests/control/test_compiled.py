@@ -21,12 +21,11 @@ from robo47_qp.control.friction import FrictionLearning, LearnedFriction
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.control.operational_space import OperationalSpace
-from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.trajectory import Trajectory
-from robo47_qp.run.control_loop import ControlLoop
+from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -300,7 +299,7 @@ def test_a_torque_that_is_no_number_is_refused_and_moves_nothing(backend: str) -
     a = np.zeros((31, 7))
     a[13] = np.nan
     home = np.tile(PANDA.home, (31, 1))
-    with pytest.raises(InvalidValueError, match="commanded torque"):
+    with pytest.raises(Aborted, match="cannot be controlled: commanded torque must be finite"):
         loop.track(Trajectory(q=home, v=np.zeros((31, 7)), a=a, dt=DT))
     assert len(loop.recording) == 13
     assert sim.time == pytest.approx(13 * DT)

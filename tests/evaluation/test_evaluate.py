@@ -253,6 +253,10 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
 
     refused(ClassLoadError, "cannot be loaded", policy=("nowhere:Policy",))
     refused(RecordingError, "cannot be read", against=tmp_path / "none.json")
+    blind = {"perturbations": {"velocity_cutoff": 0.0}, "observer": False}
+    for policy in ((), ("tests.toy_policies:LazyPolicy",)):
+        told = "--velocity-cutoff must be above 0 without an observer"
+        refused(InvalidValueError, told, policy=policy, **blind)
     odd = tmp_path / "odd.json"
     for content, match in (
         ('{"settings": {}}', "a report of an evaluation; found .*odd.json without 'entries'"),

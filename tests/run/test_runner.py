@@ -17,6 +17,7 @@ from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import Step, StepExecutor
 from robo47_qp.run.task import Program
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
@@ -297,3 +298,14 @@ def test_an_arm_that_starts_next_to_a_limit_can_leave_it_and_come_back() -> None
     scenario = ClassicalStack().scenario(robot, Reach())
     simulation = Simulation(robot, Reach().build_scene)
     assert Runner(scenario, simulation).run().failure is None
+
+
+def test_a_controller_that_gives_no_torque_is_not_blamed_on_the_program() -> None:
+    """Without an observer, nobody makes velocities of positions alone."""
+    scenario = ClassicalStack(observer=None).scenario(PANDA, Reach())
+    only_positions = Disturbance(velocity_cutoff=0.0)
+    run = Runner(scenario, DisturbedSimulation(PANDA, Reach().build_scene, only_positions)).run()
+    assert run.failure is not None
+    assert run.failure.cause is Cause.LIMIT
+    assert "cannot be controlled: commanded torque must be finite [N·m]; f" in run.failure.evidence
+    assert len(run.rows) == round(run.failure.time / TIMESTEP) == 0
