@@ -118,9 +118,7 @@ class ClosestApproach:
         order = np.argsort(first.min(axis=0), kind="stable")
         if self.distances.core is not None:
             start = first[0], best, at
-            best, at = self._followed(
-                self.distances.core, q, travelled, order, start, resolution
-            )
+            best, at = self._followed(self.distances.core, q, travelled, order, start, resolution)
             return Nearest(best, at[0], *self._names(at[1]))
         for i in order.tolist():
             closed, row, apart = travelled @ self.distances.reach[i], 0, float(first[0, i])

@@ -93,7 +93,8 @@ def spin(*speed: float) -> Callable[[Simulation], None]:
 
 def tilt(run: Run) -> float:
     """How far the cube's upright axis has turned from where it was, at most [rad]."""
-    upright = Rotation.from_quat(run.rows["objects/cube"][:, 3:], scalar_first=True).apply([0, 0, 1])
+    wxyz = run.rows["objects/cube"][:, 3:]
+    upright = Rotation.from_quat(wxyz, scalar_first=True).apply([0, 0, 1])
     return float(np.arccos(np.clip(upright @ upright[0], -1.0, 1.0)).max())
 
 
