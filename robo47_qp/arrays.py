@@ -1,6 +1,8 @@
 """Array types, and the rules that values from outside are checked against."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from math import inf, isfinite
 from operator import index
@@ -60,10 +62,12 @@ class Range(Rule):
 
     def _accepts(self, value: Any) -> bool:
         try:
-            numbers = np.ravel(index(value) if self.whole else value).astype(float).tolist()
+            given = np.ravel(index(value) if self.whole else value)
+            numbers = given.astype(float).tolist()
         except (TypeError, ValueError, OverflowError):
             return False
-        return all(map(self._contains, numbers))
+        # A text of digits would be converted, and stay a text.
+        return given.dtype.kind not in "US" and all(map(self._contains, numbers))
 
     def _contains(self, x: float) -> bool:
         if not (self.above < x and self.at_least <= x <= self.at_most):
@@ -86,8 +90,8 @@ class Ends(Range):
     """A rule for a `Span`: the range that the number, or both ends, lie in."""
 
     def _accepts(self, value: Any) -> bool:
-        low, *high = np.ravel(value).tolist()
-        return super()._accepts(value) and len(high) < 2 and all(low <= end for end in high)
+        given = np.ravel(value).tolist()
+        return super()._accepts(value) and len(given) in (1, 2) and given == sorted(given)
 
     def __str__(self) -> str:
         return f"{super().__str__()}: one number, or two in rising order"
@@ -120,6 +124,42 @@ class OneOf(Rule):
 
 
 @dataclass(frozen=True)
+class Kind(Rule):
+    """A rule for members of an Enum and instances of a `Checked`; an annotation stands for it."""
+
+    kinds: tuple[type, ...]
+    many: bool = False
+    """Whether a sequence of them is meant."""
+
+    @classmethod
+    def of(cls, hint: object) -> "Kind | None":
+        """Return the rule that an annotation stands for; None where it has other types, too."""
+        if get_origin(hint) in (Sequence, tuple) and set(get_args(hint)[1:]) <= {...}:
+            each = cls.of(get_args(hint)[0])
+            return None if each is None else cls(each.kinds, many=True)
+        kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        ours = (Enum, Checked, NoneType)
+        known = all(isinstance(kind, type) and issubclass(kind, ours) for kind in kinds)
+        return cls(kinds) if known else None
+
+    def _accepts(self, value: object) -> bool:
+        if not self.many:
+            return isinstance(value, self.kinds)
+        return isinstance(value, Sequence) and all(isinstance(one, self.kinds) for one in value)
+
+    def __str__(self) -> str:
+        one = " or ".join(name for kind in self.kinds for name in _names(kind))
+        return f"a sequence, each {one}" if self.many else one
+
+
+def _names(kind: type) -> list[str]:
+    """Return what messages call the values of a type."""
+    if issubclass(kind, Enum):
+        return [str(member) for member in kind]
+    return ["None" if kind is NoneType else f"a {kind.__name__}"]
+
+
+@dataclass(frozen=True)
 class Size:
     """A rule for vectors: how many finite numbers they have. The field gets a frozen copy."""
 
@@ -147,7 +187,8 @@ class Checked:
     """A dataclass whose annotations state the rules that its values are checked against.
 
     `mass: Positive` or `margin: Annotated[float, Range(above=0.0, below=0.5)]`; where a field
-    is `Positive | None`, None passes.
+    is `Positive | None`, None passes. An Enum, another such dataclass, or a sequence of them
+    stands for its members and instances alone.
     """
 
     def __post_init__(self) -> None:
@@ -173,8 +214,12 @@ class Checked:
     @cache
     def _rules(cls) -> list[tuple[str, Rule | Size, tuple[type, ...]]]:
         """Return fields with their rules, and the types that pass: None, what checks itself."""
-        rules = []
+        rules: list[tuple[str, Rule | Size, tuple[type, ...]]] = []
         for field, hint in get_type_hints(cls, include_extras=True).items():
+            kind = Kind.of(hint)
+            if kind is not None:
+                rules.append((field, kind, ()))
+                continue
             own = any(isinstance(one, Rule | Size) for one in getattr(hint, "__metadata__", ()))
             inner = hint.__origin__ if get_origin(hint) is Annotated and not own else hint
             choices = get_args(inner) if get_origin(inner) in (Union, UnionType) else (hint,)

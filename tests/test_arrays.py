@@ -1,5 +1,6 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -113,8 +114,22 @@ def test_what_is_no_number_is_refused(check: Check, value: ArrayLike) -> None:
         check("q", value, 2)
 
 
+class Mode(Enum):
+    SLOW = "slow"
+    FAST = "fast"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part(Checked):
+    pass
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings(Checked):
+    mode: Mode = Mode.SLOW
+    part: Part | None = None
+    parts: Sequence[Part] = ()
+    modes: tuple[Mode, ...] = ()
     mass: Positive = 1.0
     gain: NotNegative = 0.0
     pace: Ratio = 1.0
@@ -136,7 +151,21 @@ class Options(CheckedOptions):
 @pytest.mark.parametrize(
     ("field", "good", "bad", "expected"),
     [
-        ("mass", [1e-9, 3], [0.0, -1.0, np.nan, np.inf, "a"], "above 0 and finite"),
+        ("mode", [Mode.FAST], ["fast", None, Mode], "Mode.SLOW or Mode.FAST"),
+        ("part", [None, Part()], [3, Part, "part", Mode.SLOW], "a Part or None"),
+        (
+            "parts",
+            [[Part()], (Part(),) * 2],
+            [Part(), (1,), (None,), "a"],
+            "a sequence, each a Part",
+        ),
+        (
+            "modes",
+            [(Mode.FAST,)],
+            [Mode.FAST, ("fast",)],
+            "a sequence, each Mode.SLOW or Mode.FAST",
+        ),
+        ("mass", [1e-9, 3], [0.0, -1.0, np.nan, np.inf, "a", "1", ["1"]], "above 0 and finite"),
         ("gain", [0.0, [0.0, 2.0]], [-1e-9, np.nan, np.inf, [1.0, -1.0]], "0 or more and finite"),
         ("pace", [1e-9, 1.0], [0.0, 1.0 + 1e-9, np.nan], "above 0 and at most 1"),
         ("margin", [0.0, 0.4], [-1e-9, 0.5, np.nan], "at least 0 and below 0.5"),

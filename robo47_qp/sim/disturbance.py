@@ -117,7 +117,7 @@ class DisturbedSimulation(Simulation):
 
         Raises:
             InvalidValueError: There is noise, but no generator; there are fewer numbers than
-                links or joints.
+                links or joints, or they have another shape.
             UnknownNameError, ModelError: See `Simulation`.
         """
         if rng is None and disturbance.noisy:
@@ -204,6 +204,7 @@ class DisturbedSimulation(Simulation):
 
     def step(self, tau: Vector) -> None:
         """See `Simulation.step`; with the command that has arrived, and the pushes."""
+        self._motors.check_size(tau)
         self._pushes.act(self.time)
         super().step(self._torque_delay.sample(tau))
         if not self._joint_sensor.ideal:

@@ -128,7 +128,7 @@ class Simulation:
         tau_rate_max of its last torque.
 
         Raises:
-            InvalidValueError: The command is not finite; nothing has moved.
+            InvalidValueError: The command is not finite, or not (n,); nothing has moved.
         """
         self._motors.deliver(tau)
         self._ctrl.flush()

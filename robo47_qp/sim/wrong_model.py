@@ -33,9 +33,14 @@ def numbers(name: str, given: ArrayLike, count: int, width: int = 1) -> Matrix:
         width: Numbers in a row.
 
     Raises:
-        InvalidValueError: There is more than one row, but fewer than things.
+        InvalidValueError: These are no rows of this width, or there is more than one, but fewer
+            than things.
     """
-    rows = np.reshape(np.asarray(given, dtype=np.float64), (-1, width))
+    rows = np.asarray(given, dtype=np.float64)
+    if rows.ndim > 1 if width == 1 else rows.ndim > 2 or rows.shape[-1:] != (width,):
+        one = "a number" if width == 1 else f"{width} numbers"
+        raise InvalidValueError(name, f"shape {rows.shape}", f"{one}, or {one} for each of {count}")
+    rows = rows.reshape(-1, width)
     if len(rows) == 1:
         rows = np.repeat(rows, count, axis=0)
     if len(rows) < count:

@@ -15,9 +15,10 @@ from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
 from tests.robots import GRIPPER
-from tests.runs import ZEROS, Holder
+from tests.runs import ZEROS, Holder, no_objects
 from tests.sim.shelf import N, cube_on_a_shelf, grasp, start_again
 
 ARM_DOFS = slice(0, N)
@@ -261,3 +262,17 @@ def test_a_torque_that_is_no_number_is_refused_and_nothing_moves(
     with pytest.raises(InvalidValueError, match="commanded torque must be finite"):
         arm_alone.step(tau)
     assert (arm_alone.time, arm_alone.state().q.tobytes(), arm_alone.data.ctrl.tobytes()) == before
+
+
+@pytest.mark.parametrize("delay", [None, 0.0, 2e-3])
+@pytest.mark.parametrize("shape", [(1,), (N - 1,), (N, 1)])
+def test_torques_that_are_not_one_for_each_joint_are_refused(
+    delay: float | None, shape: tuple[int, ...]
+) -> None:
+    """One would be broadcast to all joints."""
+    sim = Simulation(PANDA, no_objects)
+    if delay is not None:
+        sim = DisturbedSimulation(PANDA, no_objects, Disturbance(torque_delay=delay))
+    with pytest.raises(InvalidValueError, match=r"commanded torque must be 7 numbers .*; found sh"):
+        sim.step(np.ones(shape))
+    assert sim.time == 0.0

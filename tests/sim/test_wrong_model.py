@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.mjcf import robot_spec
@@ -34,6 +35,23 @@ def state(sim: Simulation, rng: np.random.Generator) -> None:
     sim.data.qpos[:] = lower + (upper - lower) * rng.uniform(0.2, 0.8, sim.model.nq)
     sim.data.qvel[:] = 0.0
     mujoco.mj_forward(sim.model, sim.data)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"link_com_shift": (0.1, 0.2)}, "3 numbers, or 3 numbers for each of 11; found shape .2"),
+        ({"link_com_shift": 0.01}, "3 numbers, or 3 numbers for each of 11; found shape \\(\\)"),
+        ({"link_com_shift": np.zeros((2, 11, 3))}, "3 numbers for each of 11; found shape .2, 11"),
+        ({"object_com_shift": np.zeros(6)}, "3 numbers, or 3 numbers for each of 0; found sha"),
+        ({"link_mass_factor": np.ones((20, 2))}, "a number, or a number for each of 11; found sh"),
+        ({"dry_friction": np.ones((7, 1))}, "a number, or a number for each of 7; found shape .7"),
+    ],
+)
+def test_numbers_of_another_shape_are_refused(setting: dict[str, ArrayLike], message: str) -> None:
+    (name,) = setting
+    with pytest.raises(InvalidValueError, match=f"{name} must be .*{message}"):
+        DisturbedSimulation(PANDA, no_objects, Disturbance(**setting))  # type: ignore[arg-type]
 
 
 def test_every_link_has_its_own_mass(robot: Robot, rng: np.random.Generator) -> None:

@@ -169,7 +169,7 @@ class Depths(ClosestApproach):
     def __init__(self) -> None:
         pass
 
-    def along(self, q: Matrix) -> Nearest:
+    def along(self, q: Matrix, *, resolution: float = 0.0) -> Nearest:
         return Nearest(float(q[0, 0]), 0, "hand", "table")
 
 
