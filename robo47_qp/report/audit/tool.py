@@ -13,7 +13,7 @@ from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.motion.waypoint import Motion
-from robo47_qp.report.audit.finding import Exempt, Finding, bounded, judged
+from robo47_qp.report.audit.finding import Exempt, Finding, judged
 from robo47_qp.run.phase import Phase
 from robo47_qp.run.scenario import Run
 
@@ -120,22 +120,22 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
 
 
 def held_together(run: Run) -> list[Finding]:
-    """Check the pose of tools that hold one body, relative to each other, as they move it."""
+    """Check the pose of tools that hold one body, relative to each other, as they move it.
+
+    Told, but not judged, is that of compliant tools; that of their reference is judged.
+    """
     findings = []
     for title, kind in (("commanded", "_ref"), ("measured", "")):
         off = np.zeros((len(run.rows), 2))
-        found = False
+        covered, yields = np.zeros((2, len(run.rows)), bool)
         for rows, phase, leg in _spans(run):
             holding = leg.waypoint.holding
-            if phase.compliant and not kind:
-                continue
             if holding is not None and len(holding) > 1:
-                found = True
                 off[rows] = _apart(run, rows, holding, kind)
-        if found:
-            limits = np.array([HELD_APART, HELD_TURNED])
-            signal = f"relative pose {title}"
-            findings.append(bounded(signal, ["m", "rad"], ("position", "angle"), off, limits))
+                covered[rows], yields[rows] = True, phase.compliant and not kind
+        limits, exempt = np.array([HELD_APART, HELD_TURNED]), Exempt(yields, _YIELDS, covered)
+        names, units = ("position", "angle"), ("m", "rad")
+        findings += judged(f"relative pose {title}", units, names, off, limits, exempt)
     return findings
 
 

@@ -68,6 +68,19 @@ def test_no_limit_is_violated_and_the_hands_keep_their_relative_pose(run: Run) -
     assert len(together) == 2
 
 
+def test_what_compliant_hands_do_is_told(run: Run) -> None:
+    phases = [replace(phase, compliant=phase.name == "cross") for phase in run.phases]
+    (rows,) = [rows for phase, rows in run.spans() if phase.name == "cross"]
+    told = audit(replace(run, phases=phases))
+    together = [f for f in told if f.signal.startswith("relative pose measured")]
+    assert [bool(f.exempt) for f in together] == [False, True]
+    assert together[1].signal.endswith(", exempt")
+    assert together[1].share == pytest.approx((rows.stop - rows.start) / len(run.rows))
+    (before,) = [f for f in audit(run) if f.signal.startswith("relative pose measured")]
+    assert sum(f.share for f in together) == pytest.approx(before.share)
+    assert before.extreme == max(f.extreme for f in together)
+
+
 def test_in_a_wrong_world_the_hands_neither_drift_nor_fight() -> None:
     """Heavier links, joints that rub, noise, delays: up to where the tray is lifted."""
     # With a camera that sees all at once and as it is, there is less to wait for.
