@@ -56,7 +56,11 @@ class Perturbation(SensorErrors):
     joint_friction: Annotated[
         Span,
         Ends(at_least=0.0),
-        About("Dry friction of the joints 1 to 4", "N·m", growth=Growth(first=0.25)),
+        About(
+            "Dry friction of the joints 1 to 4, of those that turn",
+            "N·m",
+            growth=Growth(first=0.25),
+        ),
     ] = 0.0
     wrist_friction: Annotated[
         NotNegative, About("Dry friction of the other joints, relative to that of 1 to 4", "-")

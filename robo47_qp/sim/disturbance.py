@@ -62,9 +62,9 @@ class Disturbance(SensorErrors):
     link_com_shift: Annotated[ArrayLike, Range()] = (0.0, 0.0, 0.0)
     """Shift of its centre of mass, along the axes of the body (3,) or (k, 3) [m]."""
     dry_friction: Annotated[ArrayLike, Range(at_least=0.0)] = 0.0
-    """Dry friction of every joint, beyond that of the model [N·m]."""
+    """Dry friction of every joint that turns, beyond that of the model [N·m]."""
     wrist_friction: NotNegative = 0.6
-    """Share of it that the joints from the fifth of an arm on have [-]."""
+    """Share of it that the joints from the fifth of these in an arm on have [-]."""
     damping_factor: Annotated[ArrayLike, Range(at_least=0.0)] = 1.0
     """Viscous friction of every joint, relative to the model [-]."""
     armature_factor: Annotated[ArrayLike, Range(above=0.0)] = 1.0

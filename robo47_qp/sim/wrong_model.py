@@ -17,7 +17,7 @@ from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 
 _WRIST = 5
-"""The wrist begins with the fifth joint of a chain."""
+"""The wrist begins with the fifth joint of a chain that turns."""
 _INSIDE = 0.7
 """Largest share of the way from the middle of an object to its sides at which its centre of mass
 is: further out, it falls over before anything has touched it."""
@@ -83,18 +83,25 @@ def change_joints(
         spec: Changed in place.
         model: The same, compiled.
         joints: Names of the joints of one robot.
-        change: A row for each (n, 3): dry friction beyond that of the model [N·m], factor of the
-            viscous friction [-], factor of the armature [-].
-        wrist: Share of the dry friction that joints from the fifth of a chain on have [-].
+        change: A row for each (n, 3): dry friction beyond that of the model [N·m], which joints
+            that slide do not get, factor of the viscous friction [-], factor of the armature [-].
+        wrist: Share of the dry friction that joints from the fifth of a chain that turns on
+            have [-].
     """
-    dofs = {name: int(model.joint(name).dofadr[0]) for name in joints}
+    ours = {name: model.joint(name) for name in joints}
+    turning = [
+        int(joint.dofadr[0])
+        for joint in ours.values()
+        if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE
+    ]
     for name, (dry, damping, armature) in zip(joints, change.tolist(), strict=True):
         joint = cast(mujoco.MjsJoint, spec.joint(name))
-        place, dof = 1, int(model.dof_parentid[dofs[name]])
-        while dof >= 0:
-            place += dof in dofs.values()
-            dof = int(model.dof_parentid[dof])
-        joint.frictionloss += dry * (wrist if place >= _WRIST else 1.0)
+        place, dof = 0, int(ours[name].dofadr[0])
+        if dof in turning:
+            while dof >= 0:
+                place += dof in turning
+                dof = int(model.dof_parentid[dof])
+            joint.frictionloss += dry * (wrist if place >= _WRIST else 1.0)
         joint.damping = damping * np.asarray(joint.damping)
         joint.armature *= armature
 

@@ -169,6 +169,20 @@ def test_the_wrist_of_each_arm_has_its_share() -> None:
     assert friction == pytest.approx(2 * ([0.5] * 4 + [0.3] * 3))
 
 
+def test_what_slides_gets_no_friction_of_hinges_and_is_none_of_the_first_four() -> None:
+    rail = load_robot("panda_rail")
+    wrong = Disturbance(dry_friction=0.5, damping_factor=2.0)
+    worlds = Simulation(rail, no_objects), DisturbedSimulation(rail, no_objects, wrong)
+    plain, model = (world.model for world in worlds)
+    more = [
+        model.joint(name).frictionloss[0] - plain.joint(name).frictionloss[0]
+        for name in rail.joints
+    ]
+    assert more == pytest.approx([0.0] + [0.5] * 4 + [0.3] * 3)
+    damping = [m.joint(rail.joints[0]).damping[0] for m in (plain, model)]
+    assert damping[1] == 2.0 * damping[0]
+
+
 def test_a_constant_error_of_links_and_friction_is_one_number() -> None:
     one = DisturbedSimulation(PANDA, no_objects, Disturbance(link_mass_factor=1.05))
     plain = Simulation(PANDA, no_objects)
