@@ -60,7 +60,7 @@ class DisturbanceObserver(Checked):
     friction: FrictionLearning | None = FrictionLearning()
     """How dry friction is learned and compensated at reversals; None does not."""
     state_delay: CountOrZero | None = None
-    """Control periods by which the state is late; None takes those of the cell's data sheet."""
+    """Control periods by which the state is late; None rounds what the cell's data sheet says."""
     command_delay: CountOrZero | None = None
     """Control periods from a command to the motors, likewise."""
     jitter: NotNegative | None = None
