@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby, pairwise
+from math import inf
 
 from mink import SE3
 
@@ -44,6 +45,8 @@ class Leg:
     """Poses asked for of several tools; None where the main tool alone is asked for."""
     together: ToolsPath | None = None
     """What several tools are to stay on, as `path` for the main one alone."""
+    speed: float = inf
+    """Speed limit of the tool that a step gave it, besides that of the planner [m/s]."""
     path: Segment | None = None
     """What the tool is to stay on; None for PTP motions and where corners are blended."""
     lower_bound: float = 0.0

@@ -117,7 +117,8 @@ class StepExecutor:
         """
         planner = self._planner if speed == inf else self._planner.slower(speed)
         try:
-            return self._planned(planner, waypoints, self.loop.reference.q)
+            legs = self._planned(planner, waypoints, self.loop.reference.q)
+            return [replace(leg, speed=speed) for leg in legs]
         except PlanError as error:
             raise StepFailed(refusal(error)) from error
 

@@ -1,6 +1,7 @@
 """Audit of the tool: its distance from lines and arcs, and the bounds of its speed."""
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,8 @@ COMMANDED_EXCESS = 2e-3
 """Share by which the reference may exceed the bounds of the tool [-]: the planner bounds means
 over up to three periods, and its joint paths are splines that approximate a line."""
 MEASURED_EXCESS = 0.05
-"""Share by which the tool may exceed the speed bounds of its reference [-]."""
+"""Share of the speed bounds of its profile by which the tool may exceed those of its reference [-]:
+it vibrates as much where a step is slow."""
 _RATES = (
     ("tool speed", "m/s"),
     ("tool acceleration", "m/s²"),
@@ -62,8 +64,9 @@ def tool_paths(run: Run) -> list[Finding]:
 def tool_rates(run: Run, arm: Arm) -> list[Finding]:
     """Check speed, acceleration and jerk of the tool in LIN and CIRC motions.
 
-    The bounds are those of the tool's profile at the pace of each motion. The reference must keep
-    all of them, the tool itself, which also vibrates, its speeds. Told, but not judged, are the
+    The bounds are those of the tool's profile at the pace of each motion, and the speed that its
+    step allows, which a tool that presses exceeds along its axis. The reference must keep all of
+    them, the tool itself, which also vibrates, its speeds. Told, but not judged, are the
     speeds of a compliant tool, and but for its speed the reference of one that presses.
     """
     tools = enumerate(run.scenario.robot.tool_labels())
@@ -84,12 +87,17 @@ def _rates_of(run: Run, arm: Arm, tool: int, label: str) -> list[Finding]:
     rows = np.concatenate([span for span, *_ in spans])
     names = [leg.waypoint.name for span, _, leg in spans for _ in span]
     lengths = [len(span) for span, *_ in spans]
-    bounds = np.array([_bounds(run.scenario.planner, leg) for *_, leg in spans])
+    planner = run.scenario.planner
+    usual = np.array([_bounds(planner, leg) for *_, leg in spans])
+    allowed = [inf if phase.axis is not None else leg.speed for _, phase, leg in spans]
+    bounds = np.array(
+        [_bounds(planner.slower(v), leg) for v, (*_, leg) in zip(allowed, spans, strict=True)]
+    )
     yields = np.repeat([phase.compliant for _, phase, _ in spans], lengths)
     presses = np.repeat([phase.axis is not None for _, phase, _ in spans], lengths)
-    for kind, slack in (("reference", 0.0), ("measured", MEASURED_EXCESS)):
+    for kind, most in (("reference", bounds), ("measured", bounds + MEASURED_EXCESS * usual)):
         measured = kind == "measured"
-        limits = np.repeat(bounds * (1.0 + slack), lengths, axis=0)
+        limits = np.repeat(most, lengths, axis=0)
         motion = _motion(run, arm, rows, "" if measured else "_ref", tool)
         for i in _SPEEDS if measured else range(len(_RATES)):
             name, unit = _RATES[i]

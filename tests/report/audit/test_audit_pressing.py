@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
@@ -53,6 +54,32 @@ def shifted(run: Run, name: str, way: np.ndarray, kind: str) -> list[str]:
 
 def exempt(findings: Sequence[Finding], start: str) -> Finding:
     return next(found for found in findings if found.signal.startswith(start) and found.exempt)
+
+
+@pytest.mark.parametrize(("kind", "most"), [("_ref", 0.02), ("", 0.02 + 0.05 * 0.25)])
+def test_a_step_is_held_to_the_speed_that_it_allows(kind: str, most: float) -> None:
+    run = guarded()
+    name = f"{'reference' if kind else 'measured'} tool speed (down)"
+    kept = next(f for f in audit(run) if f.signal == name)
+    assert kept.limit == pytest.approx(most)
+    assert kept.ok
+    rows = Rows(run.rows.signals, run.rows.values.copy())
+    rows[f"joints/v{kind}"][round(kept.time / TIMESTEP)] *= 1.01 * most / kept.extreme
+    assert name in broken(audit(replace(run, rows=rows)))
+
+
+def test_a_tool_that_presses_is_slow_along_its_way_alone() -> None:
+    run = slid()
+    phases = [
+        replace(phase, leg=replace(phase.leg, speed=1e-3))
+        if phase.leg and phase.axis is not None
+        else phase
+        for phase in run.phases
+    ]
+    assert any(phase.axis is not None for phase in phases)
+    assert broken(audit(replace(run, phases=phases))) == []
+    stiff = [replace(phase, axis=None) for phase in phases]
+    assert any("tool speed" in name for name in broken(audit(replace(run, phases=stiff))))
 
 
 def test_a_tool_that_presses_is_stiff_and_its_reference_streams_along_its_axis() -> None:
