@@ -29,6 +29,12 @@ ROOT = Path(__file__).resolve().parents[2]
 MINE = "class Mine:\n    def reset(self, o): pass\n    def act(self, o): return None\n"
 
 
+@pytest.fixture(autouse=True)
+def threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers have it set; here, toy episodes run in this process."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
 @dataclass
 class Changing:
     """Runs episodes here, and changes something after some; it may be interrupted after that."""
