@@ -10,8 +10,9 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from robo47_qp.report.importing import importing
 
@@ -82,9 +83,9 @@ def run(options: AblateOptions, console: Console) -> int:
     check_writable(options.report)
     made = provenance()
     arm = Arm(load_robot(options.robot))
-    swept, best = sweep(arm, options, alone)
+    swept, best = sweep(arm, options, alone, settings())
     console.print(f"best of {len(swept)} settings of clipped DLS, by law: " + _told(best))
-    swept_again, best_again = sweep(arm, options, restarted)
+    swept_again, best_again = sweep(arm, options, restarted, better_half(swept))
     console.print("with restarts: " + _told(best_again))
     cast = solvers(best) | {
         f"{name}*": restarted(solver) for name, solver in solvers(best_again).items()
@@ -106,8 +107,8 @@ def run(options: AblateOptions, console: Console) -> int:
             "targets": list(options.targets),
             "library_seconds": library,
             "solvers": {name: plain(solver) for name, solver in cast.items()},
-            "sweep": swept,
-            "sweep_restarted": swept_again,
+            "sweep": [one.told() for one in swept],
+            "sweep_restarted": [one.told() for one in swept_again],
             "rows": [row for field in fields for row in rows(field)],
             "effects": effects,
         },
@@ -127,51 +128,77 @@ def restarted(solver: IkSolver) -> IkSolver:
     return MultiStart(solver=each, max_restarts=STARTS - 1)
 
 
-def sweep(
-    arm: Arm, options: AblateOptions, searched: Callable[[IkSolver], IkSolver]
-) -> tuple[list[dict[str, Any]], dict[str, DlsIk]]:
-    """Return how many targets each setting of clipped DLS reaches, and the best one of each law.
+class Tried(NamedTuple):
+    """A setting of clipped DLS, and what it reached."""
 
-    Of settings that reach as many, the one with fewer steps is the better.
+    law: str
+    """Name of its law of damping."""
+    dls: DlsIk
+    """The setting."""
+    reached: int
+    """Targets that were reached."""
+    of: int
+    """Targets that were tried."""
+    steps: int
+    """Steps on all of them."""
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """What is larger the better it is: of those that reach as many, by fewer steps."""
+        return self.reached, -self.steps
+
+    def told(self) -> dict[str, Any]:
+        """Return it for a report."""
+        own = {one: plain(getattr(self.dls, one)) for one in _TUNED}
+        return {"law": self.law, **own, **{k: getattr(self, k) for k in ("reached", "of", "steps")}}
+
+
+def settings() -> list[tuple[str, DlsIk]]:
+    """Return all settings of clipped DLS that are tried, each with its law."""
+    return [
+        (law, DlsIk(damping=one, longest=clamp[0], widest=clamp[1], centring=centring))
+        for law, dampings in LAWS.items()
+        for one, clamp, centring in product(dampings, CLAMPS, CENTRING)
+    ]
+
+
+def better_half(swept: Sequence[Tried]) -> list[tuple[str, DlsIk]]:
+    """Return the better half of the settings of each law; the others need most of the time."""
+    found = []
+    for law in LAWS:
+        ranked = sorted((t for t in swept if t.law == law), key=lambda t: t.rank, reverse=True)
+        found += [(law, tried.dls) for tried in ranked[: ceil(len(ranked) / 2)]]
+    return found
+
+
+def sweep(
+    arm: Arm,
+    options: AblateOptions,
+    searched: Callable[[IkSolver], IkSolver],
+    cast: Sequence[tuple[str, DlsIk]],
+) -> tuple[list[Tried], dict[str, DlsIk]]:
+    """Return what each setting of clipped DLS reaches, and the best one of each law.
 
     Args:
         arm: The arm.
         options: Targets.
         searched: Makes of a solver the search that is tried.
+        cast: The settings, each with its law.
     """
-    cast = {
-        f"{law} {i} {j} {k}": DlsIk(
-            damping=one, longest=clamp[0], widest=clamp[1], centring=centring
-        )
-        for law, settings in LAWS.items()
-        for i, one in enumerate(settings)
-        for j, clamp in enumerate(CLAMPS)
-        for k, centring in enumerate(CENTRING)
-    }
-    searches = {name: searched(solver) for name, solver in cast.items()}
+    searches = {str(i): searched(dls) for i, (_, dls) in enumerate(cast)}
     fields = _compared(arm, searches, options, options.tune, options.seed + 1)
-    reached = {
-        name: sum(int(field[i].success.sum()) for field in fields) for i, name in enumerate(cast)
-    }
-    steps = {
-        name: sum(int(field[i].iterations.sum()) for field in fields) for i, name in enumerate(cast)
-    }
-    told = [
-        {
-            **{one: plain(getattr(solver, one)) for one in _TUNED},
-            "reached": reached[name],
-            "of": options.tune * len(fields),
-            "steps": steps[name],
-        }
-        for name, solver in cast.items()
+    swept = [
+        Tried(
+            law,
+            dls,
+            reached=sum(int(field[i].success.sum()) for field in fields),
+            of=options.tune * len(fields),
+            steps=sum(int(field[i].iterations.sum()) for field in fields),
+        )
+        for i, (law, dls) in enumerate(cast)
     ]
-    best = {
-        law: cast[
-            max((n for n in cast if n.startswith(law)), key=lambda n: (reached[n], -steps[n]))
-        ]
-        for law in LAWS
-    }
-    return told, best
+    best = {law: max((t for t in swept if t.law == law), key=lambda t: t.rank).dls for law in LAWS}
+    return swept, best
 
 
 def solvers(best: dict[str, DlsIk]) -> dict[str, IkSolver]:

@@ -50,8 +50,8 @@ def test_a_small_ablation_is_printed_and_written(
     assert best == 0.05  # the other hardly moves
     again = told["solvers"]["constant, clipped*"]
     assert (again["class"], again["solver"]["damping"]["constant"]) == ("MultiStart", 0.05)
-    for sweep in ("sweep", "sweep_restarted"):
-        assert len(told[sweep]) == 6
+    for sweep, tried in (("sweep", 6), ("sweep_restarted", 3)):
+        assert len(told[sweep]) == tried
         first, *_ = sorted(told[sweep], key=lambda one: (-one["reached"], one["steps"]))
         assert first["damping"]["constant"] == 0.05
     effects = {(one["effect"], one["to"]): one for one in told["effects"]}
