@@ -37,23 +37,18 @@ _EFFECTS = {
 
 def solvers(name: str) -> str:
     """Inverse kinematics compared: a row for each solver and set of targets."""
-    return table(
-        name,
-        lambda found: found["rows"],
-        {
-            "targets": lambda row: f"`{row['targets']}`",
-            "solver": lambda row: f"`{row['solver']}`",
-            "of": lambda row: str(row["n"]),
-            "reached": lambda row: f"{100 * row['success']:.1f} %",
-            "95 % interval": interval,
-            "outside limits": lambda row: str(row["limit_violations"]),
-            "median, p99": _times,
-        },
-        words=(
-            "targets",
-            "solver",
-        ),
-    )
+    columns = {
+        "targets": lambda row: f"`{row['targets']}`",
+        "solver": lambda row: f"`{row['solver']}`",
+        "of": lambda row: str(row["n"]),
+        "reached": lambda row: f"{100 * row['success']:.1f} %",
+        "95 % interval": interval,
+        "outside limits": lambda row: str(row["limit_violations"]),
+        "median, p99": _times,
+    }
+    if is_kept(name) and any(row["in_vain_median_ms"] for row in kept(name)["rows"]):
+        columns["median in vain"] = _in_vain
+    return table(name, lambda found: found["rows"], columns, words=("targets", "solver"))
 
 
 def ablation() -> str:
@@ -214,6 +209,11 @@ def _named(found: Result) -> list[Result]:
 
 def _times(row: Result) -> str:
     return f"{row['median_ms']:.2f}, {row['p99_ms']:.2f} ms"
+
+
+def _in_vain(row: Result) -> str:
+    """The time spent on a target that none reached; – where there is none."""
+    return f"{row['in_vain_median_ms']:.1f} ms" if row["in_vain_median_ms"] else "–"
 
 
 def _radians(kind: str, row: Result) -> str:
