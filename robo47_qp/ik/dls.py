@@ -118,5 +118,5 @@ def _close(e: Vector, tolerance: Tolerance) -> bool:
 
 
 TUNED = DlsIk(damping=Damping(per_error=0.1), longest=0.1, widest=0.4)
-"""The best clipped one of a sweep over dampings, clamped errors and centring, from one start
-(`scenarios/ablate_ik.py`)."""
+"""The best clipped one of a sweep over dampings, clamped errors and centring, from one start; on
+other targets, and with restarts, it is among the best (`scenarios/ablate_ik.py`)."""

@@ -19,19 +19,23 @@ from scenarios.papers.mutants import mutants
 from scenarios.papers.rows import NOTHING, Result, interval, table, with_origin
 
 _LAWS = {
-    "textbook": "DLS of textbooks, λ = 0.05, clipped",
-    "by error": "λ² = 0.1 ‖e‖²",
-    "constant": "λ = 0.02",
-    "singular": "near singularities",
+    "constant": "λ constant",
+    "by error": "λ by the error",
+    "singular": "λ larger near singularities",
+}
+_TEXTBOOK = {
+    "textbook": "DLS of textbooks, clipped",
+    "textbook free": "DLS of textbooks, free",
 }
 _EFFECTS = {
-    "tuned damping, clipped DLS": ("textbook", "by error, clipped"),
-    "clipping over free steps": ("by error, free", "by error, clipped"),
-    "bounds in the QP over clipping": ("by error, clipped", "by error, box"),
-    "the same with a constant λ": ("constant, clipped", "constant, box"),
-    "the same with restarts": ("by error, clipped*", "by error, box*"),
-    "restarts, clipped DLS": ("by error, clipped", "by error, clipped*"),
-    "restarts, box": ("by error, box", "by error, box*"),
+    "tuned settings, clipped DLS": ("textbook", "{law}, clipped"),
+    "clipping over free steps": ("{law}, free", "{law}, clipped"),
+    "bounds in the QP over clipping": ("{law}, clipped", "{law}, box"),
+    "the same with restarts": ("{law}, clipped*", "{law}, box*"),
+    "`qp` over clipped DLS": ("{law}, clipped", "qp"),
+    "the same with restarts, each with its best settings": ("{law}, clipped*", "qp*"),
+    "restarts, clipped DLS": ("{law}, clipped", "{law}, clipped*"),
+    "restarts, box": ("{law}, box", "{law}, box*"),
 }
 
 
@@ -67,17 +71,37 @@ def ablation() -> str:
     return with_origin(heads, rows, {"ablate_ik": found})
 
 
-def ablation_effects() -> str:
-    """The paired differences of the ablation, for the damping by the error."""
+def ablation_settings() -> str:
+    """The settings of DLS that the sweeps of the ablation chose."""
     if not is_kept("ablate_ik"):
         return NOTHING
     found = kept("ablate_ik")
-    heads = {"what": "---", **{f"`{targets}`": "--:" for targets in found["targets"]}}
-    effects = {(one["targets"], one["from"], one["to"]): one for one in found["effects"]}
     rows = [
-        [what, *(_points(effects[targets, *pair]) for targets in found["targets"])]
-        for what, pair in _EFFECTS.items()
+        [
+            name,
+            _setting(found["solvers"][f"{law}, clipped"]),
+            _setting(found["solvers"][f"{law}, clipped*"]["solver"]),
+        ]
+        for law, name in _LAWS.items()
     ]
+    heads = {"damping": "---", "from one start": "---", "with restarts": "---"}
+    return with_origin(heads, rows, {"ablate_ik": found})
+
+
+def ablation_effects() -> str:
+    """The paired differences of the ablation, for each law of damping."""
+    if not is_kept("ablate_ik"):
+        return NOTHING
+    found = kept("ablate_ik")
+    heads = {"what": "---", "damping": "---"}
+    heads |= {f"`{targets}`": "--:" for targets in found["targets"]}
+    effects = {(one["targets"], one["from"], one["to"]): one for one in found["effects"]}
+    rows = []
+    for what, (a, b) in _EFFECTS.items():
+        for law, name in _LAWS.items():
+            pair = a.format(law=law), b.format(law=law)
+            told = [_points(effects[targets, *pair]) for targets in found["targets"]]
+            rows.append([what, name, *told])
     return with_origin(heads, rows, {"ablate_ik": found})
 
 
@@ -228,7 +252,24 @@ def _points(effect: Result) -> str:
 def _law(name: str) -> str:
     """Return the name of a solver of the ablation in words."""
     law, _, steps = name.partition(", ")
-    return f"{_LAWS[law]}: {steps}" if steps else _LAWS.get(law, f"`{name}`")
+    return f"{_LAWS[law]}: {steps}" if steps else _TEXTBOOK.get(law, f"`{name}`")
+
+
+def _setting(dls: Result) -> str:
+    """Return the settings of a DLS in words."""
+    law = dls["damping"]
+    parts = [
+        f"{sign} = {law[field]:g}"
+        for field, sign in (("constant", "λ"), ("per_error", "λ²/‖e‖²"))
+        if law[field]
+    ]
+    if law["singular"]:
+        parts.append(f"{law['singular']:g} more at w = 0, from w = {law['threshold']:g} on")
+    if dls["longest"] != "inf":
+        parts.append(f"error clamped to {dls['longest']:g} m, {dls['widest']:g} rad")
+    if dls["centring"]:
+        parts.append(f"centring {dls['centring']:g}")
+    return ", ".join(parts)
 
 
 def costs() -> str:
@@ -255,6 +296,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "policies": policies,
     "solvers": solvers,
     "ablation": ablation,
+    "ablation_settings": ablation_settings,
     "ablation_effects": ablation_effects,
     "free_axis": free_axis,
     "same_step": same_step,
