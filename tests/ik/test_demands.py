@@ -138,3 +138,8 @@ def test_dls_reaches_what_is_demanded_by_the_step_that_lm_takes(demand: ToolDema
         if found.converged:
             assert max(demand.distance(ARM, target, found.q)) < 1.1e-6
     assert reached >= 6
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-13, 1e200])
+def test_an_axis_may_have_any_length(length: float) -> None:
+    assert FreeAxis((3.0 * length, 0.0, -4.0 * length)).axis == pytest.approx((0.6, 0.0, -0.8))

@@ -11,7 +11,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.ik.solver import EarlyStopping
 from scenarios import ablate_ik
-from scenarios.ablate_ik import AblateOptions, restarted, run, solvers
+from scenarios.ablate_ik import AblateOptions, Tried, restarted, run, solvers
 
 
 def test_each_law_is_tried_free_clipped_and_bounded_with_one_setting() -> None:
@@ -63,3 +63,11 @@ def test_a_small_ablation_is_printed_and_written(
     assert told["library_seconds"] > 0.0
     for effect in (("bounds", "constant, box"), ("QP", "qp"), ("QP", "qp*")):
         assert effect in effects
+
+
+def test_of_settings_that_reach_as_many_the_one_with_fewer_steps_is_the_better() -> None:
+    slow, quick, more = (
+        Tried("constant", DlsIk(), reached=reached, of=9, steps=steps)
+        for reached, steps in ((7, 90), (7, 80), (8, 99))
+    )
+    assert sorted((slow, more, quick), key=lambda one: one.rank) == [slow, quick, more]

@@ -12,12 +12,14 @@ from mink import SE3
 from robo47_qp.arrays import Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.answers import RAISED, Answers, Outcome, outcomes
+from robo47_qp.evaluation.benchmarks.ik.catalogue import solvers
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field, Start
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.summary import paired_tests, reason_rows, rows, summary
 from robo47_qp.evaluation.benchmarks.ik.targets import MakeTargets, TargetSet, tabletop, uniform
 from robo47_qp.evaluation.benchmarks.ik.unreachable import hostile, unreachable
 from robo47_qp.evaluation.statistics import wilson
+from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance, judged
 from robo47_qp.model.arm import Arm
@@ -249,3 +251,10 @@ def test_nothing_to_compare_is_refused(wrong: dict[str, Any], words: str) -> Non
     right["fields"] = {"four": Field(make=four, judge=JUDGE)}
     with pytest.raises(InvalidValueError, match=words):
         Comparison(**right | wrong)
+
+
+def test_every_dls_that_knows_no_limits_wraps_its_angles() -> None:
+    found = {name: getattr(one, "solver", one) for name, one in solvers().items()}
+    free = {name: one for name, one in found.items() if isinstance(one, DlsIk) and not one.clip}
+    assert {"dls", "dls-multi", "dls-position", "dls-tuned-free"} <= free.keys()
+    assert all(one.wrap for one in free.values())
