@@ -1,6 +1,6 @@
 """Array types, and the rules that values from outside are checked against."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -278,6 +278,17 @@ def frozen_vector(name: str, value: ArrayLike, size: int) -> Vector:
     vector = checked_vector(name, value, size)
     vector.setflags(write=False)
     return vector
+
+
+def frozen_list(name: str, given: Any) -> tuple[Any, ...]:
+    """Return what is in a list, as a tuple.
+
+    Raises:
+        InvalidValueError: It is a text, or no list at all.
+    """
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise InvalidValueError(name, repr(given), "a list")
+    return tuple(given)
 
 
 def check_pose(name: str, pose: "SE3") -> None:

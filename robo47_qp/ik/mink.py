@@ -1,11 +1,10 @@
 """Inverse kinematics by mink itself: its configuration, tasks and limits, and its `solve_ik`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from robo47_qp.arrays import Matrix, NotNegative, Vector
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.arrays import Matrix, NotNegative, Vector, frozen_list
 from robo47_qp.ik.box_qp import check_backend
 from robo47_qp.ik.gauss_newton import GaussNewtonIk, Search
 from robo47_qp.ik.mink_step import MinkSettings, MinkStepper
@@ -63,9 +62,7 @@ class MinkIk(GaussNewtonIk):
         # Lists of the caller may change; the solver does not.
         for name in ("objectives", "limits", "constraints", "frozen", "joint_cost"):
             given = getattr(self, name)
-            if isinstance(given, str) or not (given is None or isinstance(given, Iterable)):
-                raise InvalidValueError(name, repr(given), "a list")
-            object.__setattr__(self, name, None if given is None else tuple(given))
+            object.__setattr__(self, name, None if given is None else frozen_list(name, given))
 
     def composed(
         self, objectives: Sequence[Objective | TaskSource] = (), demand: ToolDemand | None = None

@@ -1,11 +1,19 @@
 """Settings of differential inverse kinematics at a fixed rate, and what a tick returns."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated
 
-from robo47_qp.arrays import Checked, Count, NotNegative, Positive, Range, Ratio, Vector
+from robo47_qp.arrays import (
+    Checked,
+    Count,
+    NotNegative,
+    Positive,
+    Range,
+    Ratio,
+    Vector,
+    frozen_list,
+)
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.objectives import ConstraintSource, LimitSource, Objective, TaskSource
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
@@ -71,10 +79,7 @@ class StreamSettings(Checked):
         super().__post_init__()
         check_demand(self.demand)
         for name in ("objectives", "limits", "constraints", "frozen"):
-            given = getattr(self, name)
-            if isinstance(given, str) or not isinstance(given, Iterable):
-                raise InvalidValueError(name, repr(given), "a list")
-            object.__setattr__(self, name, tuple(given))
+            object.__setattr__(self, name, frozen_list(name, getattr(self, name)))
         if self.gain * self.dt > 0.3:
             most = f"at most {0.3 / self.dt:g} at a tick of {self.dt:g} s, or it oscillates"
             raise InvalidValueError("gain", self.gain, most)
