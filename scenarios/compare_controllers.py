@@ -106,6 +106,11 @@ def conditions(start: float) -> list[TrialCondition]:
             disturbance=Disturbance(payload=loads[0.5]),
             told=loads[0.5],
         ),
+        TrialCondition(
+            name="payload 0.5 kg, told at rest",
+            disturbance=Disturbance(payload=loads[0.5]),
+            told_at_rest=loads[0.5],
+        ),
         *(TrialCondition(name=f"push {f} N", disturbance=pushed(f)) for f in (10, 30, 50)),
         TrialCondition(name="noise", disturbance=Disturbance(noise_q=1e-4)),
         *(

@@ -22,7 +22,9 @@ from scenarios import compare_controllers as scenario
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     log = tmp_path_factory.mktemp("compared") / "c.rrd"
-    options = scenario.ControllersOptions(log=log, only=("free", "payload 0.5 kg, told"))
+    load = "payload 0.5 kg"
+    only = "free", load, f"{load}, told", f"{load}, told at rest"
+    options = scenario.ControllersOptions(log=log, only=only)
     assert scenario.run(options, Console(quiet=True)) == 0
     return log
 
@@ -89,10 +91,16 @@ def test_the_last_leg_is_told_alone() -> None:
 
 
 def test_a_payload_that_it_is_told_of_is_held_ten_times_better(written: Path) -> None:
-    told = json.loads(written.with_suffix(".json").read_text())["trials"]["payload 0.5 kg, told"]
+    trials = json.loads(written.with_suffix(".json").read_text())["trials"]
+    untold, told, later = (trials[f"payload 0.5 kg{k}"] for k in ("", ", told", ", told at rest"))
     for name in ("+ acceleration", "Cartesian", "operational"):
-        before, after = (told[name][k] for k in ("tool_error_before_told_m", "last_tool_error_m"))
+        for moving in ("max_joint_error_rad", "max_joint_error_again_rad", "max_tool_error_m"):
+            assert later[name][moving] == untold[name][moving]
+            assert untold[name][moving] > 10 * told[name][moving]
+        kept = "tool_error_before_told_m", "last_tool_error_m"
+        before, after = (later[name][k] for k in kept)
         assert before > 10 * after
+        assert before > 10 * max(told[name][k] for k in kept)
 
 
 def test_recording_and_plot_hold_every_controller(written: Path) -> None:

@@ -4,7 +4,7 @@ import signal
 import socket
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import pytest
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
-from robo47_qp.sim.franka.protocol import COMMAND, ERRORS
+from robo47_qp.sim.franka.protocol import COMMAND, ERRORS, Command
 from robo47_qp.sim.franka.server import FrankaServer
 from robo47_qp.sim.simulation import Simulation
 from tests.franka import served
@@ -284,8 +284,9 @@ def test_only_arms_with_seven_joints_are_served() -> None:
         FrankaServer(simulation, simulation.reset)
 
 
-def test_a_command_that_is_no_number_ends_the_connection(host: str) -> None:
-    """libfranka refuses to send it, so it comes from a socket."""
+@contextmanager
+def introduced(host: str) -> Iterator[tuple[socket.socket, socket.socket]]:
+    """A client without libfranka: its connection, and where states come in."""
     with (
         socket.create_connection((host, 1337), timeout=5.0) as connection,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as states,
@@ -295,6 +296,12 @@ def test_a_command_that_is_no_number_ends_the_connection(host: str) -> None:
         hello = struct.pack("<HH", 10, states.getsockname()[1])
         connection.sendall(struct.pack("<III", 0, 0, 16) + hello)
         assert connection.recv(100)[12] == 0
+        yield connection, states
+
+
+def test_a_command_that_is_no_number_ends_the_connection(host: str) -> None:
+    """libfranka refuses to send it, so it comes from a socket."""
+    with introduced(host) as (connection, states):
         connection.sendall(
             struct.pack("<III", 1, 1, 125) + struct.pack("<II6d?7d", 2, 4, *[0.0] * 14)
         )
@@ -305,3 +312,19 @@ def test_a_command_that_is_no_number_ends_the_connection(host: str) -> None:
         states.sendto(command.tobytes(), server)
         assert not connection.recv(100)
     assert franka.Robot(host, franka.RealtimeConfig.kIgnore).read_once().q[0] == 0.0
+
+
+def test_a_state_of_after_a_request_is_there_with_its_answer(host: str) -> None:
+    """What was sent before may tell of an error from which the robot has recovered."""
+    with introduced(host) as (connection, states):
+        for number in range(1, 21):
+            states.recv(2000)
+            states.setblocking(False)
+            with suppress(BlockingIOError):
+                while states.recv(2000):
+                    pass
+            connection.sendall(struct.pack("<III", Command.AUTOMATIC_ERROR_RECOVERY, number, 12))
+            connection.settimeout(5.0)
+            assert connection.recv(100)[12] == 0
+            assert states.recv(2000)
+            states.settimeout(5.0)

@@ -252,6 +252,8 @@ class FrankaServer:
             status = protocol.INVALID_ARGUMENT
         else:
             status = protocol.REJECTED
+        # The state that the client reads next is that after its request.
+        self._send_state()
         peer.answer(command, number, protocol.REPLY["status"].pack(status))
 
     def _start(self, number: int, body: bytes) -> MoveStatus:

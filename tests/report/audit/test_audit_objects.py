@@ -147,3 +147,8 @@ def test_one_that_is_turned_with_a_speed_to_match_was_spun(speed: tuple[float, .
     run = meddled(spin(*speed), rate=1000.0, until=0.25)
     assert tilt(run) > 0.5 or not speed[1], "the cube tumbles"
     assert broken(run)["object spin (cube)"] == pytest.approx(np.linalg.norm(speed), rel=1e-3)
+
+
+def test_one_that_creeps_around_was_spun_too() -> None:
+    run = meddled(spin(0.0, 0.0, 0.01), rate=1000.0, until=0.25)
+    assert broken(run) == {"object spin (cube)": pytest.approx(0.01, rel=0.1)}

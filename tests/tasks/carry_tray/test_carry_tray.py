@@ -79,6 +79,9 @@ def test_what_compliant_hands_do_is_told(run: Run) -> None:
     (before,) = [f for f in audit(run) if f.signal.startswith("relative pose measured")]
     assert sum(f.share for f in together) == pytest.approx(before.share)
     assert before.extreme == max(f.extreme for f in together)
+    (commanded,) = [f for f in told if f.signal.startswith("relative pose commanded")]
+    assert not commanded.exempt
+    assert commanded.share == pytest.approx(before.share)
 
 
 def test_in_a_wrong_world_the_hands_neither_drift_nor_fight() -> None:

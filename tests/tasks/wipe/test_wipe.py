@@ -318,7 +318,6 @@ def test_random_marks_are_on_the_board_and_the_sponge_is_beside_it(seed: int) ->
     assert (np.abs(sponge[:2]) > 0.5 * np.array(BOARD) + 0.02).any()
 
 
-@cache
 @pytest.mark.parametrize("name", ["force", "force_least", "band", "speed", "touch_speed"])
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
 def test_impossible_settings_are_refused(name: str, value: float) -> None:

@@ -25,7 +25,7 @@ AT_REST = 2.0
 PUSHED_AFTER, PUSH = 0.3, 0.2
 """When a push begins, after the motion, and how long it lasts [s]."""
 TOLD_AFTER = 1.0
-"""Time after the motion at which the controller's payload is set [s]."""
+"""Time after the motion at which a payload is told at rest [s]."""
 _LAST = 0.2
 """Final time over which the remaining error is averaged [s]."""
 _CALM = 0.1
@@ -39,7 +39,9 @@ class TrialCondition:
     name: str
     disturbance: Disturbance = field(default_factory=Disturbance)
     told: Payload | None = None
-    """Payload that is set in the controller while it holds still."""
+    """Payload that is set in the controller before it moves."""
+    told_at_rest: Payload | None = None
+    """Payload that is set in the controller while it holds still at the end."""
     seed: int = 0
     """Of the sensor noise: the same for every controller."""
 
@@ -119,12 +121,12 @@ class Bench:
         """Make the motion once."""
         rng = np.random.default_rng(condition.seed)
         sim = DisturbedSimulation(self.robot, _empty_scene, condition.disturbance, rng)
-        loop = ControlLoop(self.arm, controller, sim, observer=observer)
+        loop = ControlLoop(self._arm(condition.told), controller, sim, observer=observer)
         for leg in self.legs:
             loop.track(leg)
         loop.hold(TOLD_AFTER)
-        if condition.told is not None:
-            loop.control.set_arm(self.arm.with_payload(condition.told))
+        if condition.told_at_rest is not None:
+            loop.control.set_arm(self._arm(condition.told_at_rest))
         loop.hold(AT_REST - TOLD_AFTER)
         rows = loop.recording.rows()
         speed = np.abs(rows["joints/v"]).max(axis=1)
@@ -138,6 +140,10 @@ class Bench:
             torque_use=np.abs(rows["joints/tau"] / self.robot.tau_max).max(axis=1),
             stable=bool(speed[-round(_LAST / TIMESTEP) :].max() < _CALM),
         )
+
+    def _arm(self, payload: Payload | None) -> Arm:
+        """What the controller believes."""
+        return self.arm if payload is None else self.arm.with_payload(payload)
 
 
 def _empty_scene(spec: mujoco.MjSpec) -> None:
