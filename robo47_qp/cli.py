@@ -4,14 +4,14 @@ import json
 import os
 import sys
 from argparse import ArgumentParser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, make_dataclass
 from inspect import getdoc
 from pathlib import Path
 from signal import SIGTERM, default_int_handler, signal
 from threading import current_thread, main_thread
-from typing import Annotated, Any, Literal, TypedDict, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 from rich.console import Console
@@ -34,6 +34,7 @@ from robo47_qp.run.observers import Observer
 from robo47_qp.run.recording import CHUNK_ROWS
 from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
+from robo47_qp.run.start import check_clear
 from robo47_qp.run.task import Task, own_options, task_of_options
 from robo47_qp.run.teleop.driver import TeleopDriver
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven, uncollected
@@ -49,19 +50,6 @@ DEFAULT_TASK = "pick_place"
 ARM_ROWS = 120_000
 """Rows of a real arm that go to the Rerun file at once at most; a row file has them before."""
 Options = TypeVar("Options")
-
-
-def option_group(members: Mapping[str, tuple[type, str]]) -> Any:
-    """Annotate a field that has, by name, those of several options that are given.
-
-    Args:
-        members: Type and help of each option.
-    """
-    hints = {
-        name: Annotated[kind, tyro.conf.arg(help=text)] for name, (kind, text) in members.items()
-    }
-    group: Any = TypedDict("Group", hints, total=False)  # type: ignore[misc]
-    return tyro.conf.arg(name="", constructor=group)
 
 
 def one_of(names: Sequence[str]) -> Any:
@@ -345,56 +333,68 @@ def run_task(
     """
     # Rerun takes a third of the time of a start, and help or bad input does not need it.
     with importing():
-        from robo47_qp.report.recorded import observers, recorded
+        import robo47_qp.report.recorded  # noqa: F401
     robot = robot if options.at is None else driven(robot)
     scenario = options.stack.scenario(robot, task, options.seed)
     dressed = options.visuals == "menagerie"
     looks = with_menagerie_looks(robot, task.build_scene) if dressed else task.build_scene
-    arm = None if options.at is None else DrivenArm(robot, looks, options.at)
-    simulation = arm or Simulation(robot, looks)
-    runner = Runner(scenario, simulation, driver, extra=() if driver is None else driver.signals)
-    seconds = [leg.trajectory.duration for leg in runner.rehearse()]
-    foreseen = sum(seconds, start=0.0 if driver is None else driver.seconds)
-    if arm is not None:
-        planned = f"planned: {foreseen:.1f} s of motion"
-        console.print("\n".join([*arm.report(), planned]), highlight=False, soft_wrap=True)
-        if options.dry_run:
-            return OK
-    files = _files(options)
-    with claimed(options.log):
-        for path in files.values():
-            check_writable(path)
-        with ExitStack() as stack:
-            shown: list[Observer] = []
-            for observer in observers(
-                simulation, driver, options.video, options.viewer, options.paced
-            ):
-                stack.callback(observer.close)
-                shown.append(observer)
-            chunk_rows = CHUNK_ROWS
-            if arm is not None:
-                # Nothing but control has time while an arm moves.
-                chunk_rows = min(ARM_ROWS, round(scenario.time_limit / TIMESTEP))
-                stack.enter_context(uncollected())
-                stack.callback(arm.close)
-            else:
-                bar = ProgressBar(console, foreseen)
-                stack.callback(bar.close)
-                shown.append(bar)
-            plotter = stack.enter_context(closing(Plotter(files["plot"])))
-            run, figures, findings, summary = recorded(
-                runner, simulation, shown, files, plotter, options.live, chunk_rows
-            )
-            plotter.finish()
-        write_text(files["report"], json.dumps(summary, indent=2))
+    with ExitStack() as held:
+        arm = None
+        if options.at is not None:
+            arm = held.enter_context(closing(DrivenArm(robot, looks, options.at)))
+        simulation = arm or Simulation(robot, looks)
+        more = () if driver is None else driver.signals
+        runner = Runner(scenario, simulation, driver, extra=more)
+        if arm is None:
+            check_clear(simulation, task.name)
+        seconds = [leg.trajectory.duration for leg in runner.rehearse()]
+        foreseen = sum(seconds, start=0.0 if driver is None else driver.seconds)
+        if arm is not None:
+            planned = f"planned: {foreseen:.1f} s of motion"
+            console.print("\n".join([*arm.report(), planned]), highlight=False, soft_wrap=True)
+            if options.dry_run:
+                return OK
+            arm.get_ready()
+        held.enter_context(claimed(options.log))
+        return _recorded(runner, arm, driver, options, foreseen, console)
+
+
+def _recorded(
+    runner: Runner,
+    arm: DrivenArm | None,
+    driver: TeleopDriver | None,
+    options: RunOptions,
+    foreseen: float,
+    console: Console,
+) -> int:
+    """Run with all that looks on and records; return the exit code."""
+    from robo47_qp.report.recorded import observers, recorded
+
+    files = {"recording": options.log, "report": options.log.with_suffix(".json")}
+    files["plot"] = options.plot or options.log.with_suffix(".png")
+    if options.video is not None:
+        files["video"] = options.video
+    for path in files.values():
+        check_writable(path)
+    with ExitStack() as stack:
+        made = observers(runner.loop.sim, driver, options.video, options.viewer, options.paced)
+        shown: list[Observer] = [stack.enter_context(closing(one)) for one in made]
+        chunk_rows = CHUNK_ROWS
+        if arm is not None:
+            # Nothing but control has time while an arm moves.
+            chunk_rows = min(ARM_ROWS, round(runner.scenario.time_limit / TIMESTEP))
+            stack.enter_context(uncollected())
+            stack.callback(arm.close)
+        else:
+            shown.append(stack.enter_context(closing(ProgressBar(console, foreseen))))
+        plotter = stack.enter_context(closing(Plotter(files["plot"])))
+        run, figures, findings, summary = recorded(
+            runner, runner.loop.sim, shown, files, plotter, options.live, chunk_rows
+        )
+        plotter.finish()
+    write_text(files["report"], json.dumps(summary, indent=2))
     if options.json:
         sys.stdout.write(json.dumps(summary, indent=2) + "\n")
     else:
         print_summary(console, run, figures, findings, files)
     return OK if run.failure is None else FAILED
-
-
-def _files(options: RunOptions) -> dict[str, Path]:
-    files = {"recording": options.log, "report": options.log.with_suffix(".json")}
-    files["plot"] = options.plot or options.log.with_suffix(".png")
-    return files if options.video is None else {**files, "video": options.video}

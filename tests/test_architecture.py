@@ -41,7 +41,7 @@ ONLY_IN = {
     "imageio": {"report.video"},
     "imageio_ffmpeg": {"report.video"},
     "mujoco_menagerie": {"model.menagerie"},
-    "tyro": {"cli"},
+    "tyro": {"cli", "evaluation.options"},
     "gymnasium": {"evaluation.gym"},
     "msgpack": {"evaluation.serving.messages"},
     "websockets": {"evaluation.serving"},

@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypedDict
+
+import tyro
 
 from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Suffix
-from robo47_qp.cli import LOGS, StackOptions, TaskOption, option_group, unset
+from robo47_qp.cli import LOGS, StackOptions, TaskOption, unset
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import Episodes, PolicyEvaluation
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation, options
@@ -23,9 +25,15 @@ from robo47_qp.run.policy.drivers import DecisionRate, PolicyTiming
 from robo47_qp.run.task import Task
 from robo47_qp.stack import ClassicalStack
 
-_PERTURBATIONS = {
-    name: (kind, f"{about.text} [{about.unit}].") for name, (_, kind, about) in options().items()
-}
+_GIVEN: Any = TypedDict(  # type: ignore[misc]
+    "_GIVEN",
+    {
+        name: Annotated[kind, tyro.conf.arg(help=f"{about.text} [{about.unit}].")]
+        for name, (_, kind, about) in options().items()
+    },
+    total=False,
+)
+"""By name, those of the options of perturbations that are given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +62,9 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
     perturb: Literal["none", "moderate", "severe"] = "none"
     """How much the world differs from what the stack believes: moderate is a calibrated real cell,
     severe about twice as wrong; docs/evaluation.md has the table."""
-    perturbations: Annotated[Mapping[str, float | str], option_group(_PERTURBATIONS)] = field(
-        default_factory=dict
-    )
+    perturbations: Annotated[
+        Mapping[str, float | str], tyro.conf.arg(name="", constructor=_GIVEN)
+    ] = field(default_factory=dict)
     """Single perturbations by the names of their options, in place of those of --perturb."""
     failures: CountOrZero = 5
     """Largest number of failed episodes that are recorded."""

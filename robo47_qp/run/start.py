@@ -1,5 +1,7 @@
 """The start of a task on a robot, checked before anything runs."""
 
+from copy import copy
+
 import mujoco
 import numpy as np
 
@@ -26,18 +28,32 @@ def checked_start(task: Task, robot: Robot, seed: int | None) -> Simulation:
     simulation = Simulation(robot, task.build_scene)
     simulation.reset()
     task.reset(simulation, None if seed is None else np.random.default_rng(seed))
+    check_clear(simulation, task.name)
+    return simulation
+
+
+def check_clear(simulation: Simulation, task: str) -> None:
+    """Check that the robot stands in nothing of the scene; the world stays as it is.
+
+    Args:
+        simulation: The world at the start of a task.
+        task: Name of the task.
+
+    Raises:
+        InvalidValueError: It does.
+    """
     pair = _overlap(simulation)
     if pair is not None:
         ours, other = pair
-        expected = f"one that stands clear of everything in {task.name} at home"
-        raise InvalidValueError("robot", f"{robot.name}, whose {ours} is in {other}", expected)
-    return simulation
+        found = f"{simulation.robot.name}, whose {ours} is in {other}"
+        expected = f"one that stands clear of everything in {task} at home"
+        raise InvalidValueError("robot", found, expected)
 
 
 def _overlap(simulation: Simulation) -> tuple[str, str] | None:
     """Return the names of a link and of what it overlaps with outside the robot, if anything."""
-    m, d = simulation.model, simulation.data
-    mujoco.mj_forward(m, d)
+    m, d = simulation.model, copy(simulation.data)
+    mujoco.mj_fwdPosition(m, d)
     joints = [m.joint(name).bodyid[0] for name in simulation.robot.joints]
     links = {b for b in range(m.nbody) if _moved_by(m, b, set(map(int, joints)))}
     for geoms, distance in zip(d.contact.geom, d.contact.dist, strict=True):

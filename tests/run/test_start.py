@@ -8,13 +8,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from robo47_qp.cli import run_command
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.command import evaluate_command
 from robo47_qp.evaluation.evaluation import evaluate_policy
 from robo47_qp.evaluation.gym.env import TaskEnv
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.start import checked_start
+from robo47_qp.run.start import check_clear, checked_start
+from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
 from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
@@ -61,6 +63,25 @@ def test_a_robot_that_stands_in_the_scene_is_refused() -> None:
         checked_start(Walled(), PANDA, seed=None)
     simulation = checked_start(PickPlace(), PANDA, seed=3)
     np.testing.assert_allclose(simulation.true_state().q, PANDA.home)
+
+
+def test_so_it_is_before_a_run_of_which_nothing_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = ["--log", str(tmp_path / "a.rrd")]
+    assert run_command(f"{__file__}:Walled", args=args, prog="run") == 2
+    assert "robot must be one that stands clear of everything in" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_that_a_start_is_looked_at_does_not_change_it() -> None:
+    simulation, other = (Simulation(PANDA, PickPlace().build_scene) for _ in range(2))
+    for one in (simulation, other):
+        one.reset()
+        PickPlace().reset(one, None)
+    check_clear(simulation, "pick_place")
+    for name in ("qpos", "qvel", "qacc", "qacc_warmstart", "sensordata", "xpos"):
+        np.testing.assert_array_equal(getattr(simulation.data, name), getattr(other.data, name))
 
 
 def test_an_evaluation_refuses_with_2_and_leaves_nothing(

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from robo47_qp.arrays import Vector
-from robo47_qp.cli import main, task_options
+from robo47_qp.cli import main, run_command, task_options
 from robo47_qp.errors import ArmStopped, InvalidValueError
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots import load_robot
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven
-from robo47_qp.sim.franka.link import named
+from robo47_qp.sim.franka.link import Link, named
 from robo47_qp.sim.franka.protocol import COMMAND, Controller, Generator
 from robo47_qp.sim.franka.served_arm import ServedArm
 from robo47_qp.sim.simulation import Simulation
@@ -28,7 +29,7 @@ from robo47_qp.stack import ClassicalStack
 from tests.driven import FR3, Nudge, one, run
 from tests.franka import address, served
 
-pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
+franka = pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 
 
 @pytest.fixture(scope="module")
@@ -161,6 +162,43 @@ def test_exit_codes_and_messages(
         assert robo47(*args) == 2
         assert told in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.iterdir())
+
+
+class Stopped:
+    """A state of a robot whose user holds its stop."""
+
+    robot_mode = franka.RobotMode.UserStopped
+
+    def __init__(self, state: Any) -> None:
+        self._state = state
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._state, name)
+
+
+def test_a_robot_whose_stop_is_pressed_is_told_before_anything_is_written(
+    host: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look = Link.look
+
+    def stopped(link: Link) -> None:
+        look(link)
+        link.state = Stopped(link.state)
+
+    monkeypatch.setattr(Link, "look", stopped)
+    at = ["--robot", "fr3", "--at", host, "--log", str(tmp_path / "run.rrd")]
+    assert run_command("reach", args=[*at, "--dry-run"], prog="run") == 0
+    assert run_command("reach", args=at, prog="run") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "the robot is in mode UserStopped and takes no motion; release the stop" in told
+    assert not list(tmp_path.iterdir())
+    arm = DrivenArm(FR3, Nudge().build_scene, host)
+    try:
+        with pytest.raises(ArmStopped, match="in mode UserStopped"):
+            arm.command_grip(Grip(width=0.02, force=1.0))
+        assert arm.link.hand.width == pytest.approx(0.08, abs=1e-3)
+    finally:
+        arm.close()
 
 
 def test_names_are_found_in_messages() -> None:

@@ -98,7 +98,7 @@ class DrivenArm(Simulation):
         _check_name(robot)
         self.link = Link(host)
         self._bare: Arm = bare_arm(robot)
-        self._tau_d, self._prepared = np.zeros(JOINTS), False
+        self._tau_d, self._ready = np.zeros(JOINTS), False
         self._grip = Grip(width=0.0, force=1.0)
         self._held: tuple[str, SE3] | None = None
         self._let_go: str | None = None
@@ -138,6 +138,16 @@ class DrivenArm(Simulation):
                 f"the {name} is taken to be at {x:.3f}, {y:.3f}, {z:.3f} m: nothing looks for it"
             )
         return found
+
+    def get_ready(self) -> None:
+        """Make arm and hand ready to move, once; see `Link.prepare`.
+
+        Raises:
+            ArmStopped: The robot takes no motion.
+        """
+        if not self._ready:
+            self.link.prepare()
+            self._ready = True
 
     @property
     def start(self) -> Vector:
@@ -213,9 +223,10 @@ class DrivenArm(Simulation):
 
         Raises:
             InvalidValueError, NoGripperError: See `Simulation.command_grip`.
-            ArmStopped: The hand has failed.
+            ArmStopped: The hand has failed, or the robot takes no motion.
         """
         super().command_grip(grip, tool)
+        self.get_ready()
         self.stand_by()
         speed = min(grip.speed, self.gripper_of(tool).speed_max)
         self._grip = grip
@@ -236,9 +247,7 @@ class DrivenArm(Simulation):
 
     def _begin(self) -> None:
         """Begin to control torques where the arm is."""
-        if not self._prepared:
-            self.link.prepare()
-            self._prepared = True
+        self.get_ready()
         self.link.start()
         self._tau_d[:] = 0.0
         self._motors.start(self._gravity())

@@ -27,14 +27,14 @@ class Link:
     """
 
     def __init__(self, host: str) -> None:
-        """Connect to robot and hand, and clear a reflex that an earlier run left.
+        """Connect to robot and hand, and read them.
 
         Args:
             host: Address of the robot.
 
         Raises:
             MissingExtraError: pylibfranka is not installed.
-            ArmStopped: The robot cannot be reached, or is not ready to move.
+            ArmStopped: The robot cannot be reached.
         """
         try:
             self._franka: Any = import_module("pylibfranka")
@@ -45,8 +45,6 @@ class Link:
             self._hand = self._franka.Gripper(host)
         _take_turns()
         self._control: Any = None
-        self.recovered: str = ""
-        """Names of the errors of the reflex that was cleared."""
         self.lost = 0
         """Periods of which no state has come since the motion began."""
         self.state: Any = None
@@ -73,7 +71,6 @@ class Link:
         modes = self._franka.RobotMode
         with self._told():
             if self.state.robot_mode == modes.Reflex:
-                self.recovered = named(str(self.state.current_errors))
                 self._robot.automatic_error_recovery()
                 self.look()
             if self.state.robot_mode != modes.Idle:
