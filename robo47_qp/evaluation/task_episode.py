@@ -122,7 +122,7 @@ def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: floa
         "broken_promises": broken,
         "exempt": exempt_findings(findings),
         "disturbance": wrong,
-        "sha256": sha256(run.rows.values.data.cast("B")).hexdigest(),
+        "sha256": sha256(run.rows.values.data.cast("B") if len(run.rows) else b"").hexdigest(),
     }
     more["timing"] = {"wall_s": perf_counter() - started, **timing}
     if run.failure is not None:

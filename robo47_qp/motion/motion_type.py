@@ -43,8 +43,8 @@ class PlannerSettings:
     collisions: Collisions | None = None
     """Collision check of all motions; None for none."""
     surroundings: Collisions | None = None
-    """Further collision check of PTP motions that start without collision: of what the tool may
-    touch in other motions."""
+    """Further collision check of PTP motions that start clear of it: of what the tool may touch in
+    other motions."""
     detour: Detour | None = None
     """Plans PTP motions around what `collisions` finds; None refuses them."""
 
@@ -70,6 +70,16 @@ class PlannerSettings:
         if self.collisions is not None:
             self.collisions.check(waypoint, trajectory)
 
+    def check_surroundings(self, waypoint: str, trajectory: Trajectory) -> None:
+        """Check that a PTP motion that starts clear of its surroundings keeps clear of them.
+
+        Raises:
+            PlanError: It does not; see `check_collisions`.
+        """
+        around = self.surroundings
+        if around is not None and around.at(trajectory.q[0]) is None:
+            around.check(waypoint, trajectory)
+
     def without_stops(
         self, arm: Arm, requests: Sequence[Request], q_start: Vector, dt: float
     ) -> list[Planned]:
@@ -88,6 +98,8 @@ class PlannerSettings:
         for request, first, last in zip(requests, [0, *ends], ends, strict=False):
             part = whole.part(first, last)
             end = judged(arm, request.T_world_goal, part.end.q, request.ik.tolerance, 0)
+            if request.path is None:
+                self.check_surroundings(request.name, part)
             self.check_collisions(request.name, part)
             planned.append(Planned(part, replace(end, **passage.effort._asdict())))
         pace = max(request.pace for request in requests)

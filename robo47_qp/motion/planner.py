@@ -9,7 +9,7 @@ from math import inf
 from mink import SE3
 
 from robo47_qp.arrays import Vector
-from robo47_qp.errors import NO_PATH, PlanError
+from robo47_qp.errors import NO_PATH, PlanError, RefusalReason, Rejection
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import ToolPoses
@@ -176,7 +176,8 @@ class Planner(PlannerSettings):
         if best is not None:
             return best
         name = legs[-1].waypoint.name
-        raise PlanError(name, f"its motors would have to do {max(most):.2g} times what they may")
+        told = f"its motors would have to do {max(most):.2g} times what they may"
+        raise PlanError(name, told, Rejection(reason=RefusalReason.PACE))
 
     def slower(self, speed: float) -> "Planner":
         """Return it with a speed limit of the tool [m/s] and the same accelerations."""

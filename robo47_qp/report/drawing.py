@@ -87,13 +87,16 @@ def draw_curves(panels: Mapping[str, Mapping[str, tuple[Numbers, Numbers]]]) -> 
 def draw(picture: Picture) -> "Figure":
     """Return the figure: the tool's path from above and from the side, errors and torques."""
     figure = _figure((12.0, 7.2))
+    words, numbers = picture
+    figure.suptitle(words["title"])
+    if not len(numbers["time"]):
+        return figure
     # Fixed margins: a layout by the size of all labels takes half of the time of drawing.
     axes = figure.subplot_mosaic(
         [["above", "joint"], ["above", "tool"], ["side", "torque"]],
         width_ratios=[1.0, 1.6],
         gridspec_kw=_MARGINS,
     )
-    words, numbers = picture
     t, joints = numbers["time"], words["joints"]
     _tool_path(axes["above"], picture, (0, 1))
     _tool_path(axes["side"], picture, (1, 2))
@@ -116,7 +119,6 @@ def draw(picture: Picture) -> "Figure":
         axes[name].grid(alpha=0.3, lw=0.5)
         for start in numbers["starts"][1:]:
             axes[name].axvline(float(t[start]), color=_GREY, lw=0.5, ls=":")
-    figure.suptitle(words["title"])
     return figure
 
 

@@ -1,9 +1,10 @@
 """FiguresTable: a table for the terminal whose numbers are never cut."""
 
 from collections.abc import Collection, Sequence
+from typing import Any
 
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -37,6 +38,11 @@ class FiguresTable(Table):
                 heading, justify="left" if text else "right", no_wrap=not text, overflow="fold"
             )
 
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """See `Table.add_row`; brackets in a string mean nothing, as in names."""
+        told = (Text(cell) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*told, **options)
+
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Render the columns that fit."""
         every, room = self.columns, options.max_width
@@ -65,4 +71,4 @@ def _least(column: Column) -> int:
 
 
 def _plain(cell: object) -> str:
-    return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)
+    return cell.plain if isinstance(cell, Text) else str(cell)

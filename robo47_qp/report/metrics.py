@@ -49,16 +49,21 @@ def metrics(run: Run) -> dict[str, float]:
     Errors and forces of several tools are those of the worst; rates are the main tool's.
 
     The recordings page of the documentation explains them. Smoothness is missing if the tool
-    does not move.
+    does not move, and all but time and the task's own figures if the run ended in its first period.
     """
-    rows, motion, stiff = run.rows, _tool(run), _stiff(run)
+    rows = run.rows
     simulated = len(rows) * TIMESTEP
+    counted = {**run.measures}
+    if run.failed_steps is not None:
+        counted[FAILED_STEPS] = float(run.failed_steps)
+    if not len(rows):
+        return {**counted, "cycle_time_s": simulated}
+    motion, stiff = _tool(run), _stiff(run)
     labels = [label for label, _ in run.scenario.robot.tool_labels()]
     force = np.max([np.linalg.norm(rows[f"contact/{one}tool"], axis=1) for one in labels], axis=0)
     error = np.max([rows[f"errors/{one}tool_position"] for one in labels], axis=0)[stiff]
     return {
-        **run.measures,
-        **({} if run.failed_steps is None else {FAILED_STEPS: float(run.failed_steps)}),
+        **counted,
         **_joint_errors(run.scenario.robot, rows["errors/q"][stiff]),
         "max_tool_error_m": float(error.max(initial=0.0)),
         "rms_tool_error_m": float(np.sqrt((error**2).mean())) if stiff.any() else 0.0,

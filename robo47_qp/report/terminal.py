@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from robo47_qp.report.audit.finding import Finding
 from robo47_qp.report.figures_table import FiguresTable
@@ -17,6 +18,8 @@ from robo47_qp.run.observers import Observer
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
 
+_NOTHING = "  cycle time       nothing is recorded: it ended in its first control period"
+
 
 class ProgressBar(Observer):
     """Bar over simulated time; with retries, a run takes longer than expected."""
@@ -24,7 +27,7 @@ class ProgressBar(Observer):
     def __init__(self, console: Console, expected: float) -> None:
         """Show an empty bar for a run with an expected duration [s]."""
         self._progress = Progress(
-            TextColumn("{task.description:<14}"),
+            TextColumn("{task.description:<14}", markup=False),
             BarColumn(bar_width=40),
             TextColumn("{task.completed:5.1f} of {task.total:.1f} s simulated"),
             TimeElapsedColumn(),
@@ -93,7 +96,16 @@ def print_summary(
         )
         told = f"median {median:.2f} mm, largest {largest:.1f} mm, at the end {last:.3f} mm"
         console.print(f"  from the target  {told}", highlight=False)
-    console.print(
+    kept = f"{len(findings) - len(violations)} of {len(findings)} limits kept"
+    console.print(_told(metrics, kept) if len(run.rows) else _NOTHING, highlight=False)
+    print_files(console, files, 16)
+    if "recording" in files:
+        told = f"Open the recording with: {view_command(files['recording'])}"
+        console.print(told, highlight=False, soft_wrap=True, markup=False)
+
+
+def _told(metrics: Mapping[str, float], kept: str) -> str:
+    return (
         f"  cycle time       {metrics['cycle_time_s']:.2f} s{_bound(metrics)}\n"
         f"  tracking         joints within {1e3 * metrics['max_joint_error_rad']:.3f} mrad, "
         f"{_slides(metrics)}"
@@ -104,15 +116,10 @@ def print_summary(
         f"{_friction(metrics)}"
         f"  energy           {metrics['energy_J']:.1f} J\n"
         f"{_smooth(metrics)}"
-        f"  audit            {len(findings) - len(violations)} of {len(findings)} limits kept\n"
+        f"  audit            {kept}\n"
         f"  control loop     {metrics['step_us']:.1f} µs per step, "
-        f"{metrics['real_time_factor']:.0f} times real time",
-        highlight=False,
+        f"{metrics['real_time_factor']:.0f} times real time"
     )
-    print_files(console, files, 16)
-    if "recording" in files:
-        told = f"Open the recording with: {view_command(files['recording'])}"
-        console.print(told, highlight=False, soft_wrap=True, markup=False)
 
 
 def _bound(metrics: Mapping[str, float]) -> str:
@@ -176,10 +183,10 @@ def _waypoints(run: Run) -> FiguresTable:
     return table
 
 
-def _kept(finding: Finding) -> str:
+def _kept(finding: Finding) -> Text:
     if finding.exempt:
-        return f"not judged ({100 * finding.share:.0f} %)"
-    return "[green]yes[/]" if finding.ok else "[bold red]NO[/]"
+        return Text(f"not judged ({100 * finding.share:.0f} %)")
+    return Text("yes", "green") if finding.ok else Text("NO", "bold red")
 
 
 def _audit(findings: Sequence[Finding]) -> FiguresTable:

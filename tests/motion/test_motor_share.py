@@ -15,7 +15,7 @@ from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.motion.waypoint import Motion, Waypoint
 from robo47_qp.report.audit.audit import audit
-from robo47_qp.run.failure import Cause, Condition
+from robo47_qp.run.failure import Cause, Condition, refusal
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Move
 from robo47_qp.run.task import Program
@@ -113,8 +113,10 @@ def test_what_no_motion_can_keep_is_refused() -> None:
     arm = Arm(robot)
     planner = replace(planner_of(robot), motors=Never())
     target = shifted(arm.pose(arm.home), np.array([0.05, 0.25, -0.1]))
-    with pytest.raises(PlanError, match="'there' cannot be planned: its motors would have to do"):
+    told = "'there' cannot be planned: its motors would have to do"
+    with pytest.raises(PlanError, match=told) as caught:
         planner.plan(arm, Waypoint(name="there", target=target), arm.home, DT)
+    assert refusal(caught.value).cause is Cause.PLAN
 
 
 def test_profiles_have_names() -> None:

@@ -180,6 +180,30 @@ def test_a_way_through_the_scene_is_refused_and_another_one_taken(
     assert max(ARM.pose_distance(above, leg.trajectory.end.q)) < 1.1e-6
 
 
+def test_a_blended_way_through_the_scene_is_refused_as_one_with_a_stop_is() -> None:
+    """A wall stands beside the table, between home and where the arm goes."""
+
+    def walled(spec: mujoco.MjSpec) -> None:
+        spec.worldbody.add_geom(
+            name="wall",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.3, 0.005, 0.5],
+            pos=[0.6, -0.15, 0.5],
+        )
+
+    around = Collisions(PANDA, walled, clearance=0.002)
+    careful = replace(planner(), surroundings=around)
+    there = Waypoint(name="there", target=tool_down([0.45, -0.35, 0.3]))
+    beyond = Waypoint(name="beyond", target=tool_down([0.45, -0.4, 0.3]))
+    # It begins to turn off before it is there.
+    for passed in (there, replace(there, blend=0.02)):
+        careless = replace(planner(), surroundings=None)
+        legs = careless.plan_chain(ARM, [passed, beyond], ARM.home, DT)
+        assert any(around.first_hit(leg.trajectory.q, DT) is not None for leg in legs)
+        with pytest.raises(PlanError, match=r"Waypoint 'there' .*wall and .* come within"):
+            careful.plan_chain(ARM, [passed, beyond], ARM.home, DT)
+
+
 def test_what_is_too_close_may_get_away_and_none_may_come() -> None:
     low = ARM.pose(ARM.home).translation() * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.005]
     at_table = planner().ik.solve(ARM, tool_down(low), ARM.home).q

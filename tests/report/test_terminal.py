@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from robo47_qp.report.audit.audit import audit
+from robo47_qp.report.figures_table import FiguresTable
 from robo47_qp.report.metrics import metrics
 from robo47_qp.report.rerun.viewer import view_command
 from robo47_qp.report.terminal import ProgressBar, print_files, print_summary
@@ -132,3 +133,17 @@ def test_the_command_that_opens_a_recording_can_be_pasted(
             env={"PATH": known},
         )
         assert said.stdout == f"view|{path}|"
+
+
+def test_names_may_have_brackets() -> None:
+    screen = io.StringIO()
+    console = Console(file=screen, width=120, force_terminal=True, color_system=None)
+    table = FiguresTable(("waypoint", "time s"), texts=("waypoint",))
+    table.add_row("slot [/left] [red]", "1.00")
+    console.print(table)
+    bar = ProgressBar(console, 1.0)
+    bar.phase(0.0, "slot [/left]")
+    bar._progress.refresh()
+    bar.close()
+    assert "slot [/left] [red]  " in screen.getvalue()
+    assert screen.getvalue().count("slot [/left]") >= 2

@@ -42,9 +42,7 @@ class PtpMotion(MotionType):
             return settings.without_stops(arm, [request], q_start, dt)[0]
         profile = settings.profile.slowed(request.pace)
         trajectory = plan_ptp(q_start, goal.q, profile, dt, settings.law)
-        around = settings.surroundings
-        if around is not None and around.at(q_start) is None:
-            around.check(request.name, trajectory)
+        settings.check_surroundings(request.name, trajectory)
         try:
             settings.check_collisions(request.name, trajectory)
         except PlanError:

@@ -5,7 +5,7 @@ import numpy as np
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.control.controller import Controller
-from robo47_qp.errors import PlanError
+from robo47_qp.errors import PlanError, RefusalReason, Rejection
 from robo47_qp.ik.stream.stream import StreamIk
 from robo47_qp.model.arm import JOINT_MARGIN, Arm, JointReference, JointState
 from robo47_qp.motion.smooth_stream import SmoothStream
@@ -63,7 +63,8 @@ class JointTargets:
             i = int(np.argmax(beyond))
             joint = arm.robot.joints[i]
             reason = f"{joint} is so fast that it leaves its limits by {beyond[i]:.4f}"
-            raise PlanError("joint target", reason)
+            rejection = Rejection(reason=RefusalReason.JOINT_LIMIT, joint=joint)
+            raise PlanError("joint target", reason, rejection)
         self._transition, self._done = transition, 0
         self._goal, self._reached = q_goal, reached
 

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from robo47_qp.evaluation.benchmarks.ik.answers import Answers
 from robo47_qp.evaluation.benchmarks.ik.summary import rows
@@ -166,5 +167,5 @@ def paired_table(tests: Sequence[Mapping[str, Any]]) -> FiguresTable:
     return table
 
 
-def _bad(count: int) -> str:
-    return "0" if count == 0 else f"[red]{count}[/]"
+def _bad(count: int) -> Text:
+    return Text(str(count), "red" if count else "")
