@@ -76,6 +76,8 @@ class Range(Rule):
 
     def __str__(self) -> str:
         bounded = min(self.below, self.at_most) < inf
+        if not bounded and self.above == self.at_least == -inf:
+            return "a finite number"
         lower = f"at least {self.at_least:g}" if bounded else f"{self.at_least:g} or more"
         words = [f"above {self.above:g}" if self.above > -inf else lower]
         if bounded:
@@ -95,6 +97,29 @@ class Ends(Range):
 
     def __str__(self) -> str:
         return f"{super().__str__()}: one number, or two in rising order"
+
+
+@dataclass(frozen=True)
+class Numbers(Rule):
+    """A rule for sequences: how many numbers they have, and the range of each.
+
+    `tuple[float, float]` stands for it, with finite numbers.
+    """
+
+    count: int
+    each: Range = Range()
+
+    def _accepts(self, value: Any) -> bool:
+        try:
+            given = np.asarray(value)
+        except ValueError:
+            return False
+        return given.shape == (self.count,) and self.each._accepts(given)
+
+    def __str__(self) -> str:
+        if self.each == Range():
+            return f"{self.count} finite numbers"
+        return f"{self.count} numbers, each {self.each}"
 
 
 @dataclass(frozen=True)
@@ -187,8 +212,9 @@ class Checked:
     """A dataclass whose annotations state the rules that its values are checked against.
 
     `mass: Positive` or `margin: Annotated[float, Range(above=0.0, below=0.5)]`; where a field
-    is `Positive | None`, None passes. An Enum, another such dataclass, or a sequence of them
-    stands for its members and instances alone.
+    is `Positive | None`, None passes. A plain `float`, and each of a `tuple[float, float]`, must be
+    a finite number, and a plain `str` or `bool` one of these. An Enum, another such dataclass, or
+    a sequence of them stands for its members and instances alone.
     """
 
     def __post_init__(self) -> None:
@@ -216,9 +242,9 @@ class Checked:
         """Return fields with their rules, and the types that pass: None, what checks itself."""
         rules: list[tuple[str, Rule | Size, tuple[type, ...]]] = []
         for field, hint in get_type_hints(cls, include_extras=True).items():
-            kind = Kind.of(hint)
-            if kind is not None:
-                rules.append((field, kind, ()))
+            plain = Kind.of(hint) or _plain(hint)
+            if plain is not None:
+                rules.append((field, plain, ()))
                 continue
             own = any(isinstance(one, Rule | Size) for one in getattr(hint, "__metadata__", ()))
             inner = hint.__origin__ if get_origin(hint) is Annotated and not own else hint
@@ -236,6 +262,16 @@ class Checked:
                     if isinstance(rule, Rule | Size):
                         rules.append((field, rule, others))
         return rules
+
+
+def _plain(hint: Any) -> Rule | None:
+    """Return the rule of plain numbers and texts; None for anything else."""
+    each = get_args(hint)
+    if get_origin(hint) is tuple and set(each) == {float}:
+        return Numbers(len(each))
+    if hint in (str, bool):
+        return Kind((hint,))
+    return Range() if hint is float else None
 
 
 class CheckedOptions(Checked):

@@ -26,6 +26,7 @@ with importing():
     from robo47_qp.evaluation.benchmarks.settling.settling import settling_time
     from robo47_qp.evaluation.benchmarks.settling.study import StudyOptions, conclude
     from robo47_qp.files import check_writable
+    from robo47_qp.report.provenance import provenance
 
 MJCF = """
 <mujoco model="cart-pole">
@@ -137,7 +138,7 @@ def error(states: Matrix) -> Vector:
 def run(options: CartPoleOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
     check_writable(options.report)
-    model = mujoco.MjModel.from_xml_string(MJCF)
+    made, model = provenance(), mujoco.MjModel.from_xml_string(MJCF)
     A, B = linearised(model)
     K = lqr_gain(A, B, np.diag(TOLERABLE**-2.0), np.array([[TOLERABLE_FORCE**-2.0]]))
     rng = np.random.default_rng(options.seed)
@@ -150,7 +151,8 @@ def run(options: CartPoleOptions, console: Console) -> int:
         "pole rad": [f"{theta:.3f}" for _, theta in starts],
         "largest force N": [f"{np.abs(force).max():.2f}" for _, force in runs],
     }
-    others = {"gain": K[0].tolist(), "closed_loop": np.abs(np.linalg.eigvals(A - B @ K)).tolist()}
+    poles = np.abs(np.linalg.eigvals(A - B @ K)).tolist()
+    others = {"gain": K[0].tolist(), "closed_loop": poles, **made}
     return OK if conclude(options, times, columns, others, console) else FAILED
 
 

@@ -181,6 +181,7 @@ def run(options: CheckOptions, console: Console) -> int:
     """Check and print; return the exit code."""
     if options.report is not None:
         check_writable(options.report)
+    made = provenance()
     robots, rows = {name: load_robot(name) for name in options.robots}, []
     for name, robot in robots.items():
         for number, kind in enumerate(KINDS):
@@ -193,7 +194,7 @@ def run(options: CheckOptions, console: Console) -> int:
     show(console, rows)
     if options.report is not None:
         told = {f"{robot} {kind}": figures(tally) for robot, kind, tally in rows}
-        write_json(options.report, {**provenance(), "figures": told})
+        write_json(options.report, {**made, "figures": told})
     bad = any(tally.violations or tally.unconfirmed for _, _, tally in rows)
     return 1 if bad else 0
 

@@ -122,7 +122,7 @@ def run(options: CollisionIkOptions, console: Console) -> int:
     """Solve, evaluate and print; return the exit code."""
     if options.report is not None:
         check_writable(options.report)
-    arm = Arm(PANDA, obstacles=cell())
+    made, arm = provenance(), Arm(PANDA, obstacles=cell())
     clearance, judge = Clearance(arm, options.clearance), ContactJudge(PANDA, cell())
     patient = MultiStart(
         solver=LmIk(max_iterations=50, stall=Stall(steps=5), clearance=options.clearance),
@@ -154,7 +154,7 @@ def run(options: CollisionIkOptions, console: Console) -> int:
         ]
     _show(rows, console)
     if options.report is not None:
-        write_json(options.report, {**provenance(), "rows": [asdict(row) for row in rows]})
+        write_json(options.report, {**made, "rows": [asdict(row) for row in rows]})
     kept = min(row.least_clearance_mm for row in rows) >= 1e3 * options.clearance - 0.1
     return 0 if kept and all(row.solved >= 0.995 * row.solvable for row in rows) else 1
 

@@ -171,6 +171,7 @@ def compared(
     """Run the chosen conditions and write the files; returns the exit code."""
     for ending in (".rrd", ".png", ".json"):
         check_writable(options.log.with_suffix(ending))
+    made = provenance()
     by_condition = [
         [bench.run(name, law, condition, seen) for name, (law, seen) in CONTROLLERS.items()]
         for condition in track(chosen, "trying", console=console, transient=True)
@@ -179,7 +180,7 @@ def compared(
     plot_trials(by_condition, options.log.with_suffix(".png"))
     report = {
         "robot": PANDA.name,
-        **provenance(),
+        **made,
         "motion": {"offset_rad": list(OFFSET), "duration_s": bench.duration},
         "trials": {
             trials[0].condition: {trial.controller: trial.figures() for trial in trials}

@@ -50,6 +50,7 @@ class CompareOptions(Checked):
 def run(options: CompareOptions, console: Console) -> int:
     """Run both on all targets, print the table, write the figures."""
     check_writable(options.report)
+    made = provenance()
     texts = ("arms", "targets", "stream")
     numbers = ("error mm", "p95", "q v a", "too close", "lacking mm", "relaxed")
     table = FiguresTable((*texts, *numbers), texts=texts)
@@ -75,7 +76,7 @@ def run(options: CompareOptions, console: Console) -> int:
     console.print(table)
     write_json(
         options.report,
-        {**provenance(), "ticks": options.ticks, "seed": options.seed, "figures": figures},
+        {**made, "ticks": options.ticks, "seed": options.seed, "figures": figures},
     )
     print_files(console, {"report": options.report})
     return OK

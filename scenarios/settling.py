@@ -28,6 +28,7 @@ with importing():
     from robo47_qp.files import check_writable
     from robo47_qp.model.arm import Arm, JointReference
     from robo47_qp.model.robots.panda import PANDA
+    from robo47_qp.report.provenance import provenance
     from robo47_qp.run.control_loop import ControlLoop
     from robo47_qp.sim.simulation import Simulation
 
@@ -83,6 +84,7 @@ def step_response(simulation: Simulation, arm: Arm, offset: Vector, seconds: flo
 def run(options: SettlingOptions, console: Console) -> int:
     """Measure, print, write; returns the exit code."""
     check_writable(options.report)
+    others = {"robot": PANDA.name, **provenance()}
     arm, simulation = Arm(PANDA), Simulation(PANDA, _nothing_else)
     rng = np.random.default_rng(options.seed)
     offsets = rng.uniform(-options.offset, options.offset, (options.starts, arm.n))
@@ -92,7 +94,7 @@ def run(options: SettlingOptions, console: Console) -> int:
         "offset mrad": [f"{1e3 * response.errors[0]:.1f}" for response in responses],
         "largest torque %": [f"{100 * response.torque_use:.0f}" for response in responses],
     }
-    return OK if conclude(options, times, columns, {"robot": PANDA.name}, console) else FAILED
+    return OK if conclude(options, times, columns, others, console) else FAILED
 
 
 def _nothing_else(spec: mujoco.MjSpec) -> None:

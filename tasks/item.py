@@ -1,12 +1,14 @@
 """Item: a box or an upright cylinder that a parallel gripper can hold."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import mujoco
 import numpy as np
 from mink import SE3, SO3
 
+from robo47_qp.arrays import Checked, Numbers, Positive, Range
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.motion.waypoint import tool_down
@@ -38,19 +40,19 @@ _DEPTH = 0.03
 
 
 @dataclass(frozen=True, kw_only=True)
-class Item:
+class Item(Checked):
     """A box or cylinder that stands on a table, its frame at its centre with z up."""
 
     name: str
     """Name of its body."""
-    size: tuple[float, float, float]
+    size: Annotated[tuple[float, float, float], Numbers(3, Range(above=0.0))]
     """Lengths along x, y and z; for a cylinder diameter, diameter and height [m]."""
     round: bool = False
     """True for a cylinder."""
-    mass: float = 0.1
+    mass: Positive = 0.1
     """Mass [kg]."""
     rgba: tuple[float, float, float, float] = RED
-    friction: tuple[float, float] = (0.25, 0.9)
+    friction: Annotated[tuple[float, float], Numbers(2, Range(above=0.0))] = (0.25, 0.9)
     """What a data sheet tells of its coefficient of friction: least and largest [-]."""
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of mass in its frame [m]."""
@@ -61,19 +63,21 @@ class Item:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: A length or the mass is not positive, or a cylinder is oval.
+            InvalidValueError: A length, mass or friction is not positive, a cylinder is oval, or
+                the centre of mass is outside.
         """
-        for length in (*self.size, self.mass):
-            if not (np.isfinite(length) and length > 0.0):
-                raise InvalidValueError(f"sizes and mass of {self.name!r}", length, "positive")
+        super().__post_init__()
         if self.round and self.size[0] != self.size[1]:
             raise InvalidValueError(f"diameter of {self.name!r}", self.size[:2], "one number twice")
         least, largest = self.friction
-        if not 0.0 < least <= largest < np.inf:
+        if least > largest:
             expected = "two positive numbers, the least first"
             raise InvalidValueError(f"friction of {self.name!r}", self.friction, expected)
         if any(abs(at) >= 0.5 * length for at, length in zip(self.com, self.size, strict=True)):
             raise InvalidValueError(f"centre of mass of {self.name!r}", self.com, "inside of it")
+
+    def _label(self, field: str) -> str:
+        return field if field == "name" else f"{field} of {self.name!r}"
 
     @property
     def height(self) -> float:
@@ -193,6 +197,24 @@ class Item:
         # The fingers close along the tool's y axis: across the item's y at its own heading.
         turn = turn if fits[1] else turn + np.pi / 2
         return (turn + np.pi / 2) % np.pi - np.pi / 2
+
+
+def opening_for(items: Iterable[Item], least: float | None) -> float | None:
+    """Return how wide fingers must open to go around one side of each item, and at least [m]."""
+    if least is None:
+        return None
+    return max(least, *(min(item.size[:2]) + _TIGHT for item in items))
+
+
+def different(items: Sequence[Item]) -> None:
+    """Check that items have names of their own, by which a scene knows them.
+
+    Raises:
+        InvalidValueError: Two have the same.
+    """
+    names = [item.name for item in items]
+    if len(set(names)) < len(names):
+        raise InvalidValueError("names of items", names, "each another one")
 
 
 def upright_item(item: Item, T_world_item: SE3) -> tuple[Item, SE3]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robo47_qp.arrays import Checked, NotNegative, Range, Vector
+from robo47_qp.arrays import Checked, NotNegative, Numbers, Range, Vector
 from robo47_qp.control.controller import add_dry_friction
 from robo47_qp.control.tool_space import ToolSpace
 from robo47_qp.model.arm import Arm, JointReference, JointState
@@ -30,7 +30,7 @@ class OperationalSpace(Checked):
     """ω: natural frequency of the tool's translation and rotation [rad/s]."""
     damping_ratio: NotNegative = 1.0
     """ζ: 1 is critically damped [-]."""
-    error_max: Annotated[tuple[float, float], Range(at_least=0.0)] = (0.1, 0.5)
+    error_max: Annotated[tuple[float, float], Numbers(2, Range(at_least=0.0))] = (0.1, 0.5)
     """Largest error that counts, per axis [m, twice the sine of half the angle]."""
     posture_frequency: NotNegative = 8.0
     """ω_n: natural frequency of the posture in the null space; 0 lets it drift [rad/s]."""

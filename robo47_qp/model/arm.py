@@ -117,6 +117,7 @@ class Arm:
         """What the main tool is believed to hold."""
         self.model = compile_arm(robot, self.payloads, self.obstacles)
         Range(at_least=0.0, below=0.5).check("margin", margin)
+        self._margin = margin
         if margin:
             limits = self.model.jnt_range
             # Joints without limits have an empty range here.
@@ -151,7 +152,7 @@ class Arm:
 
     def with_payload(self, payload: Load) -> "Arm":
         """Return the same arm among the same obstacles with another payload."""
-        return Arm(self.robot, payload, self.obstacles)
+        return Arm(self.robot, payload, self.obstacles, self._margin)
 
     def derived(self, build: Callable[["Arm", *_Args], _T], *args: *_Args) -> _T:
         """Return `build(arm, *args)`, built at the first call and kept as long as the arm.

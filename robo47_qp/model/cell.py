@@ -7,6 +7,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.tool_poses import check_se3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,6 +23,14 @@ class Cell:
     """Pose of the origin of the robot's file."""
     places: Mapping[str, object] = field(default_factory=dict)
     """Fields of the task that say where its places are, as they are in this cell."""
+
+    def __post_init__(self) -> None:
+        """Check the pose.
+
+        Raises:
+            InvalidValueError: It is none.
+        """
+        check_se3("T_world_base of a cell", self.T_world_base)
 
     @classmethod
     def at(cls, x: float, y: float, z: float = 0.0, yaw: float = 0.0, **places: object) -> "Cell":

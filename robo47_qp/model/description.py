@@ -1,15 +1,16 @@
 """Robots described by a TOML file beside their MJCF; docs/robots.md has the keys."""
 
+import sys
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import checked_vector
+from robo47_qp.arrays import Rule, checked_vector
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.cell import Cell
 from robo47_qp.model.gripper import Gripper
@@ -20,16 +21,65 @@ from robo47_qp.model.robot import Hand, MotionProfile, Robot, ToolFrame
 
 ENDINGS = (".xml", ".mjcf", ".toml")
 """Endings of files that name a robot."""
+
+
+@dataclass(frozen=True)
+class _Kind(Rule):
+    """A rule for values of a TOML file: their types, none of them converted; numbers are finite."""
+
+    words: str
+    types: tuple[type, ...]
+    many: bool = False
+    count: int | None = None
+    """How many a list must have; None is any number."""
+
+    def _accepts(self, value: Any) -> bool:
+        if not self.many:
+            return self._is_one(value)
+        if not isinstance(value, list) or self.count not in (None, len(value)):
+            return False
+        return all(map(self._is_one, value))
+
+    def _is_one(self, value: Any) -> bool:
+        # To Python, true is a number.
+        if type(value) not in self.types:
+            return False
+        return isinstance(value, str | bool) or abs(value) <= sys.float_info.max
+
+    def __str__(self) -> str:
+        return self.words
+
+
+_FLAG = _Kind("true or false", (bool,))
+_TEXT, _TEXTS = _Kind("a text", (str,)), _Kind("a list of texts", (str,), many=True)
+_PAIR = _Kind("a list of two texts", (str,), many=True, count=2)
+_NUMBER = _Kind("a finite number", (int, float))
+_NUMBERS = _Kind("a list of finite numbers", (int, float), many=True)
 _SPEEDS = ("v_max", "a_max", "j_max")
 _RATINGS = (*_SPEEDS, "tau_max", "tau_rate_max", "stiffness")
-_KEYS: dict[str, tuple[str, ...]] = {
-    "": ("name", "home", "joints", "tcp", "armature", "neighbours_apart"),
-    "tool": ("body", "position", "quaternion"),
-    "gripper": tuple(field.name for field in fields(Gripper)),
-    "hand": ("name", "mjcf", "site", "turn"),
-    "ratings": _RATINGS,
-    "profile": _SPEEDS,
-    "cell": ("position", "yaw"),
+_KEYS: dict[str, dict[str, _Kind]] = {
+    "": {
+        "name": _TEXT,
+        "home": _NUMBERS,
+        "joints": _TEXTS,
+        "tcp": _TEXT,
+        "armature": _NUMBERS,
+        "neighbours_apart": _FLAG,
+    },
+    "tool": {"body": _TEXT, "position": _NUMBERS, "quaternion": _NUMBERS},
+    "gripper": {
+        "joints": _PAIR,
+        "fingers": _PAIR,
+        "actuator": _TEXT,
+        "width_max": _NUMBER,
+        "speed_max": _NUMBER,
+        "force_max": _NUMBER,
+        "force_gain": _NUMBER,
+    },
+    "hand": {"name": _TEXT, "mjcf": _TEXT, "site": _TEXT, "turn": _NUMBER},
+    "ratings": dict.fromkeys(_RATINGS, _NUMBERS),
+    "profile": dict.fromkeys(_SPEEDS, _NUMBERS),
+    "cell": {"position": _NUMBERS, "yaw": _NUMBER},
 }
 
 
@@ -78,9 +128,12 @@ def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         else:
             tables[""][key] = value
     for name, table in tables.items():
-        for key in table:
+        for key, value in table.items():
+            if name == "" and key in _KEYS:
+                raise InvalidValueError(f"[{key}]", repr(value), "a table")
             if key not in _KEYS[name]:
                 raise UnknownNameError(f"key of a robot's [{name}]", key, _KEYS[name])
+            _KEYS[name][key].check(_title(name, key), value)
     return tables
 
 
@@ -102,11 +155,10 @@ def _robot(mjcf: Path, tables: Mapping[str, Mapping[str, Any]]) -> Robot:
         gripper=gripper,
         ratings=known,
     )
-    armature = top.get("armature")
     robot = replace(
         robot,
-        armature=None if armature is None else np.asarray(armature, dtype=np.float64),
-        neighbours_apart=bool(top.get("neighbours_apart", False)),
+        armature=top.get("armature"),
+        neighbours_apart=top.get("neighbours_apart", False),
     )
     cell = tables["cell"]
     if not cell:
@@ -156,6 +208,10 @@ def _gripper(folder: Path, tables: Mapping[str, Mapping[str, Any]]) -> Gripper |
 
 def _needed(table: Mapping[str, Any], name: str, key: str) -> Any:
     if key not in table:
-        where = f"[{name}]" if name else "the description"
-        raise InvalidValueError(f"{key} of {where}", "nothing", "given")
+        raise InvalidValueError(_title(name, key), "nothing", "given")
     return table[key]
+
+
+def _title(name: str, key: str) -> str:
+    """Return what messages call a key of a table."""
+    return f"{key} of " + (f"[{name}]" if name else "the description")

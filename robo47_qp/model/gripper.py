@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated
 
-from robo47_qp.arrays import Checked, Range
+from robo47_qp.arrays import Checked, Positive, Range
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gripper:
+class Gripper(Checked):
     """A parallel gripper with two mirrored sliding fingers."""
 
     joints: tuple[str, str]
@@ -17,14 +17,17 @@ class Gripper:
     """Bodies of the two fingers, in the order of `joints`, that on the tool's y side first."""
     actuator: str
     """Position servo on the opening width [m], with a force limit."""
-    width_max: float
+    width_max: Positive
     """Opening width when fully open [m]."""
-    speed_max: float
+    speed_max: Positive
     """Largest speed of the opening width [m/s]."""
-    force_max: float
+    force_max: Positive
     """Largest force of one finger on the object [N]."""
-    force_gain: float
+    force_gain: Positive
     """Force limit of the actuator per newton of finger force [-]."""
+
+    def _label(self, field: str) -> str:
+        return f"gripper {field}"
 
     def prefixed(self, prefix: str) -> "Gripper":
         """Return the same gripper with something put before each of its names."""

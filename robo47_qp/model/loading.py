@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robo47_qp.arrays import Vector, checked_vector
+from robo47_qp.arrays import Range, Vector, checked_vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model import ratings as defaults
@@ -168,7 +168,11 @@ def _rated(draft: Robot, arm: Arm, file_torques: Vector, known: Ratings) -> Robo
 
     def given(field: str) -> Vector | None:
         value = getattr(known, field)
-        return None if value is None else arm.checked_q(field, value)
+        if value is None:
+            return None
+        vector = arm.checked_q(field, value)
+        Range(above=0.0).check(field, vector)
+        return vector
 
     tau_max, rates, stiffness = given("tau_max"), given("tau_rate_max"), given("stiffness")
     if tau_max is None:
@@ -230,12 +234,14 @@ def _file_torques(model: mujoco.MjModel, joints: Sequence[str]) -> Vector:
     """Return the torque limits of the file's actuators (n,) [N·m]; NaN where unlimited."""
     limits = np.full(len(joints), np.nan)
     for drive in range(model.nu):
+        # What others act on are tendons, sites and bodies, with numbers of their own.
+        if model.actuator_trntype[drive] != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
         name = model.joint(int(model.actuator_trnid[drive, 0])).name
-        on_joint = model.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_JOINT
         limited, force = model.actuator_forcelimited[drive], model.actuator_forcerange[drive]
         if _is_motor(model, drive) and not limited:
             limited, force = model.actuator_ctrllimited[drive], model.actuator_ctrlrange[drive]
-        if on_joint and name in joints and limited:
+        if name in joints and limited:
             force = np.abs(force).max()
             i = joints.index(name)
             limits[i] = np.nanmax([limits[i], force * abs(model.actuator_gear[drive, 0])])

@@ -75,8 +75,8 @@ class Obstacle:
         return self.name, self.shape, self.size, self.T_world_obstacle.wxyz_xyz.tobytes()
 
 
-def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
-    """Add the obstacle to the world of a spec.
+def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> mujoco.MjsGeom:
+    """Add the obstacle to the world of a spec, and return its geom.
 
     Raises:
         InvalidValueError: A geom has its name already.
@@ -85,7 +85,7 @@ def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
     if obstacle.name in taken:
         raise InvalidValueError("name of an obstacle", repr(obstacle.name), f"none of {taken}")
     pose = obstacle.T_world_obstacle
-    spec.worldbody.add_geom(
+    geom: mujoco.MjsGeom = spec.worldbody.add_geom(
         name=obstacle.name,
         type=getattr(mujoco.mjtGeom, f"mjGEOM_{obstacle.shape.name}"),
         size=[*obstacle.size, *(3 - len(obstacle.size)) * [1.0]],
@@ -97,3 +97,4 @@ def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> None:
         margin=0.0,
         gap=0.0,
     )
+    return geom

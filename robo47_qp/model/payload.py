@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Checked, Positive, check_pose, checked_vector
+from robo47_qp.arrays import Checked, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import Robot
+from robo47_qp.model.tool_poses import check_se3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,8 +31,8 @@ class Payload(Checked):
                 pose none.
         """
         super().__post_init__()
-        check_pose("payload T_tcp_com", self.T_tcp_com)
-        moments = checked_vector("payload inertia", self.inertia, 3)
+        check_se3("payload T_tcp_com", self.T_tcp_com)
+        moments = np.array(self.inertia)
         if (moments <= 0.0).any() or 2 * moments.max() > moments.sum() * (1 + 1e-9):
             raise InvalidValueError(
                 "payload inertia",

@@ -4,14 +4,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Range, Vector, frozen_vector
+from robo47_qp.arrays import Checked, Range, Vector, frozen_vector
 from robo47_qp.errors import InvalidValueError, ModelError, UnknownNameError
 from robo47_qp.model.gripper import Gripper
+from robo47_qp.model.tool_poses import check_se3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +32,8 @@ class MotionProfile:
         Raises:
             InvalidValueError: A bound is not positive and finite, or the lengths differ.
         """
-        n = np.size(self.v_max)
+        # Rows of different lengths have no size as numbers.
+        n = np.size(np.asarray(self.v_max, dtype=object))
         for name in ("v_max", "a_max", "j_max"):
             bound = frozen_vector(name, getattr(self, name), n)
             if (bound <= 0.0).any():
@@ -70,6 +72,14 @@ class ToolFrame:
     T_body_tcp: SE3 = field(default_factory=SE3.identity)
     """Pose in the frame of the body; z points out of the tool."""
 
+    def __post_init__(self) -> None:
+        """Check the pose.
+
+        Raises:
+            InvalidValueError: It is none.
+        """
+        check_se3(f"tool frame on {self.body!r}", self.T_body_tcp)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tool:
@@ -83,7 +93,7 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hand:
+class Hand(Checked):
     """A hand with a file of its own, fixed to a site of the arm's file."""
 
     mjcf: Path
@@ -92,9 +102,12 @@ class Hand:
     """Site of the arm's file where the origin of the hand's file goes."""
     gripper: Gripper
     """Its gripper, with the names of its file."""
-    turn: float = 0.0
+    turn: Annotated[float, Range()] = 0.0
     """Angle by which it is turned about the z axis of the site [rad]."""
     PREFIX: ClassVar[str] = "hand_"
+
+    def _label(self, field: str) -> str:
+        return f"hand {field}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +118,14 @@ class Mount:
     """What is put before every name of the file."""
     T_world_base: SE3
     """Where the origin of the file goes."""
+
+    def __post_init__(self) -> None:
+        """Check the pose.
+
+        Raises:
+            InvalidValueError: It is none.
+        """
+        check_se3(f"T_world_base of mount {self.prefix!r}", self.T_world_base)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,15 +194,20 @@ class Robot:
         """Check the fields and freeze the arrays.
 
         Raises:
-            InvalidValueError: A field has the wrong length or is not finite.
+            InvalidValueError: A field has the wrong length, is not finite or has the wrong sign.
             ModelError: The MJCF file does not exist.
         """
         n = len(self.joints)
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
+        for name in ("tau_max", "tau_rate_max", "stiffness"):
+            Range(above=0.0).check(name, getattr(self, name))
         for name in ("armature", "damping", "dry_friction"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
+                Range(at_least=0.0).check(name, getattr(self, name))
+        if self.T_world_base is not None:
+            check_se3("T_world_base", self.T_world_base)
         for name, profile in (("rated", self.rated), ("profile", self.profile)):
             frozen_vector(f"{name}.v_max", profile.v_max, n)
         names = [tool.name for tool in self.tools]

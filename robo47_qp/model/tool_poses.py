@@ -9,6 +9,17 @@ from robo47_qp.arrays import check_pose
 from robo47_qp.errors import InvalidValueError
 
 
+def check_se3(name: str, pose: object) -> None:
+    """Check that something is a pose.
+
+    Raises:
+        InvalidValueError: It is no `mink.SE3`, has NaN, or its quaternion is not of length 1.
+    """
+    if not isinstance(pose, SE3):
+        raise InvalidValueError(name, repr(pose), "a mink.SE3")
+    check_pose(name, pose)
+
+
 class ToolPoses(Mapping[str, SE3]):
     """A pose for each of some tools of a robot, by the tool's name; it cannot be changed."""
 
@@ -21,9 +32,7 @@ class ToolPoses(Mapping[str, SE3]):
         if not poses:
             raise InvalidValueError("poses of tools", "none", "at least one, by the tool's name")
         for name, pose in poses.items():
-            if not isinstance(pose, SE3):
-                raise InvalidValueError(f"pose of tool {name!r}", repr(pose), "a mink.SE3")
-            check_pose(f"pose of tool {name!r}", pose)
+            check_se3(f"pose of tool {name!r}", pose)
         self._poses = dict(poses)
 
     def __getitem__(self, name: str) -> SE3:

@@ -9,7 +9,7 @@ import numpy as np
 from mink import SE3
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, Vector
 from robo47_qp.errors import NO_PATH, PlanError
 from robo47_qp.ik.tool_demand import FULL
 from robo47_qp.model.arm import Arm
@@ -47,7 +47,7 @@ class _Plan(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Continuous:
+class Continuous(Checked):
     """Plans arcs, blended motions and motions through via points. Its fields are settings."""
 
     profile: PathProfile = PathProfile()

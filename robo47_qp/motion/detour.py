@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix, Positive, Vector
+from robo47_qp.arrays import (
+    Checked,
+    Count,
+    CountOrZero,
+    Matrix,
+    NotNegative,
+    Positive,
+    Vector,
+)
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.collision_check import Collisions
@@ -47,7 +55,7 @@ class Detour(Checked):
     """Distance in joint space between two collision checks [rad or m]."""
     stride: Positive = 0.6
     """Longest edge of the trees [rad or m]."""
-    margin: float = 0.02
+    margin: NotNegative = 0.02
     """Distance to keep from the joint limits [rad or m]."""
     searches: Count = 3
     """Number of searches, of which the quickest result is taken."""

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from mink import SE3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, Vector
 from robo47_qp.ik.solver import IkSolver, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
@@ -25,7 +25,7 @@ from robo47_qp.motion.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannerSettings:
+class PlannerSettings(Checked):
     """Settings that all motion types share."""
 
     ik: IkSolver
@@ -52,9 +52,10 @@ class PlannerSettings:
         """Check the pace.
 
         Raises:
-            InvalidValueError: `pace` is outside (0, 1].
+            InvalidValueError: `pace` is outside (0, 1], or a part is none.
         """
         self.profile.slowed(self.pace)
+        super().__post_init__()
 
     def unplanned(self, arm: Arm) -> MotionProfile:
         """Return the bounds of motions that are not planned whole: of stops and streams."""

@@ -115,12 +115,15 @@ class Waypoint(Checked):
             InvalidValueError: The pose has NaN, no unit quaternion, the pace is out of range,
                 what follows is no motion of the tool, or what shapes the way is amiss.
         """
+        super().__post_init__()
+        if not isinstance(self.target, SE3 | ToolPoses | Place):
+            expected, found = "a pose (mink.SE3), ToolPoses or a Place", repr(self.target)
+            raise InvalidValueError(f"target of waypoint {self.name!r}", found, expected)
         bent = [waypoint.name for waypoint in self.onward if not waypoint.prescribes_path]
         if bent:
             raise InvalidValueError(
                 f"what follows waypoint {self.name!r}", bent, f"waypoints reached by {PRESCRIBED}"
             )
-        super().__post_init__()
         self._check_shape()
         if isinstance(self.target, SE3):
             check_pose(f"target of waypoint {self.name!r}", self.target)

@@ -23,10 +23,14 @@ class OffscreenCamera:
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
         """Open an offscreen context for a named camera, with a picture size [pixel].
 
+        Where the scene has no camera of this name, it is seen as a whole.
+
         Raises:
             RenderingError: OpenGL does not work on this machine.
         """
-        self._camera = camera
+        known = {model.camera(i).name for i in range(model.ncam)}
+        # MuJoCo's own camera, which looks at the middle of a model from outside, has the number -1.
+        self._camera: str | int = camera if camera in known else -1
         model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
         model.vis.global_.offheight = max(height, model.vis.global_.offheight)
         try:

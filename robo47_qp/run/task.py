@@ -52,7 +52,13 @@ class Task(Checked, ABC):
     tools_needed: ClassVar[int] = 1
     """How many tools the robot must have."""
     opening_needed: ClassVar[float | None] = None
-    """How wide the gripper of each of those tools must open [m]; None where none is needed."""
+    """How wide the gripper of each of those tools must open at least [m]; None where none is
+    needed."""
+
+    @property
+    def opening(self) -> float | None:
+        """How wide it must open for what this task handles [m]; None where none is needed."""
+        return self.opening_needed
 
     def check_robot(self, robot: Robot) -> None:
         """Check that a robot has the tools and grippers that the task needs.
@@ -64,21 +70,21 @@ class Task(Checked, ABC):
         if have < needed:
             expected = f"one with {needed} tools for {self.name}, such as {self.default_robot}"
             raise InvalidValueError("robot", f"{robot.name} with {have}", expected)
-        if self.opening_needed is None:
+        if self.opening is None:
             return
         force = getattr(self, "grip_force", 0.0)
         for tool in robot.tools[:needed]:
             found = "without a gripper"
             if tool.gripper is not None:
                 found = f"whose gripper opens {1e3 * tool.gripper.width_max:.0f} mm"
-                if tool.gripper.width_max >= self.opening_needed:
+                if tool.gripper.width_max >= self.opening:
                     if tool.gripper.force_max >= force:
                         continue
                     found = f"whose fingers press with {tool.gripper.force_max:.0f} N"
                     expected = f"one whose fingers press with {force:.0f} N for {self.name}"
                     raise InvalidValueError("robot", f"{robot.name}, {found}", expected)
             expected = (
-                f"one whose gripper opens at least {1e3 * self.opening_needed:.0f} mm for "
+                f"one whose gripper opens at least {1e3 * self.opening:.0f} mm for "
                 f"{self.name}, such as {self.default_robot}"
             )
             raise InvalidValueError("robot", f"{robot.name}, {found}", expected)

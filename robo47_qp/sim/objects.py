@@ -60,6 +60,13 @@ class SimulatedObjects:
             for name, a in changes.items()
         }
         self._changes = changes
+        self._frictions: Matrix | None = None
+        """Of all geoms, before that of an object was set first."""
+
+    def reset(self) -> None:
+        """Give the objects the friction that the scene describes."""
+        if self._frictions is not None:
+            self._model.geom_friction[:] = self._frictions
 
     def pose(self, name: str) -> SE3:
         """See `Simulation.object_pose`."""
@@ -99,6 +106,8 @@ class SimulatedObjects:
         """See `Simulation.set_friction`."""
         body = self._model.body(self._known(name)).id
         m = self._model
+        if self._frictions is None:
+            self._frictions = m.geom_friction.copy()
         # What has its own friction on anything, as foam has, has a priority.
         m.geom_friction[(m.geom_bodyid == body) & (m.geom_priority == 0), 0] = friction
 

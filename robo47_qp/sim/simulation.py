@@ -111,6 +111,7 @@ class Simulation:
     def reset(self) -> None:
         """Put the robot at home, held at rest, its gripper open, and the objects at their start."""
         mujoco.mj_resetData(self.model, self.data)
+        self._bodies.reset()
         self.lately = None
         self._contact.reset()
         self._q.write(self.robot.home)

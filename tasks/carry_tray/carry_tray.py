@@ -11,6 +11,7 @@ from mink import SE3
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Positive, Vector
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.waypoint import Motion, Waypoint
@@ -101,6 +102,10 @@ class CarryTray(Task):
     def __post_init__(self) -> None:
         """Check the fields; see `Checked`."""
         super().__post_init__()
+        if min(self.wall[1:]) <= 0.0:
+            raise InvalidValueError(
+                "wall", self.wall, "a place, and a thickness and height above 0"
+            )
         check_place("start", self.start, self.tray.size)
         check_place("end", self.end, self.tray.size)
 
@@ -179,7 +184,8 @@ class CarryTray(Task):
     def preview(self, sensed: Sensed) -> Sequence[StepLike]:
         """See `Task.preview`."""
         tray = sensed.seen_pose(NAME)
-        grasps, goal = self._grasps(tray), sensed.seen_pose(_GOAL)
+        hands, goal = self._hands(sensed), sensed.seen_pose(_GOAL)
+        grasps = self._grasps(hands, tray)
         holding = grasps.each(lambda _, pose: tray.inverse() @ pose)
         return [(*self._approach(grasps), *self._way(tray, holding, raised(goal, _LET_GO))), HOME]
 
@@ -188,7 +194,7 @@ class CarryTray(Task):
         hands = self._hands(sensed)
         goal = yield from estimate_goal(sensed)
         tray = yield from estimate_pose(sensed, NAME, TABLE_TOP)
-        above, down = self._approach(self._grasps(level(tray)))
+        above, down = self._approach(self._grasps(hands, level(tray)))
         yield replace(above, onward=(down,))
         yield down
         free = {}
@@ -345,8 +351,9 @@ class CarryTray(Task):
         held: tuple[Condition, ...] = tuple(h.holds(width, force, Cause.DROP) for h in hands)
         return Move(waypoints=(waypoint,), before=held, during=held)
 
-    def _grasps(self, tray: SE3) -> ToolPoses:
-        return ToolPoses({"left": self.tray.grasp(tray, 1.0), "right": self.tray.grasp(tray, -1.0)})
+    def _grasps(self, hands: Sequence[Hand], tray: SE3) -> ToolPoses:
+        left, right = (hand.name for hand in hands)
+        return ToolPoses({left: self.tray.grasp(tray, 1.0), right: self.tray.grasp(tray, -1.0)})
 
     def _hands(self, sensed: Sensed) -> tuple[Hand, ...]:
         tools = sensed.robot.tools[:2]

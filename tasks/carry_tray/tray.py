@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import Checked, Positive
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.heading import heading, tilt
@@ -37,16 +38,16 @@ RED = (0.85, 0.22, 0.18, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tray:
+class Tray(Checked):
     """A tray and what stands on it. Its frame is in the middle of its lower side, z up."""
 
     size: ClassVar[tuple[float, float]] = (2.0 * PLATE[0], 2.0 * PLATE[1])
     """Extent of the plate along x and y [m]."""
-    mass: float = 0.5
+    mass: Positive = 0.5
     """Mass of plate and handles [kg]."""
-    ball_mass: float = 0.03
+    ball_mass: Positive = 0.03
     """[kg]"""
-    cup_mass: float = 0.12
+    cup_mass: Positive = 0.12
     """[kg]"""
     aside: float = 0.0
     """How far dish and cup are from the line between the handles [m]."""

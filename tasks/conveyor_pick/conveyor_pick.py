@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Longest, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike, Wait
@@ -21,7 +21,7 @@ from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
 from robo47_qp.tasks.handling.object_tracker import ObjectTracker
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.heading import upright
-from robo47_qp.tasks.item import RED, Item
+from robo47_qp.tasks.item import RED, Item, opening_for
 from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP, add_table, check_place
 
 _BELT = (0.09, 0.60, 0.015)
@@ -38,6 +38,9 @@ _FIRST, _LAST = -0.30, 0.20
 """Earliest and latest position along the belt, from its centre, where the cube is met [m]."""
 _STARTS = 0.15
 """Time in which the cube is accelerated to the speed of the belt [s]."""
+
+_STOPPED = 0.1
+"""Share of the belt's speed below which the cube has stopped, however noisy the camera is [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +64,7 @@ class ConveyorPick(Task):
     """Largest distance of the cube from its goal [m]."""
     retries: CountOrZero = 2
     """Further attempts while the cube is in reach."""
-    force_max: Positive = 60.0
+    force_max: Longest = 60.0
     """See `Task.force_max`."""
     name: str = "conveyor_pick"
     opening_needed: ClassVar[float | None] = 0.05
@@ -73,6 +76,11 @@ class ConveyorPick(Task):
         check_place("goal", self.goal, self.item.size)
         if not (np.isfinite(self.speed) and 0.0 < abs(self.speed) <= _SPEEDS[1]):
             raise InvalidValueError("speed", self.speed, f"up to {_SPEEDS[1]} m/s, and not 0")
+
+    @property
+    def opening(self) -> float | None:
+        """See `Task.opening` [m]."""
+        return opening_for((self.item,), self.opening_needed)
 
     @cached_property
     def placed(self) -> PlaceCriterion:
@@ -199,7 +207,11 @@ class ConveyorPick(Task):
 
     def _gone(self, picker: BeltPicker) -> Failure | None:
         """Return why the cube cannot be met any more; None if it can."""
-        along = np.sign(self.speed) * picker.meeting().translation()[1]
+        way = np.sign(self.speed)
+        if way * picker.tracker.velocity[1] < _STOPPED * abs(self.speed):
+            evidence = f"the {self.item.name} does not move along with the belt"
+            return Failure(cause=Cause.TIMEOUT, evidence=evidence)
+        along = way * picker.meeting().translation()[1]
         if along <= _LAST:
             return None
         return Failure(

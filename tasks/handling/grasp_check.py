@@ -9,9 +9,9 @@ from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.item import Item
 
-_WIDTH_TOLERANCE = 3e-3
+WIDTH_TOLERANCE = 3e-3
 """Largest difference between the opening width and that of an item of known size [m]."""
-_LEAST_SHARE = 0.1
+LEAST_SHARE = 0.1
 """Least force of a finger that holds an item, relative to the commanded one [-]."""
 
 
@@ -46,7 +46,7 @@ class GraspCheck:
         """Return the opening width, that of the item, and how far they may be apart [m]."""
         expected = self.item.width(self.sensed.tool_pose(), self.standing())
         part = float(self.sensed.sheet.noise["size_tolerance"])
-        return self.sensed.width(), expected, _WIDTH_TOLERANCE + part * expected
+        return self.sensed.width(), expected, WIDTH_TOLERANCE + part * expected
 
     def _apart(self, width: float, expected: float) -> str:
         return (
@@ -59,7 +59,7 @@ class GraspCheck:
         closing = self.settled and not self.sensed.grip_settled()
         if abs(width - expected) > within or closing:
             return self._apart(width, expected)
-        if forces.min() < _LEAST_SHARE * self.force:
+        if forces.min() < LEAST_SHARE * self.force:
             return (
                 f"the fingers press with {forces[0]:.1f} N and {forces[1]:.1f} N, "
                 f"{self.force:.1f} N were asked for"

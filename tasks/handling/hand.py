@@ -13,12 +13,9 @@ from robo47_qp.run.failure import Cause, Condition
 from robo47_qp.run.steps import Grasp, Release, StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.handling.grasp_check import LEAST_SHARE, WIDTH_TOLERANCE
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 
-_WIDTH_TOLERANCE = 3e-3
-"""Largest difference between the opening width and that of what is held [m]."""
-_LEAST_SHARE = 0.1
-"""Least force of a finger that holds something, relative to the commanded one [-]."""
 _AROUND, _GENTLY = 8e-3, 0.02
 """Opening beyond the width up to which the fingers close fast [m], and their rate then [m/s]."""
 _STILL, _READINGS, _BETWEEN = 0.3, 20, 0.02
@@ -57,7 +54,8 @@ class Hand:
     def against(self, width: float, force: float) -> str | None:
         """Return the evidence that something of a width [m] is not held; None if it is."""
         opening, pressing = self.sensed.width(self.place), self.sensed.finger_forces(self.place)
-        if abs(opening - width) > _WIDTH_TOLERANCE:
+        part = float(self.sensed.sheet.noise["size_tolerance"])
+        if abs(opening - width) > WIDTH_TOLERANCE + part * width:
             return (
                 f"the fingers of the {self.name} hand are {1e3 * opening:.1f} mm apart, what it "
                 f"is to hold measures {1e3 * width:.1f} mm"
@@ -133,12 +131,12 @@ def _mean(poses: Sequence[SE3]) -> SE3:
 
 def closed_on(simulation: Simulation, tool: int, width: float, force: float) -> bool:
     """Return whether fingers do press on something of a width [m], commanded a force [N]."""
-    near = abs(simulation.width(tool) - width) <= _WIDTH_TOLERANCE
+    near = abs(simulation.width(tool) - width) <= WIDTH_TOLERANCE
     return near and _presses(simulation.last_finger_forces(tool), force)
 
 
 def _presses(pressing: np.ndarray, force: float) -> bool:
-    return bool(pressing.min() >= _LEAST_SHARE * force)
+    return bool(pressing.min() >= LEAST_SHARE * force)
 
 
 def settled(there: Waypoint) -> Generator[StepLike, None, None]:

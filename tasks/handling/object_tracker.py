@@ -13,8 +13,8 @@ from robo47_qp.run.steps import StepLike, Wait
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.tasks.handling.pose_estimate import camera_errs
 
-_FRAME = 1.0 / 30.0
-"""Time between two images of the camera [s]."""
+_USUAL, _PERIOD = 30.0, 0.75e-3
+"""Images of the camera per second [1/s], and what times are rounded by at most [s]."""
 _FEWEST = 8
 """Least number of images before a prediction: a quarter of a second."""
 _GOOD_ENOUGH = 2e-3
@@ -40,6 +40,10 @@ class ObjectTracker:
             height: Known height of its frame [m]; None takes the camera's.
         """
         self._sensed, self._name, self._height = sensed, name, height
+        rate = float(sensed.sheet.noise["camera_rate"])
+        self._frame = 1.0 / rate
+        # When they are taken is known to a control period, which of a short time is more.
+        self._soonest = 0.99 * self._frame if rate <= _USUAL else self._frame - _PERIOD
         self._times: list[float] = []
         self._seen: list[SE3] = []
         self._fading: BPoly | None = None
@@ -55,7 +59,7 @@ class ObjectTracker:
         frames = max(_FEWEST, int(np.ceil((noise / _GOOD_ENOUGH) ** 2)))
         self.update()
         while len(self._seen) < frames:
-            yield Wait(name=f"watch the {self._name}", seconds=_FRAME)
+            yield Wait(name=f"watch the {self._name}", seconds=self._frame)
             self.update()
 
     def update(self) -> None:
@@ -66,7 +70,7 @@ class ObjectTracker:
     def collect(self) -> bool:
         """Keep the camera's image for the next update; return whether it is new."""
         taken = self._sensed.seen_time(self._name)
-        if self._times and taken < self._times[-1] + 0.99 * _FRAME:
+        if self._times and taken < self._times[-1] + self._soonest:
             return False
         self._times.append(taken)
         self._seen.append(self._sensed.seen_pose(self._name))

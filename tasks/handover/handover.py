@@ -148,7 +148,7 @@ class Handover(Task):
         """See `Task.preview`."""
         left, right = self._hands(sensed)
         T_world_bar = sensed.seen_pose(self.bar.name)
-        first, second = self._grasp(T_world_bar, 1.0), T_world_bar
+        first = self._grasp(T_world_bar, 1.0)
         T_bar_left = T_world_bar.inverse() @ first
         meeting = sensed.seen_pose(_MEETING)
         second = self._grasp(meeting, -1.0)
@@ -156,7 +156,7 @@ class Handover(Task):
             Waypoint(name="approach", target=left.target(raised(first, _ABOVE))),
             left.line("descend", first),
             left.line("lift", raised(first, _ABOVE)),
-            self._meet(meeting @ T_bar_left, second),
+            self._meet((left, right), meeting @ T_bar_left, second),
             right.line("reach", second),
             HOME,
         ]
@@ -179,8 +179,10 @@ class Handover(Task):
         """See `Task.monitor`: note that both hands hold the bar in the air."""
         self.placed.monitor(simulation, (self.bar.name,))
         high = simulation.object_pose(self.bar.name).translation()[2]
+        # Its true one, which may differ from what is told.
+        width = 2.0 * float(simulation.model.geom(self.bar.name).size[0])
         if high > TABLE_TOP + self.height_min and all(
-            closed_on(simulation, tool, self.bar.size[0], self.grip_force) for tool in (0, 1)
+            closed_on(simulation, tool, width, self.grip_force) for tool in (0, 1)
         ):
             task_state(simulation)[0] = 1.0
 
@@ -253,7 +255,8 @@ class Handover(Task):
         carried = {left.name: bar.payload(T_bar_left.inverse())}
         meeting = sensed.seen_pose(_MEETING)
         meet = replace(
-            self._meet(meeting @ T_bar_left, self._grasp(meeting, -1.0)), carried=carried
+            self._meet((left, right), meeting @ T_bar_left, self._grasp(meeting, -1.0)),
+            carried=carried,
         )
         yield Move(waypoints=(meet,), during=held, after=held)
         T_world_bar = yield from held_bar.look(sensed, bar)
@@ -316,10 +319,11 @@ class Handover(Task):
         x, y, z = T_world_bar.apply(np.array([0.0, reach, 0.0]))
         return tool_down([x, y, max(z, TABLE_TOP + _LOWEST)], heading(T_world_bar) + np.pi / 2)
 
-    def _meet(self, T_world_left: SE3, grasp: SE3) -> Waypoint:
+    def _meet(self, hands: Sequence[Hand], T_world_left: SE3, grasp: SE3) -> Waypoint:
         """Return the waypoint at which the bar is in the air and the right hand above it."""
-        poses = {"left": T_world_left, "right": raised(grasp, _ABOVE)}
-        ways = {"right": grasp, "left": raised(T_world_left, _ABOVE)}
+        left, right = (hand.name for hand in hands)
+        poses = {left: T_world_left, right: raised(grasp, _ABOVE)}
+        ways = {right: grasp, left: raised(T_world_left, _ABOVE)}
         onward = tuple(
             Waypoint(name=f"{hand} onward", motion=Motion.LIN, target=ToolPoses({hand: goal}))
             for hand, goal in ways.items()

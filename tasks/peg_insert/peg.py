@@ -53,7 +53,7 @@ class Peg(Item):
 
 
 def set_exact_contacts(spec: mujoco.MjSpec) -> None:
-    """Let MuJoCo compute contacts of convex bodies with a tighter tolerance.
+    """Let MuJoCo compute contacts of convex bodies to a tight tolerance, however long that takes.
 
     With the default tolerance, a peg that lies flat on the block touches a wall sideways and up to
     0.5 mm deep in one of 600 poses near the hole's edge, which is measured as an impact of 60 N;

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Longest, Positive
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
 from robo47_qp.run.task import Program, Task
@@ -70,9 +71,20 @@ class PegInsert(Task):
     retries: CountOrZero = 3
     """Further attempts, with the peg picked again, or with a spiral that is 1.5 times as wide and
     has 0.7 times the pitch."""
-    force_max: float = 60.0
+    force_max: Longest = 60.0
     """See `Task.force_max` [N]."""
     name: str = "peg_insert"
+
+    def __post_init__(self) -> None:
+        """Check the fields; see `Checked`.
+
+        Raises:
+            InvalidValueError: The hole is not made for the peg.
+        """
+        super().__post_init__()
+        if not self.peg.round or self.peg.size != (DIAMETER, DIAMETER, LENGTH):
+            expected = f"a cylinder of {1e3 * DIAMETER:g} mm, {1e3 * LENGTH:g} mm long, as its hole"
+            raise InvalidValueError("size of the peg", self.peg.size, expected)
 
     @cached_property
     def placed(self) -> PlaceCriterion:
@@ -204,7 +216,9 @@ class PegInsert(Task):
 
     def measures(self, simulation: Simulation) -> dict[str, float]:
         """Return depth and lateral error of the peg's end in the hole [m], and its tilt [rad]."""
-        T_hole_peg = simulation.marker_pose("hole").inverse() @ simulation.object_pose("peg")
+        T_hole_peg = simulation.marker_pose("hole").inverse() @ simulation.object_pose(
+            self.peg.name
+        )
         end = T_hole_peg @ np.array([0.0, 0.0, -0.5 * LENGTH])
         upwards = float(T_hole_peg.rotation().as_matrix()[2, 2])
         return {

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Longest, Positive
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.run.failure import Failure, StepFailed
 from robo47_qp.run.steps import StepLike
@@ -19,7 +19,7 @@ from robo47_qp.tasks.goal import Goal, add_goal, estimate_goal_and_item, goal_po
 from robo47_qp.tasks.handling.item_handler import HOME, LOST, ItemHandler
 from robo47_qp.tasks.handling.place_criterion import END, PlaceCriterion, unfinished
 from robo47_qp.tasks.heading import upright
-from robo47_qp.tasks.item import BLUE, RED, Item
+from robo47_qp.tasks.item import BLUE, RED, Item, opening_for
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
 
 _AREA = ((0.35, 0.60), (-0.35, 0.35))
@@ -60,7 +60,7 @@ class PickPlace(Task):
     """Largest distance of the item from its goal [m]."""
     retries: CountOrZero = 2
     """Further attempts after a missed or lost grasp."""
-    force_max: float = 60.0
+    force_max: Longest = 60.0
     """See `Task.force_max` [N]."""
     obstacles: tuple[Obstacle, ...] = ()
     """Empty, as only the item stands on the table."""
@@ -72,6 +72,11 @@ class PickPlace(Task):
         super().__post_init__()
         check_place("pick", self.pick, self.item.size)
         check_place("place", self.place, self.item.size)
+
+    @property
+    def opening(self) -> float | None:
+        """See `Task.opening` [m]."""
+        return opening_for((self.item,), self.opening_needed)
 
     @cached_property
     def placed(self) -> PlaceCriterion:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Positive
+from robo47_qp.arrays import Longest, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
@@ -57,7 +57,7 @@ class ObstacleReach(Task):
     """Largest orientation error of a held tool [rad]."""
     seconds: Positive = 0.5
     """Time for which each target is held [s]."""
-    force_max: Positive = 1.0
+    force_max: Longest = 1.0
     """Largest contact force: nothing may be touched [N]."""
     name: str = "obstacle_reach"
     goals_asked_for: ClassVar[bool] = True
@@ -133,8 +133,7 @@ class ObstacleReach(Task):
         HoldCriterion.add_state(spec)
         for obstacle in self.obstacles:
             if obstacle is not TABLE:
-                add_obstacle(spec, obstacle)
-                spec.geoms[-1].rgba = [0.45, 0.50, 0.58, 1.0]
+                add_obstacle(spec, obstacle).rgba = [0.45, 0.50, 0.58, 1.0]
         for name in self._targets:
             body = spec.worldbody.add_body(name=name, mocap=True)
             for i, (x, y, z) in enumerate(np.eye(3) * 0.02 + 0.002):

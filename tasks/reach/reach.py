@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Positive, Range
+from robo47_qp.arrays import Longest, Positive, Range
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.motion.waypoint import Place, Waypoint, tool_down
@@ -66,7 +66,7 @@ class Reach(Task):
     """Largest orientation error of a held tool [rad]."""
     seconds: Positive = 0.5
     """Time for which each pose is held [s]."""
-    force_max: float = 1.0
+    force_max: Longest = 1.0
     """See `Task.force_max`; nothing is to be touched [N]."""
     obstacles: tuple[Obstacle, ...] = (TABLE,)
     """All obstacles."""

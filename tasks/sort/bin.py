@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import mujoco
 import numpy as np
 from mink import SE3
 
+from robo47_qp.arrays import Checked, Numbers, Positive, Range
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.table import SURFACE_FRICTION, TABLE_TOP
@@ -18,18 +20,18 @@ _SQUEEZE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bin:
+class Bin(Checked):
     """A bin on the table, aligned with the axes of the world."""
 
     name: str
     """Name of its body."""
     centre: tuple[float, float]
     """Position of its centre, x and y [m]."""
-    size: tuple[float, float] = (0.21, 0.15)
+    size: Annotated[tuple[float, float], Numbers(2, Range(above=0.0))] = (0.21, 0.15)
     """Inner lengths along x and y [m]."""
-    height: float = 0.04
+    height: Positive = 0.04
     """Height of the rim above the table [m]."""
-    pitch: float = 0.065
+    pitch: Positive = 0.065
     """Distance of neighbouring slots, which are in a row along x [m]."""
     rgba: tuple[float, float, float, float]
     """Colour of the bin and of the items that belong into it."""
@@ -40,11 +42,12 @@ class Bin:
         Raises:
             InvalidValueError: A length is not positive, or no slot fits in.
         """
-        for length in (*self.size, self.height, self.pitch):
-            if not (np.isfinite(length) and length > 0.0):
-                raise InvalidValueError(f"lengths of {self.name!r}", length, "positive")
+        super().__post_init__()
         if self.pitch > self.size[0]:
             raise InvalidValueError(f"pitch of {self.name!r}", self.pitch, "at most its length")
+
+    def _label(self, field: str) -> str:
+        return field if field == "name" else f"{field} of {self.name!r}"
 
     @property
     def slots(self) -> tuple[tuple[float, float], ...]:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Longest, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike
@@ -32,7 +32,7 @@ from robo47_qp.tasks.handling.pose_estimate import (
     estimate_poses,
 )
 from robo47_qp.tasks.heading import end_tilt, heading, upright
-from robo47_qp.tasks.item import BLUE, RED, Item, upright_item
+from robo47_qp.tasks.item import BLUE, RED, Item, different, opening_for, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.sort.bin import Bin
 from robo47_qp.tasks.table import TABLE_TOP, add_table
@@ -83,7 +83,7 @@ class Sort(Task):
     """Height of the tool above the table before it descends and after it lifts [m]."""
     retries: CountOrZero = 4
     """Further attempts after an item was missed, lost or fell beside its bin."""
-    force_max: float = 40.0
+    force_max: Longest = 40.0
     """See `Task.force_max`; the hand touches no wall [N]."""
     name: str = "sort"
     opening_needed: ClassVar[float | None] = 0.046
@@ -93,9 +93,11 @@ class Sort(Task):
         """Check the fields; see `Checked`.
 
         Raises:
-            InvalidValueError: An item has no bin, or a bin is too small for its items.
+            InvalidValueError: Two items have one name, an item has no bin, or a bin is too small
+                for its items.
         """
         super().__post_init__()
+        different(self.items)
         if not 1 <= len(self.items) <= len(_START):
             found = len(self.items)
             raise InvalidValueError("number of items", found, f"1 to {len(_START)}")
@@ -106,6 +108,11 @@ class Sort(Task):
             count = sum(item.rgba == place.rgba for item in self.items)
             if count > len(place.slots):
                 raise InvalidValueError(f"items for {place.name!r}", count, "one per slot at most")
+
+    @property
+    def opening(self) -> float | None:
+        """See `Task.opening` [m]."""
+        return opening_for(self.items, self.opening_needed)
 
     @cached_property
     def placed(self) -> PlaceCriterion:

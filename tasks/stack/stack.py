@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import CountOrZero, Positive
+from robo47_qp.arrays import CountOrZero, Longest, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
@@ -27,7 +27,7 @@ from robo47_qp.tasks.handling.place_criterion import (
 )
 from robo47_qp.tasks.handling.pose_estimate import estimate_pose, estimate_poses
 from robo47_qp.tasks.heading import heading, tilt, upright
-from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, upright_item
+from robo47_qp.tasks.item import BLUE, GREEN, RED, Item, different, opening_for, upright_item
 from robo47_qp.tasks.random_places import random_places
 from robo47_qp.tasks.stack.tower import Tower
 from robo47_qp.tasks.table import TABLE_TOP, add_table, check_place
@@ -77,7 +77,7 @@ class Stack(Task):
     """Clearance between the tower and a cube that is carried over it [m]."""
     retries: CountOrZero = 4
     """Further attempts after a cube was missed, lost or knocked down."""
-    force_max: float = 60.0
+    force_max: Longest = 60.0
     """See `Task.force_max` [N]."""
     opening_needed: ClassVar[float | None] = 0.051
     name: str = "stack"
@@ -86,15 +86,21 @@ class Stack(Task):
         """Check the fields; see `Checked`.
 
         Raises:
-            InvalidValueError: They are not two or three cubes of one edge.
+            InvalidValueError: They are not two or three cubes of one edge, or two have one name.
         """
         super().__post_init__()
+        different(self.cubes)
         edges = {length for cube in self.cubes for length in cube.size}
         few = not 2 <= len(self.cubes) <= len(_START)
         if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
             found = [cube.size for cube in self.cubes]
             raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
         check_place("goal", self.goal, self.cubes[0].size)
+
+    @property
+    def opening(self) -> float | None:
+        """See `Task.opening` [m]."""
+        return opening_for(self.cubes, self.opening_needed)
 
     @property
     def edge(self) -> float:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from robo47_qp.arrays import Checked, Positive
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.handling.place_criterion import PlaceCriterion
@@ -53,6 +54,16 @@ class WipeSettings(Checked):
     """Speed of the sponge on the board [m/s]."""
     touch_speed: Positive = 0.1
     """Largest speed at which the sponge meets the board [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: One is not positive, or the force wipes nothing off.
+        """
+        super().__post_init__()
+        if self.force < self.force_least:
+            raise InvalidValueError("force", self.force, f"at least {self.force_least:g} N")
 
 
 def add_board(spec: mujoco.MjSpec) -> None:

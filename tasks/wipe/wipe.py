@@ -68,6 +68,11 @@ class Wipe(Task):
     opening_needed: ClassVar[float | None] = 0.041
     name: str = "wipe"
 
+    def __post_init__(self) -> None:
+        """Check the fields; see `Checked` and `WipeSettings`."""
+        super().__post_init__()
+        self.settings  # noqa: B018  # checks the force
+
     @property
     def settings(self) -> WipeSettings:
         """Force and speed of the sponge on the board."""

@@ -108,10 +108,16 @@ def test_without_error_the_arm_does_what_the_reference_does(
 
 @pytest.mark.parametrize(
     ("name", "bad"),
-    [("frequency", -1.0), ("damping_ratio", np.nan), ("error_max", (0.1, -0.1))],
+    [
+        ("frequency", -1.0),
+        ("damping_ratio", np.nan),
+        ("error_max", (0.1, -0.1)),
+        ("error_max", (0.1,)),
+        ("error_max", (0.1, 0.2, 0.3)),
+    ],
 )
 def test_another_setting_is_refused(name: str, bad: object) -> None:
-    with pytest.raises(InvalidValueError, match=rf"{name} must be 0 or more and finite"):
+    with pytest.raises(InvalidValueError, match=rf"{name} must be .*0 or more and finite"):
         OperationalSpace(**{name: bad})  # type: ignore[arg-type]
 
 

@@ -187,6 +187,13 @@ def test_a_margin_draws_every_limit_in(robot: Robot, arm: Arm) -> None:
     np.testing.assert_array_equal(inner.pose(robot.home).wxyz_xyz, arm.pose(robot.home).wxyz_xyz)
 
 
+def test_another_belief_keeps_the_margin(robot: Robot) -> None:
+    inner = Arm(robot, margin=0.01)
+    for other in (inner.with_payload(HELD), inner.with_payload(HELD).with_payload(None)):
+        np.testing.assert_array_equal(other.q_min, inner.q_min)
+        np.testing.assert_array_equal(other.q_max, inner.q_max)
+
+
 @pytest.mark.parametrize("margin", [-0.1, 0.5, np.nan])
 def test_a_margin_that_leaves_nothing_is_refused(robot: Robot, margin: float) -> None:
     with pytest.raises(InvalidValueError, match=r"margin must be at least 0 and below 0\.5"):

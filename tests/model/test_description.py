@@ -1,5 +1,6 @@
 """Robots of files: an MJCF with a TOML beside it; hands and cells."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -62,6 +63,38 @@ BAD = {
     "a site is missing": (HOME + 'tcp = "flange"', UnknownNameError, r"site.*'flange'"),
     "home has six numbers": ('tcp = "tool"\nhome = [0, 0, 0, 1, 0, 1]', InvalidValueError, "home"),
 }
+TOOL = HOME + 'tcp = "tool"\n'
+HAND = HOME + '[hand]\nsite = "tool"\n'
+GRIPPER = (
+    'fingers = ["left", "right"]\nactuator = "grip"\n'
+    "width_max = 0.08\nspeed_max = 0.1\nforce_max = 40\nforce_gain = 1\n"
+)
+WRONG = {
+    "yaw = nan": (TOOL + "[cell]\nposition = [0, 0, 0]\n", "yaw of [cell]", "a finite number"),
+    "yaw = 'left'": (TOOL + "[cell]\nposition = [0, 0, 0]\n", "yaw of [cell]", "a finite number"),
+    "position = [0, 0, true]": (TOOL + "[cell]\n", "position of [cell]", "finite numbers"),
+    "neighbours_apart = 'false'": (TOOL, "neighbours_apart of the description", "true or false"),
+    "neighbours_apart = 1": (TOOL, "neighbours_apart of the description", "true or false"),
+    "name = 5": (TOOL, "name of the description", "a text"),
+    "tcp = 5": (HOME, "tcp of the description", "a text"),
+    "joints = 3": (TOOL, "joints of the description", "a list of texts"),
+    "joints = [['a']]": (TOOL, "joints of the description", "a list of texts"),
+    "armature = 'x'": (TOOL, "armature of the description", "a list of finite numbers"),
+    "home = ['0', 0, 0, 0, 0, 0, 0]": ("tcp = 'tool'\n", "home of the description", "numbers"),
+    "turn = 'x'": (HAND + 'name = "parallel_gripper"\n', "turn of [hand]", "a finite number"),
+    "turn = inf": (HAND + 'name = "parallel_gripper"\n', "turn of [hand]", "a finite number"),
+    "mjcf = 3": (HAND, "mjcf of [hand]", "a text"),
+    "joints = 4": (TOOL + "[gripper]\n" + GRIPPER, "joints of [gripper]", "a list of two texts"),
+    "joints = ['one']": (TOOL + "[gripper]\n" + GRIPPER, "joints of [gripper]", "two texts"),
+    "v_max = [[1], [1, 2]]": (TOOL + "[ratings]\n", "v_max of [ratings]", "finite numbers"),
+    f"tau_max = [1{400 * '0'}]": (TOOL + "[ratings]\n", "tau_max of [ratings]", "finite numbers"),
+    "j_max = [nan]": (TOOL + "[profile]\n", "j_max of [profile]", "a list of finite numbers"),
+    "body = 5": (HOME + "[tool]\n", "body of [tool]", "a text"),
+    "hand = 3": (TOOL, "[hand]", "a table"),
+    "stiffness = [-5, 5, 5, 5, 5, 5, 5]": (TOOL + "[ratings]\n", "stiffness", "above 0"),
+    "armature = [-5, 0, 0, 0, 0, 0, 0]": (TOOL, "armature", "0 or more"),
+}
+"""A line, what stands before it, what the message calls the key, and what it expects."""
 
 
 def described(folder: Path, text: str | None) -> str:
@@ -105,6 +138,31 @@ def test_what_is_wrong_is_told_and_ends_with_2(
     assert isinstance(caught.value, Robo47Error)
     assert evaluate_command(["--robot", path, "--log", str(tmp_path / "a.rrd")]) == 2
     assert "error:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("line", WRONG, ids=[line[:40] for line in WRONG])
+def test_a_value_of_the_wrong_kind_is_told_with_file_and_key(line: str, tmp_path: Path) -> None:
+    before, key, expected = WRONG[line]
+    path = described(tmp_path, before + line)
+    message = rf"^{re.escape(key)} in .*arm\.toml must be .*{expected}.*; found .*\.$"
+    with pytest.raises(InvalidValueError, match=message):
+        load_robot(path)
+
+
+def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
+    whole = TOOL + "armature = [1, 0, 0, 0, 0, 0, 0]\nneighbours_apart = true\n"
+    robot = load_robot(described(tmp_path, whole + "[cell]\nposition = [1, 0, 0]\nyaw = 1\n"))
+    assert robot.armature is not None
+    assert robot.armature.tolist() == [1.0] + 6 * [0.0]
+    assert robot.neighbours_apart
+    assert robot.T_world_base is not None
+    assert robot.T_world_base.rotation().compute_yaw_radians() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("yaw", [np.nan, np.inf])
+def test_a_cell_at_no_pose_is_refused(yaw: float) -> None:
+    with pytest.raises(InvalidValueError, match="T_world_base of a cell must be a vector of 7"):
+        Cell.at(0.0, 0.0, yaw=yaw)
 
 
 def test_a_cell_moves_the_robot_and_all_that_hangs_on_it() -> None:

@@ -97,6 +97,15 @@ def test_a_hand_that_is_not_described_is_welded_with_all_that_moves_it(hand: Pat
     assert kinds == {int(mujoco.mjtSensor.mjSENS_CONTACT)}
 
 
+@pytest.mark.parametrize("body", ["post", "left", "right"])
+def test_what_drives_no_joint_limits_none(tmp_path: Path, hand: Path, body: str) -> None:
+    sticky = tmp_path / "sticky.xml"
+    drive = f'<adhesion body="{body}" ctrlrange="0 1" gain="5" forcerange="0 5"/></actuator>'
+    sticky.write_text(HAND.replace("</actuator>", drive))
+    robot, plain = (robot_from_mjcf(file, tcp="tcp", home=[0.0, 0.1]) for file in (sticky, hand))
+    assert robot.tau_max.tolist() == plain.tau_max.tolist()
+
+
 def test_a_new_tool_frame_does_not_take_the_name_of_one_in_the_file(hand: Path) -> None:
     T = SE3.from_translation(np.array([0.0, 0.0, 0.2]))
     robot = robot_from_mjcf(hand, tcp=ToolFrame(body="slide", T_body_tcp=T), home=[0.0, 0.1])
@@ -164,6 +173,12 @@ CANNOT = {
         "tau_max must be a vector of 6",
         None,
         {"ratings": Ratings(tau_max=[1.0])},
+    ),
+    "negative torques": (
+        InvalidValueError,
+        "tau_max must be above 0 and finite; found",
+        None,
+        {"ratings": Ratings(tau_max=[60.0, -1.0, 80.0, 20.0, 20.0, 10.0])},
     ),
     "tool on the base": (
         ModelError,

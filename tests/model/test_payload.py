@@ -1,12 +1,15 @@
 """An arm with a payload: weight, kinetic energy, frame."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
 from tests.examples import fractions, rates
@@ -69,3 +72,17 @@ def test_a_payload_is_held_in_the_tool_frame_however_that_is_turned(
         v = np.ones(loaded.n)
         energy = 0.5 * float(v @ loaded.mass_matrix(q) @ v)
         assert energy == pytest.approx(plain.kinetic_energy(q, v), rel=1e-6)
+
+
+@pytest.mark.parametrize("pose", [None, 3.0, "here", np.eye(4)])
+def test_a_payload_at_what_is_no_pose_is_refused(pose: Any) -> None:
+    with pytest.raises(InvalidValueError, match=r"payload T_tcp_com must be a mink\.SE3; found"):
+        replace(HELD, T_tcp_com=pose)
+
+
+@pytest.mark.parametrize(
+    "inertia", [None, (None, None, None), "abc", ("1", "1", "1"), 1.0, ((1.0,), (1.0, 2.0), 3.0)]
+)
+def test_moments_that_are_no_numbers_are_refused(inertia: Any) -> None:
+    with pytest.raises(InvalidValueError, match=r"payload inertia must be .*finite number"):
+        replace(HELD, inertia=inertia)

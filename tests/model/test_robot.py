@@ -6,12 +6,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mink import SE3
 
 from robo47_qp.errors import InvalidValueError, ModelError
-from robo47_qp.model.robot import MotionProfile, Robot
+from robo47_qp.model.gripper import Gripper
+from robo47_qp.model.hands import hand
+from robo47_qp.model.robot import Hand, MotionProfile, Mount, Robot, ToolFrame
+from tests.robots import GRIPPER
 
 BOUNDS = ("v_max", "a_max", "j_max")
 VECTORS = ("home", "tau_max", "tau_rate_max", "stiffness")
+POSITIVE = ("tau_max", "tau_rate_max", "stiffness")
+NOT_NEGATIVE = ("armature", "damping", "dry_friction")
+NO_POSES = {
+    "nan": (SE3(np.array([1.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0])), "a vector of 7 finite numbers"),
+    "long": (SE3(np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])), "a pose with a unit quaternion"),
+    "list": ([0.0, 0.0, 0.0], "a mink.SE3"),
+}
+"""What is no pose, and what the message expects."""
 
 
 def changed(robot: Robot, name: str, value: object) -> Robot:
@@ -72,6 +84,13 @@ def test_a_bound_that_is_not_finite_is_refused(name: str, bad: float) -> None:
         profile(**{name: np.array([1.0, bad, 1.0])})
 
 
+@pytest.mark.parametrize("name", BOUNDS)
+@pytest.mark.parametrize("bad", ["x", [[1.0], [1.0, 2.0]], [[1.0], [1.0, 2.0], [3.0]]])
+def test_bounds_that_are_no_numbers_are_refused(name: str, bad: object) -> None:
+    with pytest.raises(InvalidValueError, match=r"must be a vector of \d finite numbers"):
+        profile(**{name: bad})
+
+
 @pytest.mark.parametrize("name", ["a_max", "j_max"])
 def test_bounds_of_different_lengths_are_refused(name: str) -> None:
     with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of 3 .* \(2,\)"):
@@ -126,6 +145,55 @@ def test_an_array_that_is_not_finite_is_refused(robot: Robot, name: str) -> None
     bad[-1] = np.nan
     with pytest.raises(InvalidValueError, match=rf"{name} must be a vector of .* found .*nan"):
         changed(robot, name, bad)
+
+
+@pytest.mark.parametrize("name", POSITIVE)
+@pytest.mark.parametrize("bad", [0.0, -1.0])
+def test_a_limit_that_is_not_positive_is_refused(robot: Robot, name: str, bad: float) -> None:
+    wrong = np.append(np.ones(len(robot.joints) - 1), bad)
+    with pytest.raises(InvalidValueError, match=rf"{name} must be above 0 and finite; found .*1\."):
+        changed(robot, name, wrong)
+
+
+@pytest.mark.parametrize("name", NOT_NEGATIVE)
+def test_what_resists_a_joint_is_zero_or_more(robot: Robot, name: str) -> None:
+    none = np.zeros(len(robot.joints))
+    assert getattr(changed(robot, name, none), name).tolist() == none.tolist()
+    none[-1] = -1e-9
+    with pytest.raises(InvalidValueError, match=rf"{name} must be 0 or more and finite; found"):
+        changed(robot, name, none)
+
+
+@pytest.mark.parametrize("case", NO_POSES)
+def test_a_frame_at_no_pose_is_refused(robot: Robot, case: str) -> None:
+    pose, expected = NO_POSES[case]
+    with pytest.raises(InvalidValueError, match=f"T_world_base must be {expected}; found"):
+        changed(robot, "T_world_base", pose)
+    with pytest.raises(InvalidValueError, match=f"tool frame on 'hand' must be {expected}; found"):
+        ToolFrame(body="hand", T_body_tcp=pose)  # type: ignore[arg-type]
+    with pytest.raises(InvalidValueError, match=f"of mount 'left_' must be {expected}; found"):
+        Mount(prefix="left_", T_world_base=pose)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["width_max", "speed_max", "force_max", "force_gain"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1.0, 0.0, "0.1", None])
+def test_a_gripper_has_positive_numbers(name: str, bad: object) -> None:
+    fields: dict[str, Any] = {name: bad}
+    message = f"gripper {name} must be above 0 and finite; found"
+    with pytest.raises(InvalidValueError, match=message):
+        replace(GRIPPER, **fields)
+
+
+@pytest.mark.parametrize("turn", [np.nan, np.inf, "left"])
+def test_a_hand_is_turned_by_a_finite_angle(turn: Any) -> None:
+    with pytest.raises(InvalidValueError, match=r"hand turn must be .*finite.*; found"):
+        hand("parallel_gripper", "flange", turn)
+
+
+def test_a_hand_has_a_gripper(tmp_path: Path) -> None:
+    none: Any = None
+    with pytest.raises(InvalidValueError, match=f"hand gripper must be a {Gripper.__name__}"):
+        Hand(mjcf=tmp_path, site="flange", gripper=none)
 
 
 @pytest.mark.parametrize("name", ["rated", "profile"])

@@ -1,4 +1,5 @@
 from dataclasses import FrozenInstanceError
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_moments_that_no_body_has_are_refused(inertia: tuple[float, float, float
 
 @pytest.mark.parametrize("inertia", [(1.0, 1.0), (1.0, 1.0, np.nan), (np.inf, 1.0, 1.0), 1.0])
 def test_moments_that_are_not_three_numbers_are_refused(inertia: ArrayLike) -> None:
-    with pytest.raises(InvalidValueError, match="payload inertia must be a vector of 3 finite"):
+    with pytest.raises(InvalidValueError, match="inertia must be 3 finite numbers"):
         payload(inertia=inertia)
 
 
@@ -160,3 +161,15 @@ def test_moments_that_are_not_three_numbers_are_refused(inertia: ArrayLike) -> N
 def test_a_payload_at_no_pose_is_refused(numbers: list[float], message: str) -> None:
     with pytest.raises(InvalidValueError, match=f"payload T_tcp_com must be {message}; found"):
         payload(T_tcp_com=SE3(np.array(numbers)))
+
+
+@pytest.mark.parametrize("target", ["home", None, np.eye(4)])
+def test_a_target_that_is_no_pose_is_refused(target: Any) -> None:
+    told = r"target of waypoint 'x' must be a pose \(mink.SE3\), ToolPoses or a Place; found"
+    with pytest.raises(InvalidValueError, match=told):
+        Waypoint(name="x", target=target)
+
+
+def test_what_follows_are_waypoints() -> None:
+    with pytest.raises(InvalidValueError, match="onward of waypoint 'x' must be a sequence"):
+        Waypoint(name="x", target=SE3.identity(), onward=(3,))  # type: ignore[arg-type]

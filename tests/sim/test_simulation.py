@@ -17,6 +17,7 @@ from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance, DisturbedSimulation
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.pick_place.pick_place import PickPlace
 from tests.robots import GRIPPER
 from tests.runs import ZEROS, Holder, no_objects
 from tests.sim.shelf import N, cube_on_a_shelf, grasp, start_again
@@ -276,3 +277,13 @@ def test_torques_that_are_not_one_for_each_joint_are_refused(
     with pytest.raises(InvalidValueError, match=r"commanded torque must be 7 numbers .*; found sh"):
         sim.step(np.ones(shape))
     assert sim.time == 0.0
+
+
+def test_a_reset_gives_objects_the_friction_of_the_scene() -> None:
+    task = PickPlace()
+    simulation = Simulation(PANDA, task.build_scene)
+    described = simulation.model.geom_friction.copy()
+    task.reset(simulation, np.random.default_rng(1))
+    assert (simulation.model.geom_friction != described).any()
+    simulation.reset()
+    np.testing.assert_array_equal(simulation.model.geom_friction, described)

@@ -60,11 +60,15 @@ class ActionScale:
         """Return the action for a vector of the space; its numbers are not checked.
 
         Raises:
-            InvalidValueError: The shape is wrong.
+            InvalidValueError: The shape is wrong, or these are no numbers.
         """
-        if np.shape(numbers) != self.space.shape:
-            raise InvalidValueError("shape of an action", np.shape(numbers), str(self.space.shape))
-        vector = self._middle + self._half * np.asarray(numbers, dtype=np.float64)
+        try:
+            given = np.asarray(numbers, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidValueError("action", repr(numbers), "numbers") from error
+        if given.shape != self.space.shape:
+            raise InvalidValueError("shape of an action", given.shape, str(self.space.shape))
+        vector = self._middle + self._half * given
         width = None
         if self._gripper:
             vector, width = vector[:-1], float(vector[-1])

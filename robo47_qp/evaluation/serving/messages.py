@@ -30,8 +30,10 @@ def packed(content: Mapping[str, Any]) -> bytes:
     """Return a map as a message.
 
     Raises:
-        MessageError: It holds what is no number, text, list, map or array of these.
+        MessageError: It is no map, or holds what is no number, text, list, map or array of these.
     """
+    if not isinstance(content, Mapping):
+        raise MessageError(f"An answer must be a map of names to values; found {content!r:.200}")
     try:
         return msgpack.packb(content, default=_plain)  # type: ignore[no-any-return]
     except (TypeError, ValueError, OverflowError) as error:

@@ -1,5 +1,6 @@
 """Straight lines of the tool from rest to rest: followed by IK and timed."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,9 +118,10 @@ class Lin(Tracking):
         if stretch > _UNEVEN and pace * trajectory.duration > _LONG and self.law is S_CURVE:
             cuts = np.linspace(0.0, 1.0, _SECTIONS + 1)
             bound = limits(joints, [self.profile.slowed(pace)] * _SECTIONS, [1.0] * _SECTIONS)
-            uneven = self.timing.timed(arm, path, cuts, bound, dt)
-            if uneven.duration < _WORTH * trajectory.duration:
-                trajectory = uneven
+            with suppress(PathError):
+                uneven = self.timing.timed(arm, path, cuts, bound, dt)
+                if uneven.duration < _WORTH * trajectory.duration:
+                    trajectory = uneven
         check_limits(arm, trajectory.q)
         return trajectory
 

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, sqrt
+from typing import Annotated
 
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Vector
-from robo47_qp.errors import RefusalReason
+from robo47_qp.arrays import Checked, Count, Matrix, Range, Vector
+from robo47_qp.errors import InvalidValueError, RefusalReason
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.motion.paths.segments import PathProfile
@@ -136,7 +137,7 @@ def limits(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
+class Timing(Checked):
     """Times a joint path. Its fields are settings.
 
     In each section of the path, speed V, acceleration A and jerk J of the path parameter are
@@ -151,10 +152,20 @@ class Timing:
     until one bound is just reached and none exceeded. The quickest motion is taken.
     """
 
-    shares: tuple[float, ...] = (0.2, 0.35, 0.55, 0.75)
+    shares: Annotated[tuple[float, ...], Range(above=0.0, at_most=1.0)] = (0.2, 0.35, 0.55, 0.75)
     """Values of η to try: share of the bounds that the curvature of the path may take."""
-    rounds: int = 3
+    rounds: Count = 3
     """Number of rounds that improve the paces of the sections, per η."""
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            InvalidValueError: One is out of range, or there is no η.
+        """
+        super().__post_init__()
+        if not len(self.shares):
+            raise InvalidValueError("shares", self.shares, "one number at least")
 
     def timed(
         self, arm: Arm, path: JointCurve, cuts: Vector, bounds: Matrix, dt: float

@@ -1,8 +1,11 @@
 """Spaces of an environment: numbers that stand for quantities."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.policy.drivers import StepwiseDriver
 from robo47_qp.run.policy.policy import JointTarget, ToolTarget, Torques, vector_of
@@ -58,3 +61,9 @@ def test_readings_saturate_at_the_bounds_of_the_space() -> None:
     numbers = numbers_of(seen, observation_space(ARM, 0, 0, 3.0))
     np.testing.assert_array_equal(numbers["force"], [500.0, -500.0, 5.0])
     np.testing.assert_array_equal(numbers["fingers"], [7.0, 500.0])
+
+
+@pytest.mark.parametrize("given", [["a"] * 8, [[0.0], [0.0, 1.0]], None, np.zeros(7)])
+def test_what_are_no_numbers_of_the_space_is_refused(given: Any) -> None:
+    with pytest.raises(InvalidValueError, match="action"):
+        ActionScale(ARM, "joints").action(given)

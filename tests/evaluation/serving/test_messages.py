@@ -103,3 +103,9 @@ def test_what_is_no_map_is_refused() -> None:
 def test_what_does_not_cross_is_not_sent(value: object) -> None:
     with pytest.raises(MessageError, match="must hold numbers, text and arrays"):
         packed({"x": value})
+
+
+@pytest.mark.parametrize("answer", [[1, 2], None, 3.5, "text", np.zeros(3)])
+def test_an_answer_that_is_no_map_is_not_sent(answer: Any) -> None:
+    with pytest.raises(MessageError, match="must be a map of names to values; found"):
+        packed(answer)

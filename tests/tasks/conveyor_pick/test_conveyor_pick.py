@@ -341,7 +341,8 @@ def test_the_cube_comes_from_upstream_and_is_met_from_there_to_the_end(speed: fl
     assert way * task._first == pytest.approx(-0.3)
     for along, evidence in ((-0.25, None), (0.19, None), (0.21, "will be 0.21 m along")):
         pose = shifted_pose(simulation, way * along)
-        failure = task._gone(replace(task._picker(live(simulation)), tracker=At(simulation, pose)))
+        tracker = At(simulation, pose, speed)
+        failure = task._gone(replace(task._picker(live(simulation)), tracker=tracker))
         assert (failure is None) == (evidence is None)
         if failure is not None:
             assert failure.cause is Cause.TIMEOUT
@@ -349,11 +350,11 @@ def test_the_cube_comes_from_upstream_and_is_met_from_there_to_the_end(speed: fl
 
 
 class At(ObjectTracker):
-    """Finds the cube at the same pose at all times."""
+    """Finds the cube at the same pose at all times, with a velocity (3,) [m/s]."""
 
-    def __init__(self, simulation: Simulation, pose: SE3) -> None:
+    def __init__(self, simulation: Simulation, pose: SE3, speed: float) -> None:
         super().__init__(live(simulation), "cube")
-        self._pose = pose
+        self._pose, self._speed = pose, np.array([0.0, speed, 0.0])
 
     def at(self, time: float) -> SE3:
         return self._pose
@@ -373,5 +374,36 @@ def test_variants_run_both_ways_at_the_speeds_that_are_told() -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 0.21, np.nan])
 def test_speeds_that_are_none_are_refused(speed: float) -> None:
-    with pytest.raises(InvalidValueError, match=r"speed must be up to 0\.2 m/s, and not 0; found"):
+    with pytest.raises(
+        InvalidValueError, match=r"speed must be (up to 0\.2 m/s, and not 0|a finite number); found"
+    ):
         ConveyorPick(speed=speed)
+
+
+@pytest.mark.parametrize("rate", [20.0, 31.0, 60.0])
+def test_every_image_of_the_camera_counts_however_many_it_takes(rate: float) -> None:
+    task, camera = ConveyorPick(), Disturbance(pose_noise=1e-3, camera_rate=rate)
+    simulation = DisturbedSimulation(PANDA, task.build_scene, camera, np.random.default_rng(1))
+    task.reset(simulation, None)
+    holder, tracker = Holder(simulation), ObjectTracker(live(simulation), "cube")
+    taken = 0
+    for _ in range(500):
+        holder.hold(1)
+        taken += tracker.collect()
+    assert taken == pytest.approx(0.5 * rate, abs=1.0)
+
+
+def test_a_cube_that_lies_beside_the_belt_is_gone() -> None:
+    task = ConveyorPick()
+    simulation = Simulation(PANDA, task.build_scene)
+    task.reset(simulation, None)
+    beside = SE3.from_translation(np.array([0.32, -0.3, 0.02]))
+    simulation.place_object("cube", beside)
+    sensed, holder = live(simulation), Holder(simulation)
+    picker = task._picker(sensed)
+    for _ in range(10):
+        holder.hold(34)
+        picker.tracker.update()
+    failure = task._gone(picker)
+    assert failure is not None
+    assert failure.evidence == "the cube does not move along with the belt"

@@ -16,10 +16,11 @@ from robo47_qp.run.failure import Cause
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.steps import StepLike, Wait
-from robo47_qp.run.task import Program
+from robo47_qp.run.task import Program, Task
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
+from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
 from robo47_qp.tasks.goal import Goal
 from robo47_qp.tasks.handling.hand import Hand, closed_on
 from robo47_qp.tasks.handling.held_item import HeldItem
@@ -223,3 +224,46 @@ def test_a_guarded_motion_of_the_second_hand_ends_at_what_this_one_touches() -> 
     run = Runner(ClassicalStack(ik="qp").scenario(PAIR, task), simulation).run()
     lowest = run.rows["tool/right_pose"][:, 2].min()
     assert start_height - lowest == pytest.approx(0.02, abs=2e-3)
+
+
+class Sized(Simulation):
+    """Fingers that press, so far apart [m]."""
+
+    apart = 0.0
+
+    def width(self, tool: int = 0) -> float:
+        return self.apart
+
+    def last_finger_forces(self, tool: int = 0) -> np.ndarray:
+        return np.full(2, 40.0)
+
+
+def test_a_bar_may_be_as_thick_as_the_data_sheet_allows() -> None:
+    simulation = Sized(PAIR, TASK.build_scene)
+    sensed = live(simulation)
+    sheet = sensed.sheet
+    for tolerance, apart, held in ((0.0, 0.0345, False), (0.1, 0.0345, True), (0.1, 0.038, False)):
+        sensed.sheet = replace(sheet, noise={**sheet.noise, "size_tolerance": tolerance})
+        simulation.apart = apart
+        assert (Hand(sensed=sensed, name="left").against(0.03, 40.0) is None) is held
+
+
+def test_both_hands_hold_a_bar_that_is_thicker_than_is_told() -> None:
+    simulation = Sized(PAIR, TASK.build_scene)
+    TASK.reset(simulation, np.random.default_rng(0))
+    simulation.place_object("bar", SE3.from_translation(np.array([0.48, 0.0, 0.35])))
+    for thicker in (1.0, 1.3):
+        task_state(simulation)[0] = 0.0
+        simulation.model.geom("bar").size[0] = 0.5 * thicker * TASK.bar.size[0]
+        simulation.apart = thicker * TASK.bar.size[0]
+        TASK.monitor(simulation)
+        assert task_state(simulation)[0] == 1.0
+
+
+@pytest.mark.parametrize("task", [TASK, CarryTray()])
+def test_the_hands_may_have_any_names(task: Task) -> None:
+    pair = panda_pair()
+    robot = replace(pair, tool_name="a", more_tools=(replace(pair.more_tools[0], name="b"),))
+    simulation = Simulation(robot, task.build_scene)
+    legs = Runner(ClassicalStack(ik="qp").scenario(robot, task), simulation).rehearse()
+    assert {name for leg in legs for name in leg.tools or ()} == {"a", "b"}

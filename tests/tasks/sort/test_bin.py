@@ -77,9 +77,9 @@ def test_balls_stay_between_its_walls() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"size": (0.0, 0.1)}, r"lengths of 'bin' must be positive; found 0.0"),
-        ({"height": -1.0}, r"lengths of 'bin' must be positive"),
-        ({"pitch": np.nan}, r"lengths of 'bin' must be positive"),
+        ({"size": (0.0, 0.1)}, r"size of 'bin' must be 2 numbers, each above 0 and finite; found"),
+        ({"height": -1.0}, r"height of 'bin' must be above 0"),
+        ({"pitch": np.nan}, r"pitch of 'bin' must be above 0"),
         ({"pitch": 0.3}, r"pitch of 'bin' must be at most its length; found 0.3"),
     ],
 )

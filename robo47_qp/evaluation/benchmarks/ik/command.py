@@ -36,6 +36,7 @@ from robo47_qp.evaluation.benchmarks.ik.terminal import (
 from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots import load_robot
+from robo47_qp.report.provenance import provenance
 from robo47_qp.report.terminal import print_files
 
 Member = TypeVar("Member")
@@ -52,7 +53,8 @@ class CompareOptions(Checked):
     seed: CountOrZero = 0
     """Seed of the targets."""
     solvers: tuple[str, ...] = ()
-    """Names of the solvers to compare; those of DLS and QP if none is named."""
+    """Names of the solvers to compare; if none is named all of them, but only those of DLS and QP
+    without --targets, --all and --peers, too."""
     targets: tuple[str, ...] = ()
     """Names of the target sets; if none is named all of them, but only uniform and near_limits
     without --solvers, --all and --peers, too."""
@@ -158,7 +160,7 @@ def _compared(
     for name, reason in left_out.items():
         console.print(f"left out: {name}; {escape(reason)}", highlight=False, soft_wrap=True)
     done: list[Sequence[Answers]] = []
-    complete = False
+    made, complete = provenance(), False
     try:
         total = comparison.n * len(comparison.fields)
         with LiveTable(console, total, leave=not options.first) as table:
@@ -167,13 +169,13 @@ def _compared(
                 done.append(field)
                 write_text(
                     files["report"],
-                    _text(summary(comparison, done, questions, left_out, complete=False)),
+                    _text(summary(comparison, done, questions, left_out, made, complete=False)),
                 )
         complete = True
     except KeyboardInterrupt:
         kept = "what was measured so far is kept" if done else "nothing was recorded yet"
         console.print(f"interrupted; {kept}")
-    figures = summary(comparison, done, questions, left_out, complete=complete)
+    figures = summary(comparison, done, questions, left_out, made, complete=complete)
     write_text(files["report"], _text(figures))
     if done:
         from robo47_qp.evaluation.benchmarks.ik.plots import plot_comparison

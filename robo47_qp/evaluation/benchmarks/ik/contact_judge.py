@@ -7,6 +7,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.evaluation.benchmarks.ik.judge import joint_limits
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.obstacle import Obstacle
 from robo47_qp.model.robot import Robot
@@ -49,7 +50,7 @@ class ContactJudge:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.q = [int(self.model.joint(name).qposadr[0]) for name in robot.joints]
-        self.ranges = self.model.jnt_range[[self.model.joint(name).id for name in robot.joints]]
+        self._limits = joint_limits(self.model, robot.joints)
 
     def clearance(self, q: Vector) -> float:
         """Return the smallest distance of any contact [m]; SEEN where there is none."""
@@ -67,7 +68,7 @@ class ContactJudge:
         away = np.linalg.norm(site.xpos - target.translation())
         R = site.xmat.reshape(3, 3)
         turn = SO3.from_matrix(R.T @ target.rotation().as_matrix()).log()
-        low, high = self.ranges.T
+        low, high = self._limits
         inside = (result.q >= low).all() and (result.q <= high).all()
         return bool(inside and max(away, np.linalg.norm(turn)) < 1.01 * REACHED)
 

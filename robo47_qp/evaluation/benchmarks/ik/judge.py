@@ -48,6 +48,15 @@ class IkVerdict(NamedTuple):
         return self.penetration <= 0.0
 
 
+def joint_limits(model: mujoco.MjModel, names: Sequence[str]) -> tuple[Vector, Vector]:
+    """Return the least and the largest configuration (n,) [rad or m], infinite without limits."""
+    joints = [model.joint(name) for name in names]
+    limited = [bool(model.jnt_limited[joint.id]) for joint in joints]
+    ranges = np.array([joint.range for joint in joints])
+    low, high = np.where(limited, ranges.T, [[-np.inf], [np.inf]])
+    return low, high
+
+
 _NO_ANSWER = IkVerdict(np.inf, np.inf, 0.0, 0.0, None)
 
 
@@ -67,10 +76,7 @@ class Judge:
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in robot.joints]
         self._q = [int(joint.qposadr[0]) for joint in joints]
-        limited = [bool(self._model.jnt_limited[joint.id]) for joint in joints]
-        ranges = np.array([joint.range for joint in joints])
-        self._low = np.where(limited, ranges[:, 0], -np.inf)
-        self._high = np.where(limited, ranges[:, 1], np.inf)
+        self._low, self._high = joint_limits(self._model, robot.joints)
         self._tcp = self._model.site(robot.tcp).id
         self._built_in: frozenset[tuple[int, int]] = frozenset()
         self._place(np.asarray(robot.home))

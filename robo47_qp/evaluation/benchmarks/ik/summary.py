@@ -15,7 +15,6 @@ from robo47_qp.evaluation.benchmarks.ik.judge import LOOSE, TIGHT
 from robo47_qp.evaluation.benchmarks.ik.unreachable import EXPECTED
 from robo47_qp.evaluation.statistics import CONFIDENCE, holm, mcnemar, wilson
 from robo47_qp.files import plain
-from robo47_qp.report.provenance import provenance
 
 Question = tuple[str, str]
 """A planned comparison of two solvers, chosen before the results were known."""
@@ -164,6 +163,7 @@ def summary(
     fields: Sequence[Sequence[Answers]],
     questions: Collection[Question],
     left_out: Mapping[str, str],
+    origin: Mapping[str, Any],
     *,
     complete: bool,
 ) -> dict[str, Any]:
@@ -174,6 +174,7 @@ def summary(
         fields: The results, per target set.
         questions: Planned comparisons of two solvers.
         left_out: Solvers that are not installed, with the reason.
+        origin: What `provenance` told before the comparison.
         complete: False where the comparison was interrupted.
     """
     told = [answers for field in fields for answers in field if answers.targets.kinds]
@@ -192,5 +193,5 @@ def summary(
         "rows": [row for field in fields for row in rows(field)],
         "reasons": [row for answers in told for row in reason_rows(answers)],
         "paired": [asdict(test) for test in paired_tests(fields, questions)],
-        **provenance(),
+        **origin,
     }

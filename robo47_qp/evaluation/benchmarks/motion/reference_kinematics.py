@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.evaluation.benchmarks.ik.judge import joint_limits
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
 
@@ -31,8 +32,7 @@ class ReferenceKinematics:
         self._site = int(self._model.site(robot.tcp).id)
         self.joints = robot.joints
         self.home: Vector = np.array(robot.home, dtype=np.float64)
-        self.q_min: Vector = np.array([joint.range[0] for joint in joints])
-        self.q_max: Vector = np.array([joint.range[1] for joint in joints])
+        self.q_min, self.q_max = joint_limits(self._model, robot.joints)
 
     def position(self, q: Vector) -> Vector:
         """Of the tool in the world (3,) [m]."""
@@ -91,9 +91,11 @@ class ReferenceKinematics:
         self, pose: Vector, starts: int, rng: np.random.Generator, within: float
     ) -> Vector | None:
         """A configuration inside the limits at a pose, searched from many random ones."""
+        room = self.q_min, self.q_max
+        # A joint that turns without end is anywhere within a turn.
+        low, high = (np.where(np.isinf(end), np.sign(end) * np.pi, end) for end in room)
         for _ in range(starts):
-            room = self.q_min, self.q_max
-            q, off = self.nearest(pose, rng.uniform(*room), room)
+            q, off = self.nearest(pose, rng.uniform(low, high), room)
             if off <= within:
                 return q
         return None

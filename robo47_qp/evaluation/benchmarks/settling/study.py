@@ -13,7 +13,6 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.settling.settling import BAND
 from robo47_qp.files import write_json
 from robo47_qp.report.figures_table import FiguresTable
-from robo47_qp.report.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,7 @@ def conclude(
         options: The choices.
         times: Settling time of each start; infinite where it did not settle [s].
         columns: What else to print of each start, by heading.
-        others: What else to report, beside "metrics".
+        others: What else to report, beside "metrics": also what `provenance` told before.
         console: Where to print.
 
     Returns:
@@ -88,7 +87,6 @@ def conclude(
         return False
     content = {
         "settings": {**options.settings(), "band": BAND},
-        **provenance(),
         "metrics": {
             "mean_settling_time_s": float(times.mean()),
             "shortest_settling_time_s": float(times.min()),

@@ -25,6 +25,7 @@ from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance, judged
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.tool_poses import Target
+from robo47_qp.report.provenance import provenance
 
 ARM = Arm(PANDA)
 JUDGE = Judge(PANDA)
@@ -227,7 +228,7 @@ def test_reasons_are_counted_by_class() -> None:
 
 def test_the_report_has_what_a_reader_looks_for_and_survives_json() -> None:
     comparison, fields = run({"lm": LmIk(), "again": LmIk()}, uniform, hostile, n=5)
-    found = summary(comparison, fields, (), {"peer": "not installed"}, complete=True)
+    found = summary(comparison, fields, (), {"peer": "not installed"}, provenance(), complete=True)
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     names = {"solver", "targets", "n", "success", "interval", "tight", "collision_free"}
     names |= {"median_ms", "p95_ms", "p99_ms", "limit_violations", "sha256"}

@@ -78,7 +78,7 @@ def test_no_title_of_many_solvers_covers_another(
 def test_the_tables_say_what_the_rows_say(
     compared: tuple[Comparison, list[Sequence[Answers]]],
 ) -> None:
-    found = summary(compared[0], compared[1], {("dls", "lm")}, {}, complete=True)
+    found = summary(compared[0], compared[1], {("dls", "lm")}, {}, {}, complete=True)
     console = Console(width=200, record=True, quiet=False, file=None)
     with console.capture() as capture:
         console.print(field_table(found["rows"][:3]))
