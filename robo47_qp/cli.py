@@ -95,8 +95,8 @@ class StackOptions:
     """Inverse kinematics: mink, the same QP without mink's overhead (qp), the faster
     Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them.
     Each starts from home and is restarted from other configurations where it gets stuck; the
-    names with -single start from home alone, with the more patient settings of a solver without restarts (100 QPs, 200 steps of dls), and offer one configuration
-    per goal where the others offer several. Among obstacles mink, qp and lm step around what is in
+    names with -single start from home alone, with the more patient settings of a solver without
+    restarts (100 QPs, 200 steps of dls), and offer one configuration per goal where the others offer several. Among obstacles mink, qp and lm step around what is in
     the way; with dls, answers that are too close to an obstacle are refused. Straight lines are
     followed from one start per point with any of them; where one fails, a slower search helps."""
     qp_solver: Annotated[str, one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
