@@ -93,12 +93,13 @@ class StackOptions:
     panda_pair for tasks of two arms. iiwa14 and xarm7 take their model from MuJoCo Menagerie."""
     ik: Annotated[str, one_of([*IK_SOLVERS])] = ClassicalStack.ik
     """Inverse kinematics: mink, the same QP without mink's overhead (qp), the faster
-    Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them.
-    Each starts from home and is restarted from other configurations where it gets stuck; the
-    names with -single start from home alone, with the more patient settings of a solver without
-    restarts (100 QPs, 200 steps of dls), and offer one configuration per goal where the others offer several. Among obstacles mink, qp and lm step around what is in
-    the way; with dls, answers that are too close to an obstacle are refused. Straight lines are
-    followed from one start per point with any of them; where one fails, a slower search helps."""
+    Levenberg-Marquardt inside the joint limits (lm), or damped least squares clamped to them. Each
+    starts from home and is restarted from other configurations where it gets stuck; the names with
+    -single start from home alone, with the more patient settings of a solver without restarts (100
+    QPs, 200 steps of dls), and offer one configuration per goal where the others offer several.
+    Among obstacles mink, qp and lm step around what is in the way; with dls, answers that are too
+    close to an obstacle are refused. Straight lines are followed from one start per point with any
+    of them; where one fails, a slower search helps."""
     qp_solver: Annotated[str, one_of(QP_SOLVERS)] = ClassicalStack.qp_solver
     """QP solver for --ik mink and qp, also with -single."""
     controller: Annotated[str, one_of([*CONTROLLERS])] = ClassicalStack.controller
