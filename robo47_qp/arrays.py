@@ -189,6 +189,8 @@ class Size:
     """A rule for vectors: how many finite numbers they have. The field gets a frozen copy."""
 
     size: int
+    unit: bool = False
+    """Whether its length has to be 1."""
 
 
 Positive: TypeAlias = Annotated[float, Range(above=0.0)]
@@ -229,6 +231,8 @@ class Checked:
                 continue
             if isinstance(rule, Size):
                 object.__setattr__(self, field, frozen_vector(label, value, rule.size))
+                if rule.unit:
+                    check_unit(label, getattr(self, field))
             else:
                 rule.check(label, value)
 
@@ -325,6 +329,16 @@ def frozen_list(name: str, given: Any) -> tuple[Any, ...]:
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise InvalidValueError(name, repr(given), "a list")
     return tuple(given)
+
+
+def check_unit(name: str, direction: Vector) -> None:
+    """Check that a direction has the length 1.
+
+    Raises:
+        InvalidValueError: It has another.
+    """
+    if abs(np.linalg.norm(direction) - 1.0) > 1e-6:
+        raise InvalidValueError(name, direction.tolist(), "of length 1")
 
 
 def check_pose(name: str, pose: "SE3") -> None:

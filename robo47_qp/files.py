@@ -1,11 +1,12 @@
 """Files that are written and read: text, JSON, and the checks before; objects as JSON types."""
 
 import dataclasses
+import errno
 import json
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from enum import Enum
 from math import isfinite
@@ -86,13 +87,21 @@ def claimed(path: Path) -> Iterator[None]:
 
 
 def _locked(file: IO[bytes]) -> bool:
-    """Lock a file until it is closed; return False if another process has locked it."""
+    """Lock a file until it is closed; return False if another process has locked it.
+
+    Raises:
+        OSError: It cannot be locked at all.
+    """
     try:
         if sys.platform == "win32":
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         else:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except OSError as error:
+        if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+            file.close()
+            Path(file.name).unlink(missing_ok=True)
+            raise
         return False
     return True
 
@@ -106,13 +115,14 @@ def _is_at(file: IO[bytes], path: Path) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that ends with a line break.
+    """Write a text file that ends with a line break; lone surrogates are escaped.
 
     Raises:
         RecordingError: It cannot be written.
     """
+    content = (text + "\n").encode("utf-8", "backslashreplace")
     try:
-        path.write_text(text + "\n", encoding="utf-8")
+        path.write_bytes(content)
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
 
@@ -142,9 +152,9 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         raise RecordingError(f"{path} must hold finite numbers: {error}.") from error
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror}.") from error
+    write_text(path, text)
 
 
 def read_json(path: Path, remedy: str) -> dict[str, Any]:
@@ -172,8 +182,16 @@ def read_json(path: Path, remedy: str) -> dict[str, Any]:
 def plain(value: object) -> Any:
     """Return a setting as JSON types: dataclasses by field, with the name of their class.
 
-    Infinity and NaN, which JSON lacks, become text; other objects become the name of their class.
+    Infinity and NaN, which JSON lacks, become text; so do paths, and the keys of a mapping. Other
+    objects become the name of their class.
     """
+    match value:
+        case Enum():
+            value = value.value
+        case np.ndarray() | np.generic():
+            value = value.tolist()
+        case Path():
+            value = str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         names = [f.name for f in dataclasses.fields(value)]
         if isinstance(value, SE3):
@@ -182,12 +200,10 @@ def plain(value: object) -> Any:
     match value:
         case float() if not isfinite(value):
             return str(value)
-        case Enum():
-            return value.value
-        case np.ndarray() | tuple() | list():
-            items = value.tolist() if isinstance(value, np.ndarray) else value
-            return [plain(item) for item in items]
+        case tuple() | list():
+            return [plain(item) for item in value]
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
         case None | bool() | int() | float() | str():
             return value
-        case _:
-            return {"class": type(value).__name__}
+    return {"class": type(value).__name__}

@@ -17,7 +17,7 @@ with importing():
     from robo47_qp.arrays import Checked, Count, CountOrZero, Range, Suffix
     from robo47_qp.cli import main
     from robo47_qp.collision.clearance import Clearance
-    from robo47_qp.evaluation.benchmarks.ik.contact_judge import SEEN, ContactJudge
+    from robo47_qp.evaluation.benchmarks.ik.contact_judge import ContactJudge
     from robo47_qp.files import check_writable, write_json
     from robo47_qp.ik.gauss_newton import Stall
     from robo47_qp.ik.lm import LmIk
@@ -68,12 +68,13 @@ class Figures:
     solved: int
     interval: tuple[float, float]
     """Wilson's 95 % interval of the share."""
-    least_clearance_mm: float
-    """Smallest clearance of all solutions, measured by the judge."""
-    median_ms: float
-    p95_ms: float
-    p99_ms: float
-    unsolvable_median_ms: float
+    least_clearance_mm: float | None
+    """Smallest clearance of all solutions, measured by the judge; None where there is none."""
+    median_ms: float | None
+    """Times of the targets that have a solution; None where there are none."""
+    p95_ms: float | None
+    p99_ms: float | None
+    unsolvable_median_ms: float | None
 
 
 def cell() -> list[Obstacle]:
@@ -155,7 +156,8 @@ def run(options: CollisionIkOptions, console: Console) -> int:
     _show(rows, console)
     if options.report is not None:
         write_json(options.report, {**made, "rows": [asdict(row) for row in rows]})
-    kept = min(row.least_clearance_mm for row in rows) >= 1e3 * options.clearance - 0.1
+    least = [row.least_clearance_mm for row in rows]
+    kept = all(one is not None and one >= 1e3 * options.clearance - 0.1 for one in least)
     return 0 if kept and all(row.solved >= 0.995 * row.solvable for row in rows) else 1
 
 
@@ -175,7 +177,7 @@ def _figures(
     if count:
         share = binomtest(solved, count).proportion_ci(method="wilson")
         low, high = float(share.low), float(share.high)
-    ms = 1e3 * np.array([result.seconds for _, result, has_answer in pairs if has_answer] or [0.0])
+    ms = [1e3 * result.seconds for _, result, has_answer in pairs if has_answer]
     rest = [1e3 * result.seconds for _, result, has_answer in pairs if not has_answer]
     return Figures(
         solver=name,
@@ -184,13 +186,23 @@ def _figures(
         solvable=count,
         solved=solved,
         interval=(low, high),
-        least_clearance_mm=1e3
-        * min((judge.clearance(result.q) for result in answers), default=SEEN),
-        median_ms=float(np.median(ms)),
-        p95_ms=float(np.quantile(ms, 0.95)),
-        p99_ms=float(np.quantile(ms, 0.99)),
-        unsolvable_median_ms=float(np.median(rest)) if rest else 0.0,
+        least_clearance_mm=1e3 * min(judge.clearance(result.q) for result in answers)
+        if answers
+        else None,
+        median_ms=_quantile(ms, 0.5),
+        p95_ms=_quantile(ms, 0.95),
+        p99_ms=_quantile(ms, 0.99),
+        unsolvable_median_ms=_quantile(rest, 0.5),
     )
+
+
+def _quantile(values: list[float], share: float) -> float | None:
+    """Return a quantile; None of nothing."""
+    return float(np.quantile(values, share)) if values else None
+
+
+def _told(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
 
 
 def _show(rows: list[Figures], console: Console) -> None:
@@ -204,9 +216,9 @@ def _show(rows: list[Figures], console: Console) -> None:
             str(row.solved),
             str(row.solvable),
             f"{100 * row.interval[0]:.2f} %",
-            f"{row.least_clearance_mm:.3f}",
-            *(f"{value:.2f}" for value in (row.median_ms, row.p95_ms, row.p99_ms)),
-            f"{row.unsolvable_median_ms:.1f}",
+            _told(row.least_clearance_mm, 3),
+            *(_told(value, 2) for value in (row.median_ms, row.p95_ms, row.p99_ms)),
+            _told(row.unsolvable_median_ms, 1),
         )
     console.print(table)
 

@@ -23,7 +23,7 @@ with importing():
 
     from robo47_qp.arrays import Checked, Count, CountOrZero, Matrix
     from robo47_qp.cli import FAILED, LOGS, OK, main
-    from robo47_qp.errors import UnknownNameError
+    from robo47_qp.errors import InvalidValueError, UnknownNameError
     from robo47_qp.evaluation.benchmarks.ik.workspace import find_reach
     from robo47_qp.evaluation.statistics import mcnemar, paired_difference, wilson
     from robo47_qp.files import check_writable, write_json
@@ -90,6 +90,8 @@ def run(options: FreeAxisOptions, console: Console) -> int:
     unknown = [name for name in options.solvers if name not in SOLVERS]
     if unknown:
         raise UnknownNameError("solver", unknown[0], SOLVERS)
+    if not options.solvers:
+        raise InvalidValueError("--solvers", "none", f"one at least of {', '.join(SOLVERS)}")
     arm = Arm(load_robot(options.robot))
     targets = drawn(arm, options)
     figures, tight = dict[str, dict[str, Any]](), dict[str, NDArray[np.bool_]]()
@@ -165,7 +167,7 @@ def measured(
         "reached": reached,
         "tight": int(tight.sum()),
         "of": len(targets),
-        "interval": list(wilson(int(tight.sum()), len(targets))),
+        "interval": list(wilson(reached, len(targets))),
         "worst_error": worst,
         "outside_limits": outside,
         "median_ms": float(np.median(spent)),

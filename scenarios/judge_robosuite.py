@@ -25,7 +25,7 @@ with importing():
     from robo47_qp.cli import FAILED, LOGS, OK, main
     from robo47_qp.errors import InvalidValueError, Robo47Error, UnknownNameError
     from robo47_qp.evaluation.statistics import wilson
-    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.files import check_writable, read_json, write_json
     from robo47_qp.report.figures_table import FiguresTable
     from robo47_qp.report.provenance import provenance
     from robo47_qp.report.terminal import print_files
@@ -137,7 +137,10 @@ def finished(
     """
     if not options.resume or not options.report.exists():
         return [], []
-    kept = json.loads(options.report.read_text(encoding="utf-8"))
+    kept = read_json(options.report, "Judge without --resume.")
+    if not {"changed", "rows", "failures"} <= set(kept):
+        must = "a report of this scenario; judge without --resume"
+        raise InvalidValueError("--resume", str(options.report), must)
     if kept["changed"] or made["changed"]:
         must = "made by a commit, as this one, without changes of files"
         raise InvalidValueError("--resume", str(options.report), must)

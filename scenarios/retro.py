@@ -103,6 +103,21 @@ def machine() -> dict[str, str]:
     }
 
 
+def _check_main_job(reports: Mapping[str, Mapping[str, Any]]) -> None:
+    """Check that figures to keep are those of the main job, and its studies of one commit.
+
+    Raises:
+        RecordingError: They are not.
+    """
+    job = reports["pickplace"]
+    if job.get("task") != "pick_place" or job.get("seed") is not None or not job.get("audit"):
+        found = f"{job.get('task')} with seed {job.get('seed')}"
+        raise RecordingError(f"The last run is not the main job, but {found}: make reproduce.")
+    commits = {reports[study].get("commit") for study in ("settling", "cartpole_lqr")}
+    if len(commits) > 1:
+        raise RecordingError("The two studies are of different commits: make reproduce.")
+
+
 def run(options: RetroOptions, console: Console) -> int:
     """Keep or compare; returns the exit code."""
     reports = {
@@ -112,6 +127,7 @@ def run(options: RetroOptions, console: Console) -> int:
     measured = figures(reports)
     here = {**machine(), **_packages(reports["pickplace"])}
     if options.keep:
+        _check_main_job(reports)
         if not (measured["pickplace/succeeded"] and not measured["pickplace/promises broken"]):
             raise RecordingError("The last main job failed, or broke a promise: not to be kept.")
         write_json(options.kept, {"machine": here, "figures": measured})

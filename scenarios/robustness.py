@@ -18,6 +18,7 @@ with importing():
 
     from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
     from robo47_qp.cli import FAILED, INTERRUPTED, LOGS, OK, main
+    from robo47_qp.errors import InvalidValueError
     from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
     from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
     from robo47_qp.evaluation.workers.executor import cores
@@ -68,6 +69,8 @@ def run(options: RobustnessOptions, console: Console) -> int:
     picture = options.report.with_suffix(".png")
     for path in (options.report, picture):
         check_writable(path)
+    if not options.stacks:
+        raise InvalidValueError("--stacks", "none", "one at least")
     made = provenance()
     task = load_task(options.task)()
     robot = in_cell(load_robot(options.robot), task.name)

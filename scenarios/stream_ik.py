@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from math import isnan
 from time import process_time_ns
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from robo47_qp.report.importing import importing
 
@@ -15,7 +15,7 @@ with importing():
     import numpy as np
     from rich.console import Console
 
-    from robo47_qp.arrays import Checked, Count, CountOrZero
+    from robo47_qp.arrays import Checked, Count, CountOrZero, Range
     from robo47_qp.cli import FAILED, OK, main
     from robo47_qp.collision.clearance import Clearance
     from robo47_qp.evaluation.benchmarks.ik.hostile_targets import (
@@ -51,7 +51,7 @@ class StreamOptions(Checked):
     """Draw the targets from this seed."""
     limits: Literal["rated", "profile"] = "rated"
     """Joint limits to use: the manufacturer's, or the slower ones of the robot's profile."""
-    clearance: float = 0.02
+    clearance: Annotated[float, Range(at_least=0.0, at_most=0.05)] = 0.02
     """Distance to keep between links and from obstacles [m]."""
     json: bool = False
     """Print the figures as JSON on the standard output and nothing else."""

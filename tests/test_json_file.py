@@ -1,12 +1,13 @@
 """JSON files: what is written comes back to the last bit; what is not there is told."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robo47_qp.errors import RecordingError
-from robo47_qp.files import read_json, write_json
+from robo47_qp.files import claimed, plain, read_json, write_json
 
 
 def test_every_bit_comes_back(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -46,3 +47,28 @@ def test_what_cannot_be_read_is_told_with_its_remedy(
         path.write_text(text)
     with pytest.raises(RecordingError, match=f"figures.json {message}"):
         read_json(path, "Make it.")
+
+
+def test_text_that_is_no_utf_8_is_escaped_and_the_file_whole(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    write_json(path, {"command": "robo47 \udcff"})
+    assert read_json(path, "") == {"command": "robo47 \udcff"} or "udcff" in path.read_text()
+
+
+def test_settings_are_told_whole() -> None:
+    given = {"a": np.int64(3), "b": np.bool_(True), "c": Path("x/y"), "d": {1: np.float64(0.5)}}
+    assert plain(given) == {"a": 3, "b": True, "c": "x/y", "d": {"1": 0.5}}
+
+
+def test_a_file_system_without_locks_is_not_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    told = pytest.raises(RecordingError, match="No locks available")
+    with told, claimed(tmp_path / "run.rrd"):
+        pass

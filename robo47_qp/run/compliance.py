@@ -25,7 +25,7 @@ class Compliance(Checked):
     """Per axis of the frame (6,), linear part first [N/m, N·m/rad]."""
     frame: Literal["world", "tool"] = "world"
     """Frame whose axes the stiffness has."""
-    axis: Annotated[Vector, Size(3)] | None = None
+    axis: Annotated[Vector, Size(3, unit=True)] | None = None
     """Direction to press in, a unit vector in the world (3,); None does not press. With the frame
     "tool" it turns with the tool from the start of the step on. Motion of the reference along it
     is ignored, so the waypoints should lie in a plane normal to it."""
@@ -41,9 +41,6 @@ class Compliance(Checked):
             InvalidValueError: A number is negative, not finite or of the wrong shape.
         """
         super().__post_init__()
-        axis = self.axis
-        if axis is not None and abs(np.linalg.norm(axis) - 1.0) > 1e-6:
-            raise InvalidValueError("axis", axis.tolist(), "of length 1")
         if (self.axis is None) != (self.force == 0.0):
             raise InvalidValueError(
                 "force", f"{self.force} N with axis {self.axis}", "above 0 with an axis, or neither"

@@ -10,7 +10,7 @@ import numpy as np
 from mink import SE3
 from scipy.interpolate import CubicHermiteSpline
 
-from robo47_qp.arrays import Checked, Matrix, NotNegative, Positive, Range, Size, Vector
+from robo47_qp.arrays import Matrix, NotNegative, Positive, Range, Size, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.gripper import Grip
@@ -42,7 +42,7 @@ _SHARE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guarded(Checked, Step):
+class Guarded(Step):
     """Move on a straight line until contact, and stop there."""
 
     waypoint: Waypoint
@@ -105,7 +105,7 @@ class Guarded(Checked, Step):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ContactMotion(Checked, Step):
+class ContactMotion(Step):
     """Move the tool along waypoints while it is in contact, then stay, and watch what happens."""
 
     waypoints: tuple[Waypoint, ...] = ()
@@ -220,7 +220,7 @@ class Press(ContactMotion):
     the arm: with a stiffness k, the damping ratio is d / (2 √(k m)).
     """
 
-    axis: Annotated[Vector, Size(3)]
+    axis: Annotated[Vector, Size(3, unit=True)]
     """Direction to press in, a unit vector in the world (3,)."""
     force: NotNegative
     """F [N]; 0 stays on the path."""
@@ -378,7 +378,7 @@ class _Depth(_Tracker):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unload(Checked, Step):
+class Unload(Step):
     """Take the arm's position as its reference, so that its springs carry no load.
 
     Two hands that hold one body stiffly press and pull at it by what their positions lack to fit:

@@ -167,18 +167,21 @@ class ControlLoop:
         axis: Vector | None = None,
         afresh: bool = True,
     ) -> None:
-        """Start a phase; if `afresh` is False and the last one has this name, continue that one.
+        """Start a phase; if `afresh` is False and the last one is the same, continue that one.
 
         The other arguments are those of `Phase`.
         """
-        if not afresh and self.phases and self.phases[-1].name == name:
-            return
-        start = len(self.recording)
-        self.phases.append(
-            Phase(
-                name=name, start=start, leg=leg, compliant=compliant, streamed=streamed, axis=axis
-            )
+        phase = Phase(
+            name=name,
+            start=len(self.recording),
+            leg=leg,
+            compliant=compliant,
+            streamed=streamed,
+            axis=axis,
         )
+        if not afresh and self.phases and phase.continues(self.phases[-1]):
+            return
+        self.phases.append(phase)
         for observer in self.observers:
             observer.phase(self.sim.time, name)
         if leg is not None and self.observers:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from robo47_qp.arrays import Checked
 from robo47_qp.errors import PlanError, RefusalReason, Robo47Error
 
 
@@ -59,7 +60,7 @@ class StepFailed(Robo47Error):  # noqa: N818  # read as a sentence in `except St
 
 
 @dataclass(frozen=True, kw_only=True)
-class Condition:
+class Condition(Checked):
     """A statement about the world that has to hold before, during or after a step."""
 
     name: str

@@ -1,11 +1,12 @@
 """The step that follows a moving pose."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 from mink import SE3
 
+from robo47_qp.arrays import NotNegative
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.payload import Payload
@@ -24,9 +25,9 @@ class Follow(Step):
     """Return T_world_tcp at a time [s], up to 30 ms ahead; None brakes."""
     until: Condition
     """Ends the step once it holds; the step fails with its cause if it does not hold in time."""
-    seconds: float
+    seconds: NotNegative
     """Time limit [s]."""
-    during: Sequence[Condition] = ()
+    during: tuple[Condition, ...] = ()
     """Checked meanwhile: the step fails at once where one does not hold."""
     grip: Grip | None = None
     """Command to the gripper at the start of the step."""

@@ -169,8 +169,13 @@ def file_module(path: Path) -> ModuleType:
             raise ImportError(f"{path} is no Python file")
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
-        spec.loader.exec_module(module)
-        _FILES.append(path)
+        try:
+            spec.loader.exec_module(module)
+            _FILES.append(path)
+        finally:
+            # Half of a module is none.
+            if path not in _FILES:
+                del sys.modules[name]
     return sys.modules[name]
 
 

@@ -22,3 +22,14 @@ class Phase:
     axis: Vector | None = None
     """Direction in which the reference leaves the planned motion as the tool presses along it: a
     unit vector in the world (3,). None where it does not press, or is compliant."""
+
+    def continues(self, last: "Phase") -> bool:
+        """Return whether it has the name of the last phase, and the arm follows as it did then."""
+        same = (self.name, self.compliant, self.streamed) == (
+            last.name,
+            last.compliant,
+            last.streamed,
+        )
+        if not same or self.axis is None or last.axis is None:
+            return same and self.axis is last.axis
+        return bool((self.axis == last.axis).all())

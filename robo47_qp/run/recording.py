@@ -7,6 +7,7 @@ accelerations and contact forces are those of the period from t_k to t_k+1.
 
 import mmap
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
@@ -204,7 +205,8 @@ class _Memory:
         if rows > len(self._left):
             # Of memory that was freed before, an allocator would write every page.
             pages = mmap.mmap(-1, 8 * _CHUNKS * rows * self._width)
-            if hasattr(mmap, "MADV_HUGEPAGE"):
+            # Real-time kernels have no huge pages, whatever headers say.
+            with suppress(AttributeError, OSError):
                 pages.madvise(mmap.MADV_HUGEPAGE)
             zeros = np.frombuffer(pages)
             self._piece = self._left = zeros.reshape(_CHUNKS * rows, self._width)

@@ -193,6 +193,7 @@ def read_rows(path: Path) -> KeptRows:
             for s in head["signals"]
         ]
         written, robot, form = head["versions"], str(head["robot"]), head["form"]
+        of = written["mujoco"]
         scene = bytes(parts[b"MJCB"][0])
         if crc32(scene) != head["scene_crc32"]:
             raise ValueError("its scene is not the one that was written")
@@ -200,7 +201,7 @@ def read_rows(path: Path) -> KeptRows:
         blocks = [_block(part, sum(len(s.labels) for s in signals)) for part in parts[b"ROWS"]]
     except (ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{path} cannot be read: it is damaged ({error!r}).") from error
-    if form != _FORM or written["mujoco"] != mujoco.__version__:
+    if form != _FORM or of != mujoco.__version__:
         raise RecordingError(
             f"{path} was written in form {form} with {_listed(written)}; here are form {_FORM} and "
             f"{_listed(_versions())}. Read it with those."

@@ -13,6 +13,7 @@ from robo47_qp.errors import (
     NoGripperError,
     PlanError,
     Robo47Error,
+    UnknownNameError,
 )
 from robo47_qp.files import plain
 from robo47_qp.model.arm import Arm
@@ -78,7 +79,7 @@ class ProgramDriver:
                 failed = None
                 try:
                     runner.executor.perform(as_step(step))
-                except InvalidValueError as error:
+                except (InvalidValueError, UnknownNameError, NoGripperError) as error:
                     failed = error
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=loop.sim.time))
@@ -181,6 +182,9 @@ class Runner:
         except (KeyboardInterrupt, TaskError):
             self._sim.stand_by()
             self.loop.recording.flush()
+            raise
+        except Robo47Error:
+            self._sim.stand_by()
             raise
         return self.ended(failure)
 

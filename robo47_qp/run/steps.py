@@ -12,7 +12,7 @@ from typing import ClassVar, TypeAlias
 
 import numpy as np
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Checked, Longest, NotNegative, Vector
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError
 from robo47_qp.ik.stream.stream import StreamIk
@@ -41,7 +41,7 @@ _GRIP_TIMEOUT = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(ABC):
+class Step(Checked, ABC):
     """One step of a program: what it needs, and how it is carried out."""
 
     before: tuple[Condition, ...] = ()
@@ -199,6 +199,7 @@ class Move(Step):
         Raises:
             InvalidValueError: There is no waypoint.
         """
+        super().__post_init__()
         if not self.waypoints:
             raise InvalidValueError("waypoints of a move", "none", "at least one waypoint")
 
@@ -239,13 +240,13 @@ class Move(Step):
 class Grasp(Step):
     """Close the fingers and wait until they stand still."""
 
-    force: float
+    force: NotNegative
     """Force of each finger [N]."""
     tool: str | None = None
     """Name of the tool whose fingers close; None is the main one."""
-    width: float = 0.0
+    width: NotNegative = 0.0
     """Opening width to close to, if nothing is in between [m]."""
-    speed: float = inf
+    speed: Longest = inf
     """Largest rate of the opening width, beside that of the gripper [m/s]."""
     compliance: Compliance | None = None
     """How the tool gives way to fingers that touch one after the other; None keeps it stiff."""
@@ -266,7 +267,7 @@ class Release(Step):
 
     tool: str | None = None
     """Name of the tool whose fingers open; None is the main one."""
-    width: float | None = None
+    width: NotNegative | None = None
     """Opening width to open to [m]; None opens them fully."""
     name: str = "release"
     grips: ClassVar[bool] = True
@@ -282,7 +283,7 @@ class Release(Step):
 class Look(Step):
     """Let the camera take images of what is not held: the arm may loosen its joints meanwhile."""
 
-    seconds: float
+    seconds: NotNegative
     """How long [s]."""
     lasts: float
     """How long such steps will take, at least, with this one [s]."""
@@ -299,7 +300,7 @@ class Look(Step):
 class Wait(Step):
     """Stand still until a condition holds."""
 
-    seconds: float
+    seconds: NotNegative
     """How long at most; the whole time where `until` is None [s]."""
     until: Condition | None = None
     """What is waited for; the step fails with its cause if it does not hold in time."""

@@ -7,6 +7,7 @@ import numpy as np
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Count, CountOrZero
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.task import Program, Task
@@ -34,6 +35,17 @@ class RandomMotions(Task):
     kinds: tuple[str, ...] = ("PTP", "LIN", "CIRC")
     """Kinds of motion, which take turns."""
     name: str = "random_motions"
+
+    def __post_init__(self) -> None:
+        """Check the fields; see `Checked`.
+
+        Raises:
+            InvalidValueError: There is no kind, or one is unknown.
+        """
+        super().__post_init__()
+        known = [motion.name for motion in Motion]
+        if not self.kinds or not set(self.kinds) <= set(known):
+            raise InvalidValueError("kinds", self.kinds, f"some of {', '.join(known)}")
 
     @property
     def time_limit(self) -> float:

@@ -7,18 +7,19 @@ from typing import Any
 from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.policies import policy_settings
 from robo47_qp.files import plain
+from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.stack import ClassicalStack
 
 
 def _success_name(result: Mapping[str, Any]) -> str:
     """Return the name of an evaluation with the defaults in one of the levels."""
-    level = _level(result)
+    level = _level(result) if _on_its_robot(result) else None
     return "none of those" if level is None else f"success_{level}_{result['task']}"
 
 
 def _robots_name(result: Mapping[str, Any]) -> str:
     """Return the name of an evaluation of a robot without perturbations."""
-    robot = result["settings"]["robot"]
+    robot = _settings(result).get("robot")
     return f"robots_{robot}_{result['task']}" if _level(result) == "none" else "none of those"
 
 
@@ -47,22 +48,34 @@ ALONE = {
 
 def _alone_name(result: Mapping[str, Any]) -> str:
     """Return the name of an evaluation with the defaults in a world that is wrong in one way."""
-    found = result["settings"]["perturbation"]
+    found = _settings(result).get("perturbation")
     kinds = (name for name, one in ALONE.items() if plain(one.wrong) == found)
-    kind = next(kinds, None) if _by_default(result) else None
+    kind = next(kinds, None) if _by_default(result) and _on_its_robot(result) else None
     return "none of those" if kind is None else f"alone_{kind}_{result['task']}"
 
 
 def _by_default(result: Mapping[str, Any]) -> bool:
     """Return whether the default stack was evaluated."""
-    return bool(result["settings"]["policy"] == policy_settings(ClassicalStack(), None))
+    return bool(_settings(result).get("policy") == policy_settings(ClassicalStack(), None))
+
+
+def _on_its_robot(result: Mapping[str, Any]) -> bool:
+    """Return whether a task was done by the robot that it is made for."""
+    task = result.get("task")
+    return task in task_names() and _settings(result).get("robot") == load_task(task).default_robot
+
+
+def _settings(result: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the settings of an evaluation; none of a report of something else."""
+    found = result.get("settings")
+    return found if isinstance(found, Mapping) else {}
 
 
 def _level(result: Mapping[str, Any]) -> str | None:
     """Return the level of an evaluation of the default stack; None for any other."""
     if not _by_default(result):
         return None
-    found = result["settings"]["perturbation"]
+    found = _settings(result).get("perturbation")
     return next((name for name, level in PRESETS.items() if plain(level) == found), None)
 
 

@@ -1,5 +1,7 @@
 """Recordings: every row handed on once, in order, and kept."""
 
+import errno
+import mmap
 from dataclasses import dataclass, field
 from weakref import ref
 
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from robo47_qp.arrays import Matrix
 from robo47_qp.errors import RecordingError, UnknownNameError
 from robo47_qp.run.control_loop import BLOCK_END
-from robo47_qp.run.recording import CHUNK_ROWS, Recording, Rows, slices
+from robo47_qp.run.recording import CHUNK_ROWS, Recording, Rows, _Memory, slices
 from robo47_qp.sim.signal import Signal
 from tests.runs import Reach, make_runner
 
@@ -210,3 +212,13 @@ def test_the_rows_of_a_run_are_gone_with_it() -> None:
     del run, memory
     assert pages() is None
     assert len(runner.loop.recording) > 100
+
+
+def test_rows_are_kept_where_the_kernel_has_no_huge_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Plain(mmap.mmap):
+        def madvise(self, *_: int) -> None:
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(mmap, "mmap", Plain)
+    block, _ = _Memory(WIDTH).block(10)
+    assert block.shape == (10, WIDTH)

@@ -3,20 +3,21 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from mink import SE3, SO3
 
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.model.gripper import Grip
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.compliance import Compliance
-from robo47_qp.run.contact_steps import Guarded
+from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
-from robo47_qp.run.steps import Grasp, Move, Release, StepLike, Wait, as_step
+from robo47_qp.run.steps import Grasp, Look, Move, Release, StepLike, Wait, as_step
 from robo47_qp.run.task import Program
 from robo47_qp.sim.sensed import Sensed
 from tests.run.written import Told, Written, names, run_program, up
@@ -281,3 +282,52 @@ def test_a_move_does_not_wait_for_what_the_fingers_do_meanwhile() -> None:
     assert run.failure is None
     assert names(run) == ["up", "end"]
     assert widths == pytest.approx([0.02], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: Wait(seconds=np.nan), "seconds must be 0 or more and finite; found nan"),
+        (lambda: Look(seconds=np.inf, lasts=0.0), "seconds must be 0 or more and finite"),
+        (lambda: Grasp(force=-1.0), "force must be 0 or more"),
+        (lambda: Release(width=np.nan), "width must be 0 or more"),
+        (lambda: Wait(seconds=1.0, after=cast("Any", 3)), "after must be a sequence, each"),
+        (lambda: Wait(seconds=1.0, until=cast("Any", 3)), "until must be a Condition or None"),
+        (
+            lambda: Press(axis=np.array([0.0, 0.0, -2.0]), force=1.0, felt=float),
+            r"axis must be of length 1; found \[0.0, 0.0, -2.0\]",
+        ),
+    ],
+)
+def test_a_step_that_cannot_be_done_is_refused_as_it_is_made(
+    make: Callable[[], object], told: str
+) -> None:
+    with pytest.raises(InvalidValueError, match=told):
+        make()
+
+
+def test_a_tool_that_is_not_there_is_told_to_the_program() -> None:
+    told: list[str] = []
+
+    def program(_: Sensed) -> Program:
+        try:
+            yield Grasp(force=10.0, tool="nope")
+        except UnknownNameError as error:
+            told.append(str(error))
+        return None
+
+    assert run_program(program).failure is None
+    assert told == ["No tool is called 'nope'; known: tool."]
+
+
+def test_a_step_of_the_same_name_that_gives_way_is_a_phase_of_its_own() -> None:
+    def program(_: Sensed) -> Program:
+        yield Grasp(force=10.0)
+        yield Grasp(force=10.0, compliance=Compliance())
+        yield Grasp(force=10.0, compliance=Compliance())
+        return None
+
+    run = run_program(program)
+    told = [(phase.name, phase.compliant) for phase in run.phases]
+    assert told[:2] == [("grasp", False), ("grasp", True)]
+    assert [name for name, _ in told[2:]].count("grasp") == 0

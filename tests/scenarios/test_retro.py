@@ -257,3 +257,16 @@ def test_the_machine_is_the_same_twice_and_names_no_place() -> None:
     assert {"processor", "instructions", "system"} == set(machine())
     assert all(machine().values())
     assert platform.node() not in " ".join(machine().values())
+
+
+def test_what_is_not_the_main_job_is_not_kept(tmp_path: Path, reports: Reports) -> None:
+    changes: list[dict[str, Any]] = [{"task": "reach"}, {"seed": 7}, {"audit": []}]
+    for change in changes:
+        changed = copy.deepcopy(reports)
+        changed["pickplace"].update(change)
+        for scenario, name in REPORTS.items():
+            write_json(tmp_path / name, changed[scenario])
+        options = RetroOptions(logs=tmp_path, kept=tmp_path / "kept.json", keep=True)
+        with pytest.raises(RecordingError, match="The last run is not the main job"):
+            run(options, Console(file=StringIO()))
+        assert not (tmp_path / "kept.json").exists()

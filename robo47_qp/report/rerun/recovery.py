@@ -45,7 +45,11 @@ def recover(path: Path) -> tuple[Path, float]:
             for first in range(0, len(rows), CHUNK_ROWS):
                 log.write(Rows(rows.signals, rows.values[first : first + CHUNK_ROWS]))
             for event in kept.events:
-                log.draw(event)
+                try:
+                    log.draw(event)
+                except (KeyError, TypeError, ValueError) as error:
+                    told = f"{path} cannot be read: it is damaged (no event: {event!r:.200})."
+                    raise RecordingError(told) from error
             end = float(rows["time"][-1, 0])
             log.note(end, _TOLD, "ERROR")
             log.break_off()

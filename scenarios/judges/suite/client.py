@@ -119,7 +119,7 @@ def judged(env: Any, policy: Any, task: str, seed: int, noise: Noise | None) -> 
         if ended:
             told = told or "robosuite ended the episode"
             break
-    success = bool(env._check_success())
+    success = done_at is not None and bool(env._check_success())
     return {
         "task": task,
         "seed": seed,

@@ -189,3 +189,13 @@ def test_what_a_policy_leaves_that_has_stopped_its_warden_ends_with_its_time(
     lines = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline")]
     assert not [line for line in lines if b"sleep(601)" in line or os.fsencode(tmp_path) in line]
     assert list(tmp_path.glob("robo47-policy-*")) == []
+
+
+def test_half_a_module_is_loaded_anew_once_it_is_mended(tmp_path: Path) -> None:
+    file = tmp_path / "policy.py"
+    file.write_text("x = 1\nimport nothing_of_this_name")
+    for _ in range(2):
+        with pytest.raises(ImportError, match="nothing_of_this_name"):
+            file_module(file)
+    file.write_text("x = 2")
+    assert file_module(file).x == 2

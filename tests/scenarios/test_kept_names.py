@@ -1,0 +1,33 @@
+"""Under which name a report may be kept is told by what it is of."""
+
+import copy
+import json
+from typing import Any
+
+import pytest
+
+from scenarios.papers.names import OWN_NAMES
+from tests.test_architecture import ROOT
+
+KEPT = ROOT / "docs" / "results"
+
+
+def report(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((KEPT / f"{name}.json").read_text("utf-8"))
+    return found
+
+
+@pytest.mark.parametrize("name", ["success_none_pick_place", "robots_panda_pick_place"])
+def test_one_of_another_robot_is_not_the_default_s(name: str) -> None:
+    mine = report("success_none_pick_place")
+    other = copy.deepcopy(mine)
+    other["settings"]["robot"] = "iiwa14"
+    kind = name.partition("_")[0]
+    assert OWN_NAMES[kind](mine) == name
+    assert OWN_NAMES["success"](other) == OWN_NAMES["alone"](other) == "none of those"
+    assert OWN_NAMES["robots"](other) == "robots_iiwa14_pick_place"
+
+
+def test_a_report_of_something_else_has_none_of_these_names() -> None:
+    for name in ("step_cost", "compare_ik", "mutants"):
+        assert {one(report(name)) for one in OWN_NAMES.values()} == {"none of those"}
