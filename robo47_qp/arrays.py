@@ -117,9 +117,10 @@ class Numbers(Rule):
         return given.shape == (self.count,) and self.each._accepts(given)
 
     def __str__(self) -> str:
+        count = {2: "two", 3: "three"}.get(self.count, str(self.count))
         if self.each == Range():
-            return f"{self.count} finite numbers"
-        return f"{self.count} numbers, each {self.each}"
+            return f"{count} finite numbers"
+        return f"{count} numbers, each {self.each}"
 
 
 @dataclass(frozen=True)

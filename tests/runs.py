@@ -63,9 +63,11 @@ def make_runner(
     seed: int | None = None,
     speed: float = 1.0,
     observer: DisturbanceObserver | None = ClassicalStack.observer,
+    controller: str = ClassicalStack.controller,
 ) -> tuple[Runner, Simulation]:
     """A runner at the start of a task on the Panda, with the default choices."""
-    scenario = ClassicalStack(pace=speed, observer=observer).scenario(PANDA, task, seed)
+    stack = ClassicalStack(pace=speed, observer=observer, controller=controller)
+    scenario = stack.scenario(PANDA, task, seed)
     simulation = Simulation(PANDA, task.build_scene)
     return Runner(scenario, simulation), simulation
 
@@ -76,11 +78,12 @@ def carry_out(
     seed: int | None = None,
     speed: float = 1.0,
     observer: DisturbanceObserver | None = ClassicalStack.observer,
+    controller: str = ClassicalStack.controller,
     sinks: Sequence[Sink] = (),
     observers: Sequence[Observer] = (),
 ) -> Run:
     """Run a task once; the rows cannot be written to."""
-    runner, _ = make_runner(task, seed=seed, speed=speed, observer=observer)
+    runner, _ = make_runner(task, seed=seed, speed=speed, observer=observer, controller=controller)
     run = runner.run(sinks=sinks, observers=observers)
     run.rows.values.setflags(write=False)
     return run

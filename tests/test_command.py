@@ -162,7 +162,7 @@ def test_a_broken_promise_is_seen_wherever_one_looks(tmp_path: Path) -> None:
         (["--speed", "0"], ["speed must be", "found 0.0"]),
         (["--speed", "2"], ["speed must be", "found 2.0"]),
         (["--speed", "nan"], ["speed must be", "found nan"]),
-        (["--pick", "nan", "0"], ["pick must be 2 finite numbers", "nan"]),
+        (["--pick", "nan", "0"], ["pick must be two finite numbers", "nan"]),
         (
             ["--place", "2", "0"],
             ["--place must be on the table (x -0.28 to 0.88, y -0.58 to 0.58)"],

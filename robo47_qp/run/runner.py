@@ -12,6 +12,7 @@ from robo47_qp.errors import (
     InvalidValueError,
     NoGripperError,
     PlanError,
+    RecordingError,
     Robo47Error,
     UnknownNameError,
 )
@@ -79,7 +80,7 @@ class ProgramDriver:
                 failed = None
                 try:
                     runner.executor.perform(as_step(step))
-                except (InvalidValueError, UnknownNameError, NoGripperError) as error:
+                except (InvalidValueError, UnknownNameError) as error:
                     failed = error
                 except StepFailed as error:
                     failed = StepFailed(replace(error.failure, time=loop.sim.time))
@@ -183,8 +184,10 @@ class Runner:
             self._sim.stand_by()
             self.loop.recording.flush()
             raise
-        except Robo47Error:
+        except Robo47Error as error:
             self._sim.stand_by()
+            if not isinstance(error, RecordingError):
+                self.loop.recording.flush()
             raise
         return self.ended(failure)
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import CountOrZero, Longest, Positive
+from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import Release, StepLike, Wait
@@ -64,7 +64,7 @@ class ConveyorPick(Task):
     """Largest distance of the cube from its goal [m]."""
     retries: CountOrZero = 2
     """Further attempts while the cube is in reach."""
-    force_max: Longest = 60.0
+    force_max: Positive = 60.0
     """See `Task.force_max`."""
     name: str = "conveyor_pick"
     opening_needed: ClassVar[float | None] = 0.05

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mink import SE3, SO3
 
-from robo47_qp.arrays import Longest, Positive
+from robo47_qp.arrays import Positive
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.obstacle import Obstacle, Shape, add_obstacle
 from robo47_qp.motion.waypoint import Waypoint, tool_down
@@ -57,7 +57,7 @@ class ObstacleReach(Task):
     """Largest orientation error of a held tool [rad]."""
     seconds: Positive = 0.5
     """Time for which each target is held [s]."""
-    force_max: Longest = 1.0
+    force_max: Positive = 1.0
     """Largest contact force: nothing may be touched [N]."""
     name: str = "obstacle_reach"
     goals_asked_for: ClassVar[bool] = True

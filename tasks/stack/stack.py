@@ -89,12 +89,12 @@ class Stack(Task):
             InvalidValueError: They are not two or three cubes of one edge, or two have one name.
         """
         super().__post_init__()
-        different(self.cubes)
         edges = {length for cube in self.cubes for length in cube.size}
         few = not 2 <= len(self.cubes) <= len(_START)
         if few or len(edges) != 1 or any(cube.round for cube in self.cubes):
             found = [cube.size for cube in self.cubes]
             raise InvalidValueError("cubes", found, f"2 to {len(_START)} cubes of one edge")
+        different(self.cubes)
         check_place("goal", self.goal, self.cubes[0].size)
 
     @property

@@ -106,7 +106,8 @@ def test_at_the_motors_no_limit_is_passed(robot: Robot, controller: Controller) 
         assert (np.abs(motor) <= robot.tau_max).all()
         assert (np.abs(motor - last) <= robot.tau_rate_max * DT * (1 + 1e-9)).all()
         last = motor
-    assert (np.abs(sim.state().q - goal) < 1.0).all()
+    # An unknown payload bends compliant ones by 0.11 rad; all have moved by 0.3 rad.
+    assert (np.abs(sim.state().q - goal) < 0.15).all()
 
 
 @each_backend

@@ -28,7 +28,7 @@ from robo47_qp.motion.trajectory import Trajectory
 from robo47_qp.run.control_loop import Aborted, ControlLoop
 from robo47_qp.run.scenario import Run
 from robo47_qp.sim.simulation import Simulation
-from robo47_qp.stack import ClassicalStack
+from robo47_qp.stack import CONTROLLERS, ClassicalStack
 from tests.controlled import DT, LOAD, at_rest
 from tests.robots import GRIPPER
 from tests.runs import Reach, carry_out, no_objects
@@ -236,18 +236,22 @@ def test_what_the_core_does_not_know_stays_in_python() -> None:
         assert law_of(JointImpedance(), arm) is None
 
 
-def ran(task: Reach, backend: str, observer: DisturbanceObserver | None) -> Run:
+def ran(
+    task: Reach,
+    backend: str,
+    observer: DisturbanceObserver | None,
+    controller: str = ClassicalStack.controller,
+) -> Run:
     with using(backend):
-        return carry_out(task, observer=observer)
+        return carry_out(task, observer=observer, controller=controller)
 
 
 @pytest.mark.parametrize("rise", [0.02, -0.6])
-def test_runs_without_an_observer_are_those_of_numpy_to_the_bit(
-    rise: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("name", ["computed_torque", "joint_impedance"])
+def test_runs_without_an_observer_are_those_of_numpy_to_the_bit(rise: float, name: str) -> None:
     """Up in free space, and down until the hand hits the table and the run is stopped."""
-    monkeypatch.setattr(ClassicalStack, "controller", "joint_impedance")
-    one, other = (ran(Reach(rise=rise), backend, None) for backend in ("numpy", "compiled"))
+    one, other = (ran(Reach(rise=rise), backend, None, name) for backend in ("numpy", "compiled"))
+    assert type(one.scenario.controller) is type(CONTROLLERS[name]())
     assert (one.failure is None) == (rise > 0.0)
     np.testing.assert_array_equal(other.rows.values, one.rows.values)
     touched = one.rows["contact/fixed"][:, 0] > 0.0

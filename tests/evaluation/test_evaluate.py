@@ -145,6 +145,19 @@ def test_an_episode_replayed_is_the_one_that_was_evaluated(
     assert (done / "eval.json").read_bytes() == before
 
 
+def test_a_replay_that_differs_is_told_with_exit_code_1(done: Path, tmp_path: Path) -> None:
+    """The journal tells of other signals than the episode has."""
+    lines = (done / "eval.jsonl").read_text("utf-8").splitlines(keepends=True)
+    digest = read(done)["entries"][1]["sha256"]
+    altered = [line.replace(digest, "0" * len(digest)) for line in lines]
+    assert altered != lines
+    (tmp_path / "eval.jsonl").write_text("".join(altered), "utf-8")
+    screen = StringIO()
+    assert evaluate(Odd(), PANDA, options(tmp_path, replay=1), Console(file=screen)) == 1
+    assert "identical to the evaluated episode: NO" in screen.getvalue()
+    assert read(tmp_path, "eval-reach-1.json")["same_as_evaluated"] is False
+
+
 def test_a_replay_of_another_evaluation_has_nothing_to_compare_with(tmp_path: Path) -> None:
     screen = StringIO()
     chosen = options(tmp_path, replay=5, speed=0.9)

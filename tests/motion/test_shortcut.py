@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from robo47_qp.evaluation.benchmarks.motion.motion_check import violations
@@ -57,7 +57,7 @@ def test_a_cut_is_quicker_and_keeps_limits_bounds_and_radius(seed: int, radius: 
     try:
         whole, passes = cut_corners(ARM, parts, [Corner(radius, PROFILE)] * 2)
     except BlendError:
-        return
+        assume(False)
     assert promises(whole) == []
     assert whole.q[0].tolist() == parts[0].q[0].tolist()
     assert whole.q[-1].tolist() == parts[-1].q[-1].tolist()

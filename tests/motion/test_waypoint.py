@@ -145,7 +145,7 @@ def test_moments_that_no_body_has_are_refused(inertia: tuple[float, float, float
 
 @pytest.mark.parametrize("inertia", [(1.0, 1.0), (1.0, 1.0, np.nan), (np.inf, 1.0, 1.0), 1.0])
 def test_moments_that_are_not_three_numbers_are_refused(inertia: ArrayLike) -> None:
-    with pytest.raises(InvalidValueError, match="inertia must be 3 finite numbers"):
+    with pytest.raises(InvalidValueError, match="inertia must be three finite numbers"):
         payload(inertia=inertia)
 
 

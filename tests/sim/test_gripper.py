@@ -129,13 +129,13 @@ def test_a_finger_at_the_stop_of_a_short_grip_is_not_settled_by_pushing_the_wron
 
 @pytest.mark.parametrize("width", [-0.001, 0.081, np.nan])
 def test_an_impossible_width_is_refused(arm_alone: Simulation, width: float) -> None:
-    with pytest.raises(InvalidValueError, match=r"grip width must be between 0 and 0\.08 \[m\]"):
+    with pytest.raises(InvalidValueError, match=r"grip width must be (between 0 and|a finite)"):
         arm_alone.command_grip(Grip(width=width, force=30.0))
 
 
 @pytest.mark.parametrize("force", [0.0, -1.0, 70.1, np.nan])
 def test_an_impossible_force_is_refused(arm_alone: Simulation, force: float) -> None:
-    with pytest.raises(InvalidValueError, match=r"grip force must be above 0 and at most 70"):
+    with pytest.raises(InvalidValueError, match=r"grip force must be (above 0 and at|a finite)"):
         arm_alone.command_grip(Grip(width=0.04, force=force))
 
 

@@ -101,7 +101,7 @@ def test_an_item_that_stands_is_left_as_it_is() -> None:
             (0.0, 0.1, 0.1),
             False,
             0.1,
-            r"size of 'x' must be 3 numbers, each above 0 and finite; found",
+            r"size of 'x' must be three numbers, each above 0 and",
         ),
         ((0.1, 0.1, 0.1), False, np.nan, r"mass of 'x' must be above 0 and finite; found nan"),
         ((0.1, 0.2, 0.1), True, 0.1, r"diameter of 'x' must be one number twice"),
@@ -149,7 +149,7 @@ def test_a_centre_of_mass_off_the_middle_is_in_the_world_and_in_the_payload(item
     ("change", "told"),
     [
         ({"friction": (0.9, 0.3)}, "the least first"),
-        ({"friction": (0.0, 0.3)}, "2 numbers, each above 0"),
+        ({"friction": (0.0, 0.3)}, "two numbers, each above 0"),
         ({"com": (0.02, 0.0, 0.0)}, "inside of it"),
     ],
 )

@@ -32,19 +32,19 @@ def item(**fields: Any) -> Item:
 @pytest.mark.parametrize("task", [PickPlace, ConveyorPick, Sort, Stack, Reach, PegInsert])
 @pytest.mark.parametrize("force", [nan, 0.0, -1.0, "60"])
 def test_a_force_that_nothing_exceeds_is_refused(task: Callable[..., Any], force: Any) -> None:
-    with pytest.raises(InvalidValueError, match="force_max must be above 0; found"):
+    with pytest.raises(InvalidValueError, match="force_max must be above 0"):
         task(force_max=force)
 
 
 @pytest.mark.parametrize(
     ("fields", "told"),
     [
-        ({"com": (nan, 0.0, 0.0)}, "com of 'x' must be 3 finite numbers"),
+        ({"com": (nan, 0.0, 0.0)}, "com of 'x' must be three finite numbers"),
         ({"com": (0.02, 0.0, 0.0)}, "centre of mass of 'x' must be inside of it"),
-        ({"size": (0.04, 0.04)}, "size of 'x' must be 3 numbers, each above 0 and finite"),
-        ({"size": ("a", 0.04, 0.04)}, "size of 'x' must be 3 numbers, each above 0"),
-        ({"size": (0.04, inf, 0.04)}, "size of 'x' must be 3 numbers, each above 0"),
-        ({"friction": (0.5,)}, "friction of 'x' must be 2 numbers, each above 0"),
+        ({"size": (0.04, 0.04)}, "size of 'x' must be three numbers, each above 0"),
+        ({"size": ("a", 0.04, 0.04)}, "size of 'x' must be three numbers, each above 0"),
+        ({"size": (0.04, inf, 0.04)}, "size of 'x' must be three numbers, each above 0"),
+        ({"friction": (0.5,)}, "friction of 'x' must be two numbers, each above 0"),
         ({"friction": (0.9, 0.5)}, "friction of 'x' must be two positive numbers, the least first"),
         ({"mass": 0.0}, "mass of 'x' must be above 0 and finite"),
         ({"name": 5}, "name must be a str; found 5"),
@@ -59,17 +59,17 @@ def test_an_item_that_cannot_be_is_refused(fields: dict[str, Any], told: str) ->
     ("make", "told"),
     [
         (lambda: Tray(mass=-1.0), "mass must be above 0"),
-        (lambda: CarryTray(wall=(nan, 0.01, 0.08)), "wall must be 3 finite numbers"),
+        (lambda: CarryTray(wall=(nan, 0.01, 0.08)), "wall must be three finite numbers"),
         (lambda: CarryTray(wall=(0.5, 0.01, -1.0)), "wall must be a place, and a thickness"),
         (
             lambda: Bin(name="b", centre=(0.4, nan), rgba=RED),
-            "centre of 'b' must be 2 finite numbers",
+            "centre of 'b' must be two finite numbers",
         ),
         (
             lambda: Bin(name="b", centre=(0.4, 0.3), size=(0.2, 0.0), rgba=RED),
             "size of 'b' must be",
         ),
-        (lambda: PickPlace(pick=(nan, 0.2)), "pick must be 2 finite numbers"),
+        (lambda: PickPlace(pick=(nan, 0.2)), "pick must be two finite numbers"),
         (lambda: Stack(cubes=(item(), item())), r"names of items must be each another one; found"),
         (lambda: Sort(items=(item(rgba=RED), item(rgba=BLUE))), "names of items must be each"),
         (lambda: Wipe(force=4.9), "force must be at least 5 N; found 4.9"),

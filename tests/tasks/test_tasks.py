@@ -18,6 +18,7 @@ from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots import robot_names
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
+from robo47_qp.motion.waypoint import Place
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.registry import load_task, task_names
@@ -103,9 +104,9 @@ def test_what_a_task_foresees_can_be_planned_and_nothing_moves(name: str) -> Non
     except PlanError as error:
         pytest.fail(str(error))
     np.testing.assert_array_equal(simulation.data.qpos, before)
-    # Where a task starts is home; what it foresees ends there, or is told as it goes.
-    assert not legs or len(legs) >= 2
-    assert task.force_max > 0.0
+    # Where a task starts is home; what it foresees ends there.
+    assert len(legs) >= 2
+    assert legs[-1].waypoint.target is Place.HOME
     assert task.name == name
 
 

@@ -28,18 +28,26 @@ def free_port() -> int:
 def test_a_viewer_is_started_for_this_machine_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program = """
-import socket, sys, time
+    told, over = tmp_path / "told", tmp_path / "over"
+    program = f"""
+import pathlib, socket, sys, time
 host, port = (sys.argv[sys.argv.index(option) + 1] for option in ("--bind", "--port"))
+pathlib.Path({str(told)!r}).write_text(host)
 server = socket.create_server((host, int(port)))
-time.sleep(3)
+end = time.monotonic() + 60.0
+while time.monotonic() < end and not pathlib.Path({str(over)!r}).exists():
+    time.sleep(0.05)
 """
     stand_in(tmp_path, program, monkeypatch)
     port = free_port()
-    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
-    # It listens now: nothing is started a second time, so the program may go.
-    (tmp_path / "rerun").unlink()
-    assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+    try:
+        assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+        # It listens now: nothing is started a second time, so the program may go.
+        (tmp_path / "rerun").unlink()
+        assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+        assert told.read_text() == "127.0.0.1"
+    finally:
+        over.touch()
 
 
 SHORT_LIVED = """

@@ -77,7 +77,7 @@ def test_balls_stay_between_its_walls() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"size": (0.0, 0.1)}, r"size of 'bin' must be 2 numbers, each above 0 and finite; found"),
+        ({"size": (0.0, 0.1)}, r"size of 'bin' must be two numbers, each above 0 and"),
         ({"height": -1.0}, r"height of 'bin' must be above 0"),
         ({"pitch": np.nan}, r"pitch of 'bin' must be above 0"),
         ({"pitch": 0.3}, r"pitch of 'bin' must be at most its length; found 0.3"),
