@@ -68,14 +68,14 @@ def recorded(
         TaskError: Code of the task raised something; what was recorded is kept, with the traceback.
     """
     viewer = viewer_url() if live else None
-    # What is left of an earlier run must not stand beside the beginning of this one.
-    for kind in ("report", "plot"):
-        files[kind].unlink(missing_ok=True)
     described = simulation.model, simulation.robot, runner.signals
     with (
         closing(RowFile(files["recording"].with_suffix(ENDING), *described)) as rows,
         closing(RerunLog(files["recording"], *described, viewer=viewer, keep=rows.add)) as log,
     ):
+        # What is left of an earlier run must not stand beside the beginning of this one.
+        for kind in ("report", "plot"):
+            files[kind].unlink(missing_ok=True)
         chunk = chunk_rows if viewer is None else _LIVE_ROWS
         try:
             run = runner.run([log], [*shown, log], store=rows, chunk_rows=chunk)

@@ -53,27 +53,42 @@ class RerunStream:
         self.path = path
         self._until, self._size = 0.0, 0
         check_writable(path)
-        self._file: rr.RecordingStream | None = rr.RecordingStream(application)
+        self._file: rr.RecordingStream | None = None
         self._viewer: rr.RecordingStream | None = None
+        if viewer is not None:
+            # Before the file is replaced.
+            self._viewer = self._connected(viewer, application, blueprint)
+        self._file = self._begun(application)
         try:
             self._file.save(path, default_blueprint=blueprint)
         except RuntimeError as error:
             raise self._broken(str(error)) from error
-        if viewer is not None:
-            self._viewer = rr.RecordingStream(application)
-            self._viewer.connect_grpc(viewer)
-            # Not as an argument above, which would wait without a time limit.
-            self._viewer.send_blueprint(blueprint, make_active=False)
-        for stream in self._streams():
-            stream.set_log_time_enabled(False)
-            stream.set_log_tick_enabled(False)
-            stream.send_recording_name(path.stem)
-        if not self.flush(0.0):
-            self.close()
+        self.flush(0.0)
+
+    def _begun(self, application: str) -> rr.RecordingStream:
+        stream = rr.RecordingStream(application)
+        stream.set_log_time_enabled(False)
+        stream.set_log_tick_enabled(False)
+        stream.send_recording_name(self.path.stem)
+        return stream
+
+    def _connected(
+        self, viewer: str, application: str, blueprint: rrb.Blueprint
+    ) -> rr.RecordingStream:
+        """Return a stream to a viewer that has taken its beginning."""
+        stream = self._begun(application)
+        stream.connect_grpc(viewer)
+        # Not as an argument above, which would wait without a time limit.
+        stream.send_blueprint(blueprint, make_active=False)
+        try:
+            stream.flush(timeout_sec=_PATIENCE)
+        except (RuntimeError, OSError) as error:
+            _abandon(stream)
             raise RenderingError(
                 f"There is no Rerun viewer at {viewer}, or one of another version. Close "
                 "it, or record without the live view."
-            )
+            ) from error
+        return stream
 
     def log(self, entity: str, *archetypes: rr.AsComponents, time: float | None = None) -> None:
         """Log at an instant [s], or for all times.

@@ -1,6 +1,7 @@
 """The viewer: started for this machine only, and explained where it does not come."""
 
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
@@ -88,3 +89,28 @@ def test_what_is_no_recording_is_refused(name: str, why: str, tmp_path: Path) ->
     (tmp_path / "run.json").write_text("{}")
     with pytest.raises(RecordingError, match=why):
         live_viewer.open_recording(tmp_path / name)
+
+
+def test_a_viewer_that_is_not_there_leaves_an_earlier_recording(tmp_path: Path) -> None:
+    """In a process of its own: a stream that failed is kept until that ends."""
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"earlier")
+    program = f"""
+import pathlib
+import rerun.blueprint as rrb
+from robo47_qp.errors import RenderingError
+from robo47_qp.report.rerun import stream
+
+stream._PATIENCE = 1.0
+try:
+    stream.RerunStream(
+        pathlib.Path({str(path)!r}), "a", rrb.Blueprint(), "rerun+http://127.0.0.1:{free_port()}/proxy"
+    )
+except RenderingError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert "There is no Rerun viewer at" in done.stdout
+    assert path.read_bytes() == b"earlier"
