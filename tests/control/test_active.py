@@ -106,8 +106,8 @@ def test_at_the_motors_no_limit_is_passed(robot: Robot, controller: Controller) 
         assert (np.abs(motor) <= robot.tau_max).all()
         assert (np.abs(motor - last) <= robot.tau_rate_max * DT * (1 + 1e-9)).all()
         last = motor
-    # An unknown payload bends compliant ones by 0.11 rad; all have moved by 0.3 rad.
-    assert (np.abs(sim.state().q - goal) < 0.15).all()
+    # An unknown payload bends compliant arms by up to 0.19 rad; one that stays is 0.3 rad away.
+    assert (np.abs(sim.state().q - goal) < 0.25).all()
 
 
 @each_backend
