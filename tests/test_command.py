@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ import pytest
 from rerun.chunk import RrdReader
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from robo47_qp.cli import guarded
+from robo47_qp.cli import guarded, main
+from robo47_qp.evaluation.command import evaluate_chosen
+from robo47_qp.evaluation.options import EvaluateOptions
 from tests.commands import assert_one_message, posix, recorded, run_here, run_script
 
 
@@ -256,3 +259,16 @@ def test_a_command_takes_one_thread_for_linear_algebra_and_then_gives_them_back(
         assert guarded(command) == 0
         assert seen == [{1}]
         assert threads() == {2}
+
+
+def test_an_evaluation_ends_with_2_for_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = str(tmp_path / "eval.rrd")
+    for arguments in (["--task", "fly"], ["--workers", "0"], ["--policy", "nowhere:Policy"]):
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", "--log", log, "--json", *arguments])
+        assert main(EvaluateOptions, evaluate_chosen, "", repeated=True) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("error: ")
+        assert "Traceback" not in err

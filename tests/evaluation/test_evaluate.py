@@ -15,7 +15,6 @@ import pytest
 from rerun.chunk import RrdReader
 from rich.console import Console
 
-from robo47_qp.cli import main
 from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
 from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
@@ -374,19 +373,6 @@ def test_ray_gives_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     for seed in (0, 4, 5):
         assert replace(results[seed], timing={}) == replace(toy(specs[seed]), timing={})
-
-
-def test_the_script_ends_with_2_for_bad_input(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = str(tmp_path / "eval.rrd")
-    for arguments in (["--task", "fly"], ["--workers", "0"], ["--policy", "nowhere:Policy"]):
-        monkeypatch.setattr(sys, "argv", ["evaluate.py", "--log", log, "--json", *arguments])
-        assert main(EvaluateOptions, evaluate_chosen, "", repeated=True) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith("error: ")
-        assert "Traceback" not in err
 
 
 def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(

@@ -197,16 +197,30 @@ def test_neither_the_clock_nor_the_project_s_own_version_is_judged(
     assert "nothing but the same bits" in page
 
 
-def test_a_failed_run_is_not_kept(tmp_path: Path, reports: Reports) -> None:
-    for meddle in (fail, break_promise):
-        changed = copy.deepcopy(reports)
+@pytest.mark.parametrize(
+    ("meddle", "told"),
+    [
+        (fail, "not to be kept"),
+        (break_promise, "not to be kept"),
+        ({"task": "reach"}, "The last run is not the main job"),
+        ({"seed": 7}, "The last run is not the main job"),
+        ({"audit": []}, "The last run is not the main job"),
+    ],
+)
+def test_what_failed_or_is_not_the_main_job_is_not_kept(
+    tmp_path: Path, reports: Reports, meddle: Callable[[Reports], None] | dict[str, Any], told: str
+) -> None:
+    changed = copy.deepcopy(reports)
+    if isinstance(meddle, dict):
+        changed["pickplace"].update(meddle)
+    else:
         meddle(changed)
-        for scenario, name in REPORTS.items():
-            write_json(tmp_path / name, changed[scenario])
-        options = RetroOptions(logs=tmp_path, kept=tmp_path / "kept.json", keep=True)
-        with pytest.raises(RecordingError, match="not to be kept"):
-            run(options, Console(file=StringIO()))
-        assert not (tmp_path / "kept.json").exists()
+    for scenario, name in REPORTS.items():
+        write_json(tmp_path / name, changed[scenario])
+    options = RetroOptions(logs=tmp_path, kept=tmp_path / "kept.json", keep=True)
+    with pytest.raises(RecordingError, match=told):
+        run(options, Console(file=StringIO()))
+    assert not (tmp_path / "kept.json").exists()
 
 
 def test_nan_and_other_things_that_are_no_numbers_are_told(reports: Reports) -> None:
@@ -257,16 +271,3 @@ def test_the_machine_is_the_same_twice_and_names_no_place() -> None:
     assert {"processor", "instructions", "system"} == set(machine())
     assert all(machine().values())
     assert platform.node() not in " ".join(machine().values())
-
-
-def test_what_is_not_the_main_job_is_not_kept(tmp_path: Path, reports: Reports) -> None:
-    changes: list[dict[str, Any]] = [{"task": "reach"}, {"seed": 7}, {"audit": []}]
-    for change in changes:
-        changed = copy.deepcopy(reports)
-        changed["pickplace"].update(change)
-        for scenario, name in REPORTS.items():
-            write_json(tmp_path / name, changed[scenario])
-        options = RetroOptions(logs=tmp_path, kept=tmp_path / "kept.json", keep=True)
-        with pytest.raises(RecordingError, match="The last run is not the main job"):
-            run(options, Console(file=StringIO()))
-        assert not (tmp_path / "kept.json").exists()
