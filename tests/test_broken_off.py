@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from threading import Timer
@@ -16,7 +17,9 @@ import pytest
 from robo47_qp.__main__ import main as robo47
 from robo47_qp.errors import RecordingError
 from robo47_qp.files import claimed
+from robo47_qp.report.rerun import recovery
 from robo47_qp.report.rerun.reading import read_recording
+from robo47_qp.run.row_file import read_rows
 from robo47_qp.run.runner import Runner
 from tests.commands import SCRIPT, assert_one_message, posix, recorded, run_here
 
@@ -101,13 +104,20 @@ def test_a_run_that_is_interrupted_while_it_plans_says_that_nothing_was_recorded
 
 
 @posix
-def test_a_run_that_is_killed_can_be_recovered(tmp_path: Path) -> None:
+def test_a_run_that_is_killed_can_be_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As that which was not, up to there; and what an earlier run left says nothing of this one."""
     for ending in (".json", ".png"):
         (tmp_path / f"run{ending}").write_text("of an earlier run")
     code, _, last = broken_off(tmp_path, signal.SIGKILL, at=1.19)
     assert code == -signal.SIGKILL
     assert {path.name for path in tmp_path.glob("run.*")} == {"run.lock", "run.rrd", "run.rows"}
+    with monkeypatch.context() as patch:
+        kept = replace(read_rows(tmp_path / "run.rows"), events=[{"evend": "note"}])
+        patch.setattr(recovery, "read_rows", lambda _: kept)
+        with pytest.raises(RecordingError, match=r"it is damaged \(no event: .*evend"):
+            recovery.recover(tmp_path / "run.rows")
     with redirect_stdout(StringIO()) as said:
         assert robo47(["recover", str(tmp_path / "run.rows")]) == 0
     assert {path.name for path in tmp_path.glob("run.*")} == {"run.rrd"}

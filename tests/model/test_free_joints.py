@@ -2,15 +2,18 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robo47_qp.arrays import Vector
 from robo47_qp.control.joint_stops import JointStops
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.same_step import states
+from robo47_qp.evaluation.benchmarks.motion.reference_kinematics import ReferenceKinematics
 from robo47_qp.ik.solver import IkSolver
 from robo47_qp.ik.stream.joint_bounds import JointBounds
 from robo47_qp.model.arm import Arm
@@ -175,3 +178,19 @@ def test_the_judge_of_ik_knows_that_they_have_no_limits() -> None:
 def test_steps_are_compared_from_finite_states() -> None:
     for state in states(ARM, 20):
         assert np.isfinite(state.q).all()
+
+
+def test_so_do_checks_of_motions_which_search_all_the_way_around() -> None:
+    look = ReferenceKinematics(ROBOT)
+    np.testing.assert_array_equal(look.q_max[FREE], np.inf)
+    assert look.inside(ARM.home + 50.0 * FREE)
+    starts = []
+
+    class Noted(ReferenceKinematics):
+        def nearest(self, pose: Vector, q: Vector, room: tuple[Vector, Vector]) -> Any:
+            starts.append(q)
+            return q, np.inf
+
+    Noted(ROBOT).reaches(look.pose(look.home), 200, np.random.default_rng(1), 1e-6)
+    spread = np.abs(np.array(starts)[:, FREE]).max(axis=0)
+    assert ((spread > 3.0) & (spread <= np.pi)).all()

@@ -1,15 +1,20 @@
 """Lines that one spot would slow down as a whole: a joint comes to its limit, others take over."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.errors import InvalidValueError, RefusalReason
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.following.lin import Lin
 from robo47_qp.motion.paths.segments import PathProfile
+from robo47_qp.motion.refusals import PathError
 from robo47_qp.motion.timing.rest_to_rest import Quintic
+from robo47_qp.motion.timing.retiming import Timing
 from robo47_qp.motion.trajectory import Trajectory
 from tests.examples import shifted
 from tests.motion.test_lin import check_joints, off_line
@@ -98,3 +103,22 @@ def test_an_even_line_is_the_same_as_ever(arm: Arm, monkeypatch: pytest.MonkeyPa
     plans.append(Lin().plan(arm, IK, arm.home, goal, profile, DT)[0])
     assert plans[0].duration > 2.0 * Lin().profile.least_time(0.25, 0.0)
     assert plans[0].q.tobytes() == plans[1].q.tobytes()
+
+
+def test_where_no_timing_by_sections_is_found_the_even_one_is_kept(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    q = STARTS["the limit is met"]
+    even = stretched(arm, q, monkeypatch)
+
+    def none(*_: object) -> Trajectory:
+        raise PathError(0.0, "the bounds leave next to no motion", RefusalReason.PACE)
+
+    monkeypatch.setattr(Timing, "timed", none)
+    np.testing.assert_array_equal(planned(arm, q).q, even.q)
+
+
+@pytest.mark.parametrize("bad", [{"shares": ()}, {"shares": (0.5, np.nan)}, {"rounds": 0}])
+def test_a_timing_without_sense_is_refused(bad: dict[str, Any]) -> None:
+    with pytest.raises(InvalidValueError, match=next(iter(bad))):
+        Timing(**bad)

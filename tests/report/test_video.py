@@ -9,13 +9,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from robo47_qp.errors import MissingExtraError, RecordingError
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.report.video import Video
+from robo47_qp.report.video import OffscreenCamera, Video
 from robo47_qp.sim.simulation import Simulation
 from tests.runs import Reach, make_runner
 
@@ -115,3 +116,19 @@ def test_without_opengl_the_command_names_the_packages(tmp_path: Path) -> None:
     # What an earlier run left is still there.
     assert sorted(tmp_path.iterdir()) == sorted(last)
     assert all(path.read_text() == "the last one" for path in last)
+
+
+def test_a_scene_without_its_camera_is_seen_as_a_whole(opengl: None) -> None:
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_light(pos=[0.0, 0.0, 3.0])
+    ball = mujoco.mjtGeom.mjGEOM_SPHERE
+    spec.worldbody.add_geom(type=ball, size=[0.3, 0.0, 0.0], rgba=[1.0, 0.0, 0.0, 1.0])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = OffscreenCamera(model, "overview", 64, 64)
+    try:
+        red, green, _ = camera.picture(data).reshape(-1, 3).max(axis=0)
+    finally:
+        camera.close()
+    assert red > 100 > green

@@ -25,6 +25,7 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
+from scenarios import collision_ik as scenario
 from tests.plain_arm import PlainArm
 from tests.small_robots import at, cell
 
@@ -324,3 +325,9 @@ def test_of_answers_that_all_collide_the_one_with_most_room_is_told(
             assert few.clearance >= first.clearance
             told += few.clearance > first.clearance
     assert told > 0
+
+
+def test_what_was_not_measured_is_not_told() -> None:
+    assert scenario._quantile([], 0.5) is None
+    assert scenario._quantile([1.0, 3.0], 0.5) == 2.0
+    assert (scenario._told(None, 2), scenario._told(0.5, 2)) == ("–", "0.50")

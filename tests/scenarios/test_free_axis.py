@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -6,11 +7,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import UnknownNameError
+from robo47_qp.evaluation.statistics import wilson
+from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.solver import IkResult
+from robo47_qp.ik.tool_demand import FULL
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.tool_poses import Target
 from robo47_qp.motion.waypoint import tool_down
-from scenarios.free_axis import FreeAxisOptions, _error, drawn, run
+from scenarios.free_axis import FreeAxisOptions, _error, drawn, measured, run
 
 
 def test_a_free_axis_reaches_more_from_one_start_and_all_tight(tmp_path: Path) -> None:
@@ -55,3 +62,18 @@ def test_the_error_is_that_of_the_direction_or_of_the_whole_pose() -> None:
 def test_an_unknown_solver_is_refused() -> None:
     with pytest.raises(UnknownNameError):
         run(FreeAxisOptions(solvers=("ppo",)), Console(quiet=True))
+
+
+def test_the_interval_is_that_of_what_was_reached() -> None:
+    """An answer that is not tight counts as reached."""
+
+    class Near(LmIk):
+        def solve(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> IkResult:
+            found = super().solve(arm, T_world_target, q_seed)
+            return replace(found, q=found.q + 1e-3)
+
+    arm = Arm(PANDA)
+    targets = [arm.pose(arm.home)] * 4
+    figures, tight = measured(arm, Near(), FULL, targets)
+    assert (figures["reached"], figures["tight"], int(tight.sum())) == (4, 0, 0)
+    assert figures["interval"] == list(wilson(4, 4))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robo47_qp.arrays import Vector
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import PlanError
+from robo47_qp.errors import PlanError, RefusalReason
 from robo47_qp.model.arm import Arm, JointReference
 from robo47_qp.model.robot import MotionProfile
 from robo47_qp.model.robots.panda import PANDA
@@ -99,8 +99,11 @@ def test_a_joint_that_cannot_turn_round_in_time_is_named(side: int) -> None:
     q[1] = (ARM.q_max if side > 0 else ARM.q_min)[1] - side * 0.1
     v[1] = side * 1.5
     loop = Loop(reference=JointReference(q, v, np.zeros(ARM.n)))
-    with pytest.raises(PlanError, match=r"joint2 is so fast that it leaves its limits by 0\.\d+"):
+    told = r"joint2 is so fast that it leaves its limits by 0\.\d+"
+    with pytest.raises(PlanError, match=told) as caught:
         JointTargets(loop).go(q, 10)  # type: ignore[arg-type]
+    assert caught.value.rejection is not None
+    assert caught.value.rejection.reason is RefusalReason.JOINT_LIMIT
     assert not loop.tracked
 
 

@@ -130,3 +130,9 @@ def test_what_cannot_be_judged_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(judge_franka, "JUDGE", tmp_path / "python")
     with pytest.raises(InvalidValueError, match="make judges"):
         JudgeOptions()
+
+
+@pytest.mark.parametrize("kinds", [(), ("FOO",), ("PTP", "FOO")])
+def test_kinds_of_motion_that_there_are_not_are_refused(kinds: tuple[str, ...]) -> None:
+    with pytest.raises(InvalidValueError, match="kinds must be some of PTP, LIN, CIRC"):
+        RandomMotions(kinds=kinds)
