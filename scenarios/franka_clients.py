@@ -79,20 +79,20 @@ class ClientOptions(CheckedOptions):
 def run(options: ClientOptions, console: Console) -> int:
     """Run all episodes, print the table, write figures; return 0 if all picked and placed."""
     check_writable(options.report)
-    made, rows = provenance(), list[dict[str, Any]]()
-    for client in options.clients:
-        failures = []
-        for seed in range(options.seed, options.seed + options.episodes):
-            told = episode(client, seed, options.host)
-            if told is not None:
-                failures.append({"seed": seed, "told": told})
-                console.print(f"{client}, seed {seed}: {told}", highlight=False, soft_wrap=True)
-        done = options.episodes - len(failures)
-        rows.append(
-            {"client": client, "done": done, "episodes": options.episodes, "failures": failures}
-        )
     seeds = [options.seed, options.seed + options.episodes - 1]
-    write_json(options.report, {**made, "seeds": seeds, "rows": rows})
+    told, rows = {**provenance(), "seeds": seeds}, list[dict[str, Any]]()
+    for client in options.clients:
+        failures = list[dict[str, Any]]()
+        rows.append({"client": client, "done": 0, "episodes": 0, "failures": failures})
+        for seed in range(options.seed, options.seed + options.episodes):
+            failure = episode(client, seed, options.host)
+            rows[-1]["episodes"] += 1
+            rows[-1]["done"] += failure is None
+            if failure is not None:
+                failures.append({"seed": seed, "told": failure})
+                console.print(f"{client}, seed {seed}: {failure}", highlight=False, soft_wrap=True)
+            # After every episode: an interruption loses none.
+            write_json(options.report, {**told, "rows": rows})
     table = FiguresTable(("client", "picked and placed"), texts=("client",))
     for row in rows:
         table.add_row(row["client"], f"{row['done']} of {row['episodes']}")
@@ -105,15 +105,19 @@ def episode(client: str, seed: int, host: str) -> str | None:
     """Let a client pick and place; return why it does not count as done, or None."""
     pick, place = places(seed)
     with served(host, "--once", "--seed", str(seed)) as server:
-        told = subprocess.run(
-            [JUDGE, "-m", CLIENTS[client], "--host", host, "--pick", *pick, "--place", *place],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            timeout=_LONGEST,
-            check=False,
-        )
-        verdict, _ = server.communicate(timeout=_LONGEST)
+        try:
+            told = subprocess.run(
+                [JUDGE, "-m", CLIENTS[client], "--host", host, "--pick", *pick, "--place", *place],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                timeout=_LONGEST,
+                check=False,
+            )
+            verdict, _ = server.communicate(timeout=_LONGEST)
+        except subprocess.TimeoutExpired as error:
+            late = "client" if error.cmd[0] == JUDGE else "server"
+            return f"the {late} did not end within {_LONGEST:.0f} s"
     if told.returncode:
         return " ".join((told.stdout + told.stderr).split())[-500:]
     return " ".join(verdict.split()) if server.returncode else None

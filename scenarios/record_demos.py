@@ -1,6 +1,7 @@
 """Demonstrations for imitation learning: successful episodes of a task as a LeRobot dataset."""
 
 import os
+import shutil
 import sys
 from dataclasses import dataclass
 from importlib import import_module
@@ -205,24 +206,29 @@ def run(options: DemoOptions, console: Console) -> int:
     camera = OffscreenCamera(simulation.model, "overview", options.size[1], options.size[0])
     dataset, done = Dataset(kind, options, PANDA), 0
     attempts = 2 * options.episodes if options.attempts is None else options.attempts
-    for seed in range(options.seed, options.seed + attempts):
-        frames = Frames(camera)
-        scenario = ClassicalStack().scenario(PANDA, task, seed)
-        result = Runner(scenario, simulation).run(observers=[frames])
-        if result.failure is None:
-            dataset.add(result, frames)
-            done += 1
-            console.print(f"seed {seed}: episode {done} of {options.episodes}")
+    try:
+        for seed in range(options.seed, options.seed + attempts):
+            frames = Frames(camera)
+            scenario = ClassicalStack().scenario(PANDA, task, seed)
+            result = Runner(scenario, simulation).run(observers=[frames])
+            if result.failure is None:
+                dataset.add(result, frames)
+                done += 1
+                console.print(f"seed {seed}: episode {done} of {options.episodes}")
+            else:
+                console.print(f"seed {seed}: left out: {result.failure.evidence}", markup=False)
+            if done == options.episodes:
+                break
+    finally:
+        # An interruption loses none of the episodes that were saved.
+        camera.close()
+        if done:
+            count = dataset.close()
+            told = f"{count} frames of {done} episodes in {options.out}, read back and compared"
+            console.print(told, soft_wrap=True)
         else:
-            console.print(f"seed {seed}: left out: {result.failure.evidence}", markup=False)
-        if done == options.episodes:
-            break
-    camera.close()
-    if not done:
-        console.print("no attempt succeeded: nothing was written")
-        return FAILED
-    count = dataset.close()
-    console.print(f"{count} frames of {done} episodes in {options.out}, read back and compared")
+            shutil.rmtree(options.out, ignore_errors=True)
+            console.print("no attempt succeeded: nothing was written")
     return OK if done == options.episodes else FAILED
 
 

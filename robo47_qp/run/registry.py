@@ -22,12 +22,11 @@ def load_task(name: str) -> type[Task]:
         ClassLoadError: The class cannot be loaded, or it is not a task.
     """
     offered = _offered()
-    if ":" in name:
-        found = load_class("task", name, ("build_scene", "program", "verdict"), sorted(offered))
-        return cast("type[Task]", found)
-    if name not in offered:
+    if ":" not in name and name not in offered:
         raise UnknownNameError("task", name, (*sorted(offered), "module:Class", "file.py:Class"))
-    return cast("type[Task]", offered[name].load())
+    reference = name if ":" in name else f"{offered[name].module}:{offered[name].attr}"
+    found = load_class("task", reference, ("build_scene", "program", "verdict"), sorted(offered))
+    return cast("type[Task]", found)
 
 
 def _offered() -> dict[str, EntryPoint]:

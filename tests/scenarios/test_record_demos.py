@@ -2,6 +2,8 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from rich.console import Console
 
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, MissingExtraError, UnknownNameError
+from scenarios import record_demos
 from scenarios.record_demos import DemoOptions, Frames, columns, run
 from tests.report.test_video import opengl  # noqa: F401  # a fixture
 from tests.runs import Reach, carry_out, picked_and_placed
@@ -79,6 +82,73 @@ def test_before_anything_runs_it_says_what_is_missing(
     with pytest.raises(MissingExtraError, match=r"needs the package lerobot.*'\.\[lerobot\]"):
         run(DemoOptions(out=out), Console())
     assert not out.exists()
+
+
+class Held:
+    """A dataset that says what was asked of it."""
+
+    def __init__(self, kind: object, options: DemoOptions, robot: object) -> None:
+        self.calls: list[str] = []
+        options.out.mkdir()
+
+    def add(self, run: object, frames: object) -> None:
+        self.calls.append("add")
+
+    def close(self) -> int:
+        self.calls.append("close")
+        return 7
+
+
+@pytest.mark.parametrize(
+    ("ends", "calls", "code"),
+    [
+        ([True, False, True], ["add", "add", "close"], 0),
+        ([False, True, False, False], ["add", "close"], 1),
+        ([True, None], ["add", "close"], None),
+        ([False, None], [], None),
+        ([False] * 4, [], 1),
+    ],
+)
+def test_what_succeeded_is_kept_and_nothing_else(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ends: list[bool | None],
+    calls: list[str],
+    code: int | None,
+) -> None:
+    """A run of the stack succeeds, fails, or is interrupted (None)."""
+    made, following = list[Held](), iter(ends)
+
+    class Stub:
+        def __init__(self, *given: object) -> None:
+            pass
+
+        def close(self) -> None:
+            pass
+
+        def run(self, observers: object) -> SimpleNamespace:
+            end = next(following)
+            if end is None:
+                raise KeyboardInterrupt
+            return SimpleNamespace(failure=None if end else SimpleNamespace(evidence="it fell"))
+
+    def dataset(*given: Any) -> Held:
+        made.append(Held(*given))
+        return made[0]
+
+    monkeypatch.setattr(record_demos, "lerobot_dataset", lambda: None)
+    monkeypatch.setattr(record_demos, "OffscreenCamera", Stub)
+    monkeypatch.setattr(record_demos, "Runner", Stub)
+    monkeypatch.setattr(record_demos, "Dataset", dataset)
+    options = DemoOptions(out=tmp_path / "demos", episodes=2)
+    console = Console(quiet=True)
+    if code is None:
+        with pytest.raises(KeyboardInterrupt):
+            run(options, console)
+    else:
+        assert run(options, console) == code
+    assert made[0].calls == calls
+    assert options.out.exists() == bool(calls)
 
 
 @pytest.mark.usefixtures("opengl")

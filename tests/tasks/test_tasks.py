@@ -2,6 +2,7 @@
 
 import pkgutil
 import tomllib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 import scenarios
 from robo47_qp.constants import TASKS
-from robo47_qp.errors import InvalidValueError, PlanError
+from robo47_qp.errors import InvalidValueError, PlanError, UnknownNameError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
@@ -19,7 +20,9 @@ from robo47_qp.model.robots import robot_names
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.motion.waypoint import Place
+from robo47_qp.run import registry
 from robo47_qp.run.failure import Cause
+from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.run.policy.drivers import PolicyTiming
 from robo47_qp.run.registry import load_task, task_names
 from robo47_qp.run.runner import Runner
@@ -43,6 +46,25 @@ def test_all_tasks_are_found() -> None:
         *("peg_insert", "obstacle_reach", "conveyor_pick", "handover", "carry_tray"),
     }
     assert set(task_names()) <= set(FOUND)
+
+
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ("no_such_package.lift:Lift", "ModuleNotFoundError: No module named 'no_such_package'"),
+        ("robo47_qp.run.task:Nothing", "robo47_qp.run.task has no Nothing"),
+        ("pathlib:Path", "it has no build_scene and no program and no verdict"),
+    ],
+)
+def test_an_installed_task_that_cannot_be_loaded_says_why(
+    monkeypatch: pytest.MonkeyPatch, place: str, why: str
+) -> None:
+    entry = EntryPoint(name="lift", value=place, group=TASKS)
+    monkeypatch.setattr(registry, "entry_points", lambda **_: [entry])
+    with pytest.raises(ClassLoadError, match=f"The task '{place}' cannot be loaded: {why}"):
+        load_task("lift")
+    with pytest.raises(UnknownNameError, match=r"No task is called 'drop'.* lift"):
+        load_task("drop")
 
 
 def robot_for(task: type[Task]) -> Robot:

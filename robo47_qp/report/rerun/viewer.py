@@ -19,6 +19,12 @@ _PATIENCE = 10.0
 """Time limit until a viewer opens its port [s]."""
 _SETTLED, _PAUSE = 1.0, 0.05
 """Time a viewer must listen before it counts as started, and period of the check [s]."""
+_ANSWER = 0.5
+"""Time limit for an answer on this machine [s]."""
+_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+"""With which a client of HTTP/2, which gRPC needs, begins: preface and empty settings."""
+_SETTINGS = 4
+"""Type of the frame with which a server of HTTP/2 begins (RFC 9113, section 3.4)."""
 _STARTED: list[subprocess.Popen[bytes]] = []
 """Started viewers: Python warns of a running process without a reference."""
 
@@ -27,10 +33,18 @@ def viewer_url(port: int = _PORT) -> str:
     """Return the URL of a viewer at a port; one is started if none listens.
 
     Raises:
-        RenderingError: No viewer listens and none can be started.
+        RenderingError: No viewer listens and none can be started, or another program has the port.
     """
-    if not _listens(port):
+    with socket.socket() as probe:
+        probe.settimeout(_ANSWER)
+        taken = probe.connect_ex((_HOST, port)) == 0
+    if not taken:
         _start(port)
+    elif not _answers(port):
+        raise RenderingError(
+            f"No Rerun viewer: port {port} of {_HOST}, where it listens, has another program that "
+            "does not answer as one. Close that program, or record without the live view."
+        )
     return f"rerun+http://{_HOST}:{port}/proxy"
 
 
@@ -73,10 +87,17 @@ def _program() -> str:
     return str(Path(sys.executable).parent / "rerun")
 
 
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.settimeout(0.5)
-        return probe.connect_ex((_HOST, port)) == 0
+def _answers(port: int) -> bool:
+    """Whether a server of HTTP/2 answers."""
+    begun = b""
+    try:
+        with socket.create_connection((_HOST, port), timeout=_ANSWER) as probe:
+            probe.sendall(_GREETING)
+            while len(begun) < 4 and (more := probe.recv(4 - len(begun))):
+                begun += more
+    except OSError:
+        return False
+    return begun[3:] == bytes([_SETTINGS])
 
 
 def _start(port: int) -> None:
@@ -100,7 +121,7 @@ def _start(port: int) -> None:
             if viewer.poll() is not None:
                 raise _ended(viewer.returncode, log)
             # It opens its port before its window, and ends if there can be no window.
-            listening = listening + _PAUSE if _listens(port) else 0.0
+            listening = listening + _PAUSE if _answers(port) else 0.0
             if listening >= _SETTLED:
                 return
             time.sleep(_PAUSE)

@@ -1,8 +1,12 @@
 """The viewer: started for this machine only, and explained where it does not come."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -35,9 +39,14 @@ import pathlib, socket, sys, time
 host, port = (sys.argv[sys.argv.index(option) + 1] for option in ("--bind", "--port"))
 pathlib.Path({str(told)!r}).write_text(host)
 server = socket.create_server((host, int(port)))
+server.settimeout(0.05)
 end = time.monotonic() + 60.0
 while time.monotonic() < end and not pathlib.Path({str(over)!r}).exists():
-    time.sleep(0.05)
+    try:
+        client, _ = server.accept()
+    except TimeoutError:
+        continue
+    client.sendall(bytes([0, 0, 0, 4, 0, 0, 0, 0, 0]))
 """
     stand_in(tmp_path, program, monkeypatch)
     port = free_port()
@@ -51,10 +60,58 @@ while time.monotonic() < end and not pathlib.Path({str(over)!r}).exists():
         over.touch()
 
 
+def test_a_viewer_that_listens_is_found() -> None:
+    """Rerun's own server, which needs no display."""
+    port = free_port()
+    command = [str(Path(sys.executable).with_name("rerun")), "--serve-grpc"]
+    # The program is a script around the server: both are in a session of their own.
+    with subprocess.Popen(
+        [*command, "--bind", "127.0.0.1", "--port", str(port)],
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as server:
+        try:
+            end = time.monotonic() + 30.0
+            while not live_viewer._answers(port) and time.monotonic() < end:
+                time.sleep(0.05)
+            assert live_viewer.viewer_url(port) == f"rerun+http://127.0.0.1:{port}/proxy"
+        finally:
+            os.killpg(server.pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("answer", [None, b"", b"HTTP/1.1 400 Bad Request\r\n"])
+def test_another_program_at_the_port_is_no_viewer(answer: bytes | None) -> None:
+    """It is silent, closes, or speaks otherwise."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def other() -> None:
+            server.accept()[0].close()
+            with server.accept()[0] as client:
+                client.settimeout(5.0)
+                if answer is not None:
+                    client.sendall(answer)
+                while answer is None and client.recv(100):
+                    pass
+
+        program = threading.Thread(target=other, daemon=True)
+        program.start()
+        port = server.getsockname()[1]
+        with pytest.raises(RenderingError, match=f"port {port} of .* another program"):
+            live_viewer.viewer_url(port)
+        program.join()
+
+
 SHORT_LIVED = """
 import socket, sys, time
 server = socket.create_server(("127.0.0.1", int(sys.argv[sys.argv.index("--port") + 1])))
-time.sleep(0.4)
+end = time.monotonic() + 0.4
+while (left := end - time.monotonic()) > 0.0:
+    server.settimeout(left)
+    try:
+        client, _ = server.accept()
+    except TimeoutError:
+        break
+    client.sendall(bytes([0, 0, 0, 4, 0, 0, 0, 0, 0]))
 sys.exit("no window")
 """
 

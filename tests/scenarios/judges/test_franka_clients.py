@@ -2,15 +2,18 @@
 
 import json
 import subprocess
+import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.model.robots import load_robot
 from scenarios import franka_clients
-from scenarios.franka_clients import JUDGE, ROOT, ClientOptions, places
+from scenarios.franka_clients import JUDGE, ROOT, ClientOptions, episode, places, run
 from tests.franka import served
 
 clients = pytest.mark.skipif(not JUDGE.exists(), reason="no .judges/franka: make judges")
@@ -50,3 +53,45 @@ def test_what_cannot_be_run_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: P
         ClientOptions()
     with pytest.raises(UnknownNameError, match="pylibfranka"):
         ClientOptions(clients=("ros",))
+
+
+def test_an_interruption_loses_no_episode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(franka_clients, "JUDGE", Path(sys.executable))
+
+    def told(client: str, seed: int, host: str) -> str | None:
+        if client == "franky" and seed == 84_001:
+            raise KeyboardInterrupt
+        return "it fell" if client == "franky" else None
+
+    monkeypatch.setattr(franka_clients, "episode", told)
+    options = ClientOptions(episodes=2, seed=84_000, report=tmp_path / "report.json")
+    with pytest.raises(KeyboardInterrupt):
+        run(options, Console(quiet=True))
+    assert json.loads(options.report.read_text())["rows"] == [
+        {"client": "pylibfranka", "done": 2, "episodes": 2, "failures": []},
+        {
+            "client": "franky",
+            "done": 0,
+            "episodes": 1,
+            "failures": [{"seed": 84_000, "told": "it fell"}],
+        },
+    ]
+
+
+@pytest.mark.parametrize("late", ["client", "server"])
+def test_who_does_not_end_fails_the_episode(monkeypatch: pytest.MonkeyPatch, late: str) -> None:
+    class Server:
+        returncode = 0
+
+        def communicate(self, timeout: float) -> tuple[str, None]:
+            raise subprocess.TimeoutExpired(["server"], timeout)
+
+    def client(command: list[str], **_: object) -> "subprocess.CompletedProcess[str]":
+        if late == "client":
+            raise subprocess.TimeoutExpired(command, 600.0)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(franka_clients, "served", lambda *_: nullcontext(Server()))
+    monkeypatch.setattr(subprocess, "run", client)
+    told = episode("franky", 84_000, "127.0.0.1")
+    assert told == f"the {late} did not end within 600 s"
