@@ -15,10 +15,12 @@ import pytest
 
 from robo47_qp.arrays import Vector
 from robo47_qp.cli import main, run_command, task_options
+from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import ArmStopped, InvalidValueError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.gripper import Grip
 from robo47_qp.model.robots import load_robot
+from robo47_qp.run.row_file import read_rows
 from robo47_qp.run.runner import Runner
 from robo47_qp.sim.franka.driven_arm import DrivenArm, driven
 from robo47_qp.sim.franka.link import Link, named
@@ -131,14 +133,24 @@ def test_a_run_that_is_killed_leaves_its_rows_and_the_arm_stops(tmp_path: Path) 
         with subprocess.Popen(
             [*command, "--at", host, "--log", str(tmp_path / "run.rrd")], stdout=subprocess.DEVNULL
         ) as client:
-            while not rows.exists() or rows.stat().st_size < 1 << 20:
+            # The head comes at once, then memory for the first block, then row by row.
+            while (
+                not rows.exists()
+                or rows.stat().st_size < 1 << 20
+                or len(read_rows(rows).rows) < 500
+            ):
                 assert client.poll() is None
                 sleep(0.05)
             client.send_signal(signal.SIGKILL)
         assert process.stdout is not None
         assert "the client has left" in process.stdout.readline()
         assert process.wait(10.0) == 1
-    assert rows.stat().st_size >= 1 << 20
+    kept = read_rows(rows)
+    assert len(kept.rows) >= 500
+    np.testing.assert_allclose(np.diff(kept.rows["time"][:, 0]), TIMESTEP, atol=1e-9)
+    moved = np.ptp(kept.rows["joints/q"], axis=0)
+    assert moved.max() > 0.05
+    assert np.abs(kept.rows["joints/q"] - kept.rows["joints/q_ref"]).max() < 0.01
 
 
 def test_exit_codes_and_messages(

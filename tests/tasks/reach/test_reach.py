@@ -122,17 +122,15 @@ def test_random_poses_are_spread() -> None:
 def test_every_robot_reaches_its_random_poses(robot: Robot) -> None:
     task = Reach()
     simulation = Simulation(robot, task.build_scene)
-    try:
-        task.reset(simulation, np.random.default_rng(0))
-    except InvalidValueError as error:
-        pytest.skip(str(error))
+    task.reset(simulation, np.random.default_rng(0))
     scenario = ClassicalStack(ik="lm").scenario(robot, task)
     arm, ik = Arm(robot, obstacles=task.obstacles), scenario.planner.ik
     targets = [simulation.marker_pose(f"pose {i + 1}") for i in range(task.count)]
-    try:
-        results = [ik.solve(arm, target, np.array(robot.home)) for target in targets]
-    except ModelError as error:
-        pytest.skip(str(error))
+    if robot.name == "slider6":
+        with pytest.raises(ModelError, match="none of its 8 geoms makes a pair"):
+            ik.solve(arm, targets[0], np.array(robot.home))
+        return
+    results = [ik.solve(arm, target, np.array(robot.home)) for target in targets]
     assert all(result.converged for result in results)
 
 
