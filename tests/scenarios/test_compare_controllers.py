@@ -10,10 +10,11 @@ from rich.console import Console
 
 from robo47_qp.arrays import ends
 from robo47_qp.control.joint_impedance import FeedForward, JointImpedance
-from robo47_qp.errors import UnknownNameError
+from robo47_qp.errors import RecordingError, UnknownNameError
 from robo47_qp.evaluation.benchmarks.control.trial import Bench, TrialCondition
 from robo47_qp.evaluation.benchmarks.settling.settling import settling_after_disturbance
 from robo47_qp.evaluation.perturbation import PRESETS
+from robo47_qp.files import claimed
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.sim.disturbance import Disturbance
 from scenarios import compare_controllers as scenario
@@ -116,6 +117,20 @@ def test_a_condition_that_does_not_exist_is_named(tmp_path: Path) -> None:
     ):
         scenario.run(options, Console(quiet=True))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_second_comparison_with_the_same_files_is_refused(tmp_path: Path) -> None:
+    log = tmp_path / "controllers.rrd"
+    log.write_text("of the first")
+    options = scenario.ControllersOptions(log=log, only=("free",))
+    with (
+        claimed(log),
+        pytest.raises(
+            RecordingError, match=r"controllers\.rrd is being written by another process"
+        ),
+    ):
+        scenario.run(options, Console(quiet=True))
+    assert log.read_text() == "of the first"
 
 
 def test_a_controller_that_is_too_late_is_called_unstable() -> None:

@@ -21,6 +21,7 @@ from robo47_qp.evaluation.benchmarks.ik.command import (
 from robo47_qp.evaluation.benchmarks.ik.comparison import Comparison, Field
 from robo47_qp.evaluation.benchmarks.ik.judge import Judge
 from robo47_qp.evaluation.benchmarks.ik.targets import uniform
+from robo47_qp.files import claimed
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.solver import IkResult, IkSolver, Tolerance
 from robo47_qp.model.arm import Arm
@@ -209,3 +210,15 @@ def test_without_choices_one_screen_answers_whether_dls_or_the_qp_is_better(
         for test in report["paired"]:
             if (test["a"], test["b"]) == (a, b):
                 assert f"{test['only_b']} to {test['only_a']} on {test['targets']}" in told
+
+
+def test_a_second_comparison_with_the_same_files_is_refused(tmp_path: Path) -> None:
+    log = tmp_path / "ik.rrd"
+    log.write_text("of the first")
+    options = CompareOptions(n=1, log=log, solvers=("lm",), targets=("uniform",))
+    with (
+        claimed(log),
+        pytest.raises(RecordingError, match=r"ik\.rrd is being written by another process"),
+    ):
+        compare_chosen(options, Console(quiet=True))
+    assert log.read_text() == "of the first"
