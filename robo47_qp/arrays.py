@@ -314,6 +314,21 @@ def checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
     return vector
 
 
+def contiguous(name: str, values: ArrayLike, *shape: int | None) -> NDArray[np.float64]:
+    """Return numbers of a shape as C code reads them; sizes of None may be any.
+
+    Raises:
+        InvalidValueError: They have another shape.
+    """
+    found: NDArray[np.float64] = np.ascontiguousarray(values, dtype=np.float64)
+    if found.ndim != len(shape) or any(
+        size not in (None, own) for size, own in zip(shape, found.shape, strict=True)
+    ):
+        sizes = ", ".join("any" if size is None else str(size) for size in shape)
+        raise InvalidValueError(name, f"shape {found.shape}", f"of shape ({sizes})")
+    return found
+
+
 def frozen_vector(name: str, value: ArrayLike, size: int) -> Vector:
     """Like `checked_vector`, and the result cannot be written to."""
     vector = checked_vector(name, value, size)

@@ -156,7 +156,7 @@ void r47_clearance_take(r47_clearance *c) {
 /* See max_stoppable_speed in joint_bounds.py. */
 static double stoppable(double distance, double v, double a, double dt) {
   const double step = a * dt, delta = largest((distance / dt - 0.5 * v) / step, 0.0);
-  const double whole = (double)(long long)(sqrt(2.0 * delta + 0.25) - 0.5);
+  const double whole = whole_part(sqrt(2.0 * delta + 0.25) - 0.5);
   return step * (0.5 * whole + delta / (whole + 1.0));
 }
 

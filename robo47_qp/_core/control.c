@@ -125,6 +125,8 @@ static void limit(r47_control *c, const double *q_ref, const double *q, double *
     if (!free) {
       tau[i] = clipped(tau[i], c->last[i] - c->rate[i], c->last[i] + c->rate[i]);
       tau[i] = clipped(tau[i], -c->most[i], c->most[i]);
+      /* After no number nothing is within the rate. */
+      if (c->last[i] != c->last[i]) tau[i] = c->last[i];
     }
     c->last[i] = tau[i];
   }

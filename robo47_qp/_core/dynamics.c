@@ -13,13 +13,13 @@ void r47_place(r47_dynamics *d) {
 }
 
 void r47_inverse_here(r47_dynamics *d) {
-  double inertial[R47_MAX_N];
   ((stage)d->velocities)(d->model, d->data);
   ((stage)d->passive)(d->model, d->data);
   ((newton_euler)d->bias)(d->model, d->data, 0, d->qfrc_bias);
-  ((times_mass)d->times)(d->model, d->data, inertial, d->qacc);
+  /* In place: arms of any number of joints come here. */
+  ((times_mass)d->times)(d->model, d->data, d->qfrc_inverse, d->qacc);
   for (int i = 0; i < d->n; i++)
-    d->qfrc_inverse[i] = inertial[i] - d->qfrc_passive[i] + d->qfrc_bias[i];
+    d->qfrc_inverse[i] = d->qfrc_inverse[i] - d->qfrc_passive[i] + d->qfrc_bias[i];
 }
 
 void r47_inverse(r47_dynamics *d) {

@@ -21,6 +21,11 @@ static inline double largest(double a, double b) {
   return a > b ? a : b;
 }
 
+/* A number of 0 or more without its fraction; from 2^52 on it has none. */
+static inline double whole_part(double x) {
+  return x < 4503599627370496.0 ? (double)(long long)x : x;
+}
+
 /* What is no number stays so. */
 static inline double clipped(double x, double low, double high) {
   x = x < low ? low : x;

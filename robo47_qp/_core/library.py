@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.machinery import SourceFileLoader
+from threading import Lock
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
@@ -125,8 +126,18 @@ def _as_c(value: Any) -> Any:
     return value.pointer if isinstance(value, Structure) else value
 
 
+_loading = Lock()
+
+
 @cache
 def _core() -> _Core:
+    # Threads that come at once would each load it, and mix types that are not the same.
+    with _loading:
+        return _loaded()
+
+
+@cache
+def _loaded() -> _Core:
     try:
         made = built()
         if not made.there:

@@ -64,7 +64,6 @@ static int run(r47_control *control, r47_world *w, int periods, const double *q_
   const int n = w->n;
   double tau[R47_MAX_N], arrived[R47_MAX_N];
   const double *q = w->q, *v = w->v, *felt = tau;
-  volatile long long *count = filled;
   if (w->senses && w->senses->joints) q = w->senses->joints->q, v = w->senses->joints->v;
   if (w->senses && w->senses->torque) felt = arrived;
   collect(w);
@@ -90,7 +89,8 @@ static int run(r47_control *control, r47_world *w, int periods, const double *q_
       for (int i = 0; i < 3; i++) w->force[3 * t + i] = within[i] - whole[i];
     }
     gather(w, w->firsts, w->lates, row + w->late);
-    *count += 1;
+    /* Who reads the rows of a run that goes on finds the row complete. */
+    __atomic_store_n(filled, *filled + 1, __ATOMIC_RELEASE);
   }
   return periods;
 }
@@ -105,7 +105,8 @@ int r47_run(r47_control *control, r47_world *w, int periods, const double *q_ref
   void *clock = *w->clock;
   *w->clock = (void *)no_time;
   const int done = run(control, w, periods, q_ref, v_ref, a_ref, rows, width, command, filled);
-  *w->clock = clock;
+  /* A run on another thread may have begun or ended meanwhile. */
+  if (clock != (void *)no_time) *w->clock = clock;
   r47_factor(control->arm);
   return done;
 }

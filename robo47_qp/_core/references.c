@@ -26,6 +26,8 @@ void r47_reference_rows(const r47_references *r, int count, const double *q, con
       rows += 7;
     }
   }
+  /* An acceleration that is asked for next is that of the last row. */
+  if (count > 0) r47_factor(arm);
 }
 
 void r47_tool_places(r47_dynamics *arm, const double *position, const double *quaternion, int count,

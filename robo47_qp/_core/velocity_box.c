@@ -6,7 +6,7 @@
 static double fastest(double distance, double v, double step, double dt) {
   const double delta = (distance / dt - 0.5 * v) / step;
   if (delta <= 0.0) return 0.0;
-  const double whole = (double)(long long)(sqrt(2.0 * delta + 0.25) - 0.5);
+  const double whole = whole_part(sqrt(2.0 * delta + 0.25) - 0.5);
   return step * (0.5 * whole + delta / (whole + 1.0));
 }
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp._core.library import Structure, functions
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Vector, contiguous
 from robo47_qp.collision.distance import GeomDistance
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.collision.pair_distances import PairDistances
 from robo47_qp.collision.pairs import GeomPairs
-from robo47_qp.errors import ModelError
+from robo47_qp.errors import InvalidValueError, ModelError
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
@@ -108,8 +108,13 @@ class ClosestApproach:
             q: Joints of the arm, then of its grippers (N, joints) [rad or m].
             resolution: How much smaller it may be than what is found, at most [m]; 0 finds it in
                 about twice the time.
+
+        Raises:
+            InvalidValueError: There are no rows, or they are of another size.
         """
-        q = np.ascontiguousarray(q)
+        q = contiguous("q", q, None, self.distances.joints)
+        if not len(q):
+            raise InvalidValueError("q", "none", "one row or more")
         travelled = np.cumsum(np.abs(np.diff(q, axis=0, prepend=q[:1])), axis=0)
         rows = np.unique(np.linspace(0, len(q) - 1, _FIRST_ROWS).astype(int)).tolist()
         first = np.array([self.distances.at(q[row]) for row in rows])

@@ -8,7 +8,7 @@ import numpy as np
 
 from robo47_qp._core.library import Structure, backend, functions, pointer
 from robo47_qp._core.mujoco_functions import function, structure
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Vector, contiguous
 from robo47_qp.collision.broad_phase import BroadPhase
 from robo47_qp.collision.distance import FAR, GeomDistance
 
@@ -39,6 +39,8 @@ class PairDistances:
         self.pairs = list(pairs)
         self.reach = np.ascontiguousarray(reach)
         self._addresses = m.jnt_qposadr[list(joints)]
+        self.joints = len(self._addresses)
+        """How many numbers a configuration has."""
         self._measure = GeomDistance(m, self.data)
         self._broad = BroadPhase(m, tuple(self.pairs)) if self.pairs else None
         compiled = bool(self.pairs) and backend() == "compiled"
@@ -61,7 +63,7 @@ class PairDistances:
             doubtful = np.empty(len(self.pairs), np.uint8)
             arrays = pointer(apart), pointer(doubtful)
             functions().r47_approach_at(
-                self.core.pointer, pointer(np.ascontiguousarray(q)), seen, *arrays
+                self.core.pointer, pointer(contiguous("q", q, self.joints)), seen, *arrays
             )
             near = np.flatnonzero(doubtful)
         else:
@@ -84,7 +86,7 @@ class PairDistances:
             kinematics=function("mj_kinematics"),
             distance=function("mj_geomDistance"),
             qpos=d.qpos,
-            joints=len(self._addresses),
+            joints=self.joints,
             address=self._addresses.astype(np.int32),
             xpos=d.geom_xpos,
             xmat=d.geom_xmat,

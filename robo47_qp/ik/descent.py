@@ -20,6 +20,8 @@ from robo47_qp.model.tool_poses import Target
 
 MOST_STALL_STEPS = 64
 """Most steps over which the core measures the fall of an error, `R47_MAX_STALL`."""
+_MOST = 2**31 - 1
+"""Largest number that C's int holds."""
 MOST_TOOLS = 8
 """Most tools of a target of the core, `R47_MAX_TOOLS`."""
 
@@ -120,7 +122,7 @@ class CompiledStepper(FusedStepper):
         """
         c, self.tolerance = self.structure.pointer, tolerance
         c.position, c.orientation = tolerance.position, tolerance.orientation
-        c.max_iterations, c.stall_steps = max_iterations, 0
+        c.max_iterations, c.stall_steps = min(max_iterations, _MOST), 0
         if stall is not None:
             if stall.steps > MOST_STALL_STEPS:
                 expected = f"at most {MOST_STALL_STEPS}, else ROBO47_BACKEND=numpy"

@@ -186,7 +186,7 @@ def _workers(threads: int | None) -> int:
 def _poses(targets: Sequence[SE3]) -> Matrix:
     """Return quaternions and positions (count, 7), of NaN where `is_pose` says no."""
     given = [t.wxyz_xyz if isinstance(t, SE3) else _NO_POSE for t in targets]
-    poses = np.array([p if len(p) == 7 else _NO_POSE for p in given]).reshape(-1, 7)
+    poses = np.array([p if len(p) == 7 else _NO_POSE for p in given], np.float64).reshape(-1, 7)
     sizes = np.einsum("ij,ij->i", poses[:, :4], poses[:, :4])
     fine = (np.abs(sizes - 1.0) < _UNIT) & (np.abs(poses[:, 4:]) < _NEAR).all(axis=1)
     for place in np.flatnonzero(~fine).tolist():

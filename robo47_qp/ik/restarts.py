@@ -73,7 +73,7 @@ class Restarts:
             descent=descents[0].structure,
             thorough=descents[1].structure,
             library=self.library,
-            starts=starts,
+            starts=min(starts, self._count + 1),
             near=min(near, self._count),
             seed_first=int(seed_first),
             looks=len(looks.after),

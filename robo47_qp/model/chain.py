@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robo47_qp._core.library import Structure, functions, pointer
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Vector, contiguous
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm
 
@@ -71,7 +71,8 @@ class Chain:
 
     def move(self, q: Vector) -> None:
         """Move to q (n,) [rad]; everything else is about the last configuration."""
-        functions().r47_links(self.structure.pointer, pointer(q), self._links)
+        own = pointer(contiguous("q", q, self.n))
+        functions().r47_links(self.structure.pointer, own, self._links)
 
     def frame(self, place: int = 0) -> Vector:
         """Return a fixed frame in the world (12,), by default that of the main tool."""

@@ -289,6 +289,8 @@ def _arm_spec(robot: Robot, obstacles: tuple[Obstacle, ...]) -> mujoco.MjSpec:
     for obstacle in obstacles:
         add_obstacle(spec, obstacle)
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    # Accelerations are those of the joints, not differences of a simulation.
+    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
     return spec
 
 

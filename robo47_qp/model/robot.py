@@ -198,6 +198,8 @@ class Robot:
             ModelError: The MJCF file does not exist.
         """
         n = len(self.joints)
+        if not n:
+            raise InvalidValueError("joints", self.joints, "one name or more")
         for name in ("home", "tau_max", "tau_rate_max", "stiffness"):
             object.__setattr__(self, name, frozen_vector(name, getattr(self, name), n))
         for name in ("tau_max", "tau_rate_max", "stiffness"):

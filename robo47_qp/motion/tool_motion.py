@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from robo47_qp._core.library import Structure, backend, functions, pointer
 from robo47_qp._core.mujoco_functions import dynamics
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Vector, contiguous
 from robo47_qp.model.arm import Arm
 
 
@@ -58,7 +58,7 @@ def tool_places(arm: Arm, q: Matrix, tool: int = 0) -> tuple[Matrix, Matrix]:
     site = arm.tool_sites[tool]
     joints, position, quat = d.qpos, d.site_xpos[site], d.site_xquat[site]
     if backend() == "compiled":
-        arrays = (np.ascontiguousarray(q), positions, quats)
+        arrays = (contiguous("q", q, None, arm.n), positions, quats)
         places = map(pointer, (position, quat))
         core = arm.derived(_in_core).pointer
         functions().r47_tool_places(core, *places, len(q), *map(pointer, arrays))
@@ -110,7 +110,7 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int 
     """
     if backend() == "compiled":
         core, motion = arm.derived(_screws, tool).pointer, np.empty((len(q), 18))
-        joints = [pointer(np.ascontiguousarray(values)) for values in (q, v, a, j)]
+        joints = [pointer(contiguous("a motion", x, len(q), arm.n)) for x in (q, v, a, j)]
         functions().r47_tool_motion(core, len(q), *joints, pointer(motion))
         return ToolMotion(*(motion[:, k : k + 3] for k in range(0, 18, 3)))
     screws, point = arm.derived(_at_rest, tool)

@@ -13,7 +13,7 @@ import numpy as np
 
 from robo47_qp._core.library import Structure, backend, functions, pointer
 from robo47_qp._core.mujoco_functions import dynamics, function
-from robo47_qp.arrays import Matrix
+from robo47_qp.arrays import Matrix, contiguous
 from robo47_qp.ik.stream.settings import Event
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robot import Robot
@@ -207,7 +207,7 @@ class _CompiledReferences:
 
     def rows(self, samples: Samples) -> Matrix:
         rows = np.empty((len(samples[0]), self._columns))
-        arrays = [np.ascontiguousarray(values) for values in samples]
+        arrays = [contiguous("a sample", x, len(rows), self._arm.n) for x in samples]
         functions().r47_reference_rows(
             self._structure.pointer, len(rows), *map(pointer, arrays), pointer(rows)
         )

@@ -182,7 +182,7 @@ class DisturbedSimulation(Simulation):
     @property
     def compiled(self) -> CompiledWorld | None:
         """See `Simulation.compiled`."""
-        return self._compiled
+        return self._compiled if type(self) is DisturbedSimulation else None
 
     def ahead(self) -> int:
         """See `Simulation.ahead`: up to the next frame of the camera, and without pushes."""

@@ -70,7 +70,7 @@ def test_without_a_library_and_a_compiler_the_core_says_what_to_do(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name in missing else find(name)
     )
-    load = library._core.__wrapped__
+    load = library._loaded.__wrapped__
     with pytest.raises(CoreError, match=r"none of the present C sources.*`make core`.*=numpy"):
         load()
     with pytest.raises(core_build.BuildError, match="needs the Python package ziglang"):

@@ -172,9 +172,11 @@ class JointBounds:
 
     def _compiled_box(self, q: Vector, v: Vector) -> Matrix | None:
         """Return what `_viable_box` does, by the compiled core."""
-        self._memory[:2] = q, v
         limits, *rest = self._pointers
-        n, call = len(q), functions().r47_velocity_box
+        n, call = len(self._rows), functions().r47_velocity_box
+        if len(q) != n or len(v) != n:
+            raise InvalidValueError("joints", f"{len(q)} of q, {len(v)} of v", str(n))
+        self._memory[:2] = q, v
         return None if call(n, limits, self.dt, _ROUNDING, *rest) else self._memory[2:]
 
     def _viable_box(self, q: Vector, v: Vector) -> tuple[list[float], list[float]] | None:
