@@ -1,7 +1,7 @@
 """Array types, and the rules that values from outside are checked against."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from math import inf, isfinite
@@ -59,9 +59,13 @@ class Range(Rule):
     at_most: float = inf
     whole: bool = False
     infinite: bool = False
+    single: bool = False
+    """Whether only one number is accepted, where otherwise arrays of them are, too."""
 
     def _accepts(self, value: Any) -> bool:
         try:
+            if self.single and np.ndim(value):
+                return False
             given = np.ravel(index(value) if self.whole else value)
             numbers = given.astype(float).tolist()
         except (TypeError, ValueError, OverflowError):
@@ -263,8 +267,11 @@ class Checked:
                 stated = getattr(choice, "__metadata__", ())
                 if get_origin(choice) is Literal:
                     stated = (OneOf(get_args(choice)),)
+                number = get_origin(choice) is Annotated and choice.__origin__ in (int, float)
                 for rule in stated:
-                    if isinstance(rule, Rule | Size):
+                    if isinstance(rule, Range) and number:
+                        rules.append((field, replace(rule, single=True), others))
+                    elif isinstance(rule, Rule | Size):
                         rules.append((field, rule, others))
         return rules
 

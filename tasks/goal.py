@@ -99,7 +99,7 @@ class Goal:
 
     def pose(self) -> SE3:
         """Return T_world_item of the item when it stands on the marker."""
-        return _standing(self.item, marked_goal(self.simulation))
+        return _standing(self.item.as_in(self.simulation), marked_goal(self.simulation))
 
     def missed(self, criterion: PlaceCriterion) -> Failure | None:
         """Return why the item is not placed at its goal; None if it is."""

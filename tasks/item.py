@@ -162,6 +162,14 @@ class Item(Checked):
         """Return whether open fingers have room at both sides of the item."""
         return self.width(T_world_tcp, T_world_item) + _ROOM < width_max
 
+    def as_in(self, simulation: Simulation) -> "Item":
+        """Return the item with the lengths that it has in a simulation, by which it is judged."""
+        scale = float(simulation.model.geom(self.name).size[0]) / (0.5 * self.size[0])
+        if scale == 1.0:
+            return self
+        x, y, z = self.size
+        return replace(self, size=(scale * x, scale * y, scale * z), com=(0.0, 0.0, 0.0))
+
     def same_heading(self, turn: float) -> float:
         """Return the smallest rotation about the vertical that looks the same [rad]."""
         if self.round:

@@ -166,7 +166,7 @@ class Options(CheckedOptions):
             "a sequence, each Mode.SLOW or Mode.FAST",
         ),
         ("mass", [1e-9, 3], [0.0, -1.0, np.nan, np.inf, "a", "1", ["1"]], "above 0 and finite"),
-        ("gain", [0.0, [0.0, 2.0]], [-1e-9, np.nan, np.inf, [1.0, -1.0]], "0 or more and finite"),
+        ("gain", [0.0, np.array(2.0)], [-1e-9, np.nan, np.inf, [0.0, 2.0]], "0 or more and finite"),
         ("pace", [1e-9, 1.0], [0.0, 1.0 + 1e-9, np.nan], "above 0 and at most 1"),
         ("margin", [0.0, 0.4], [-1e-9, 0.5, np.nan], "at least 0 and below 0.5"),
         ("seconds", [1.0, np.inf], [0.0, np.nan], "above 0"),

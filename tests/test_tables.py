@@ -127,6 +127,14 @@ def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:
     assert rows[4].endswith("| 1200.5 |")
 
 
+def test_what_errors_of_ours_ended_is_told_beside_the_rate(results: Path) -> None:
+    """Such episodes are not judged: a row without them would be of the others alone."""
+    report = to_keep({**REPORT, "episodes": 5, "errors": 3})
+    (results / "success_severe_reach.json").write_text(json.dumps(report))
+    for table in ("success", "success_short"):
+        assert "| 1 of 2, 3 ended by errors of ours " in TABLES[table]()
+
+
 def test_an_episode_without_an_audit_has_kept_none(results: Path) -> None:
     """What broke off before anything moved; results of before do not tell how many did."""
     for told, audits in (({"audits_kept": 1}, 1), ({"audits_kept": 0}, 0), ({}, 2)):

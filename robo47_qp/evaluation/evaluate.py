@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from robo47_qp.cli import FAILED, INTERRUPTED, OK
-from robo47_qp.errors import InvalidValueError
+from robo47_qp.errors import InvalidValueError, RecordingError
 from robo47_qp.evaluation.journal import Journal
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.evaluation.replay import evaluated, picked, record_failures, replay
@@ -42,6 +42,8 @@ from robo47_qp.run.task import Task
 
 _COMPARISON = ("report", "text")
 """Files of `EvaluateOptions.files` that hold a comparison of several policies."""
+_REPLACED = ("report", "text", "plot", "recording")
+"""Files that an evaluation replaces; its journal is put aside."""
 _LATE = "one of the two runs was ended by the limit of wall time (--timeout)"
 
 
@@ -168,6 +170,9 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> list[Path]:
     none of an earlier evaluation.
     """
     evaluations = [job.evaluation for job in jobs]
+    every = [options.files, *(job.options.files for job in jobs)]
+    for files in every:
+        _check_replaced(files, options.against)
     if options.against is not None:
         seeds = [spec.seed for spec in evaluations[0].specs]
         check_paired(evaluations[0].settings, seeds, _other(options.against))
@@ -180,13 +185,34 @@ def _prepare(jobs: Sequence[Job], options: EvaluateOptions) -> list[Path]:
         for path, settings in journals:
             Journal.read(path, settings)
     # What an earlier evaluation left must not stand beside the beginning of this one.
-    for files in [options.files, *(job.options.files for job in jobs)]:
-        for name in ("report", "text", "plot", "recording"):
-            if options.against is None or files[name].resolve() != options.against.resolve():
-                files[name].unlink(missing_ok=True)
+    for files in every:
+        for name in _REPLACED:
+            files[name].unlink(missing_ok=True)
     for path, settings in journals:
         Journal(path, settings, resume=options.resume).close()
     return fresh
+
+
+def _check_replaced(files: Mapping[str, Path], against: Path | None) -> None:
+    """Check that the files to be replaced are an earlier evaluation's, and not needed.
+
+    Raises:
+        InvalidValueError: One of them is something else, or is to be compared with.
+    """
+    if against is not None and against.resolve() == files["report"].resolve():
+        expected = "a report that is not written anew: name another --log"
+        raise InvalidValueError("--against", against, expected)
+    there = [files[name] for name in _REPLACED if files[name].exists()]
+    if there and not files["journal"].exists() and not _is_report(files["report"]):
+        expected = "a name that only files of evaluations have"
+        raise InvalidValueError("--log", f"{there[0]}, which is none", expected)
+
+
+def _is_report(path: Path) -> bool:
+    try:
+        return "provenance" in read_json(path, "")
+    except RecordingError:
+        return False
 
 
 def _other(path: Path) -> EvaluationReport:

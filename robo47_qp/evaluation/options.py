@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 import tyro
 
-from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Suffix
+from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Range, Suffix
 from robo47_qp.cli import LOGS, StackOptions, TaskOption, unset
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import Episodes, PolicyEvaluation
@@ -21,7 +21,7 @@ from robo47_qp.evaluation.policies import (
 )
 from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
-from robo47_qp.run.policy.drivers import DecisionRate, PolicyTiming
+from robo47_qp.run.policy.drivers import DecisionRate, EpisodeTime, PolicyTiming
 from robo47_qp.run.task import Task
 from robo47_qp.stack import ClassicalStack
 
@@ -47,13 +47,13 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
     the same seeds, and the first is the baseline that each other one is compared with."""
     rate: DecisionRate = PolicyTiming.rate
     """Decisions per second of another policy, at most 1000 [1/s]."""
-    time_limit: Annotated[Positive | None, unset("FLOAT")] = None
+    time_limit: Annotated[EpisodeTime | None, unset("FLOAT")] = None
     """Simulated time for an episode, the same for every policy; by default that of the task [s]."""
     episodes: Episodes = 100
     """Number of episodes; episode i has the seed `seed` + i."""
     seed: CountOrZero = 0
     """Seed of the first episode."""
-    workers: Count = field(default_factory=cores)
+    workers: Annotated[Count, Range(at_most=4096)] = field(default_factory=cores)
     """Processes at once; all processors by default."""
     timeout: Positive = 300.0
     """Wall time of an episode, after which its process is killed and replaced [s]."""

@@ -102,7 +102,7 @@ class Perturbation(SensorErrors):
     ] = 0.0
     object_size: Annotated[
         Span,
-        Ends(above=-1.0),
+        Ends(at_least=-0.9),
         About("Lengths of every free object, more by this part", "-", growth=Growth(first=0.02)),
     ] = 0.0
     friction: (

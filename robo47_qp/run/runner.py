@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from robo47_qp.arrays import Vector
 from robo47_qp.errors import (
     ArmStopped,
     InvalidValueError,
@@ -136,6 +137,7 @@ class Runner:
         simulation.reset()
         seed = scenario.seed
         scenario.task.reset(simulation, None if seed is None else np.random.default_rng(seed))
+        self._begun = {name: _state(simulation, name) for name in simulation.objects}
         self.loop.senses.read()
 
     def rehearse(self) -> list[Leg]:
@@ -232,6 +234,7 @@ class Runner:
             measures=measures,
             loop_seconds=loop.seconds,
             objects={name: Inertia.of(self._sim.model, name) for name in self._sim.objects},
+            begun=self._begun,
             fixed=self._sim.fixed(),
             retaken=loop.retaken,
             failed_steps=None if self.failed is None else len(self.failed),
@@ -305,6 +308,12 @@ def _told(what: str, failure: object) -> Failure | None:
     if failure is None or isinstance(failure, Failure):
         return failure
     raise TaskError(f"{what} must be a Failure, or None for a success; found {failure!r}.")
+
+
+def _state(simulation: Simulation, name: str) -> Vector:
+    """Return an entry of `Run.begun`."""
+    pose = simulation.object_pose(name)
+    return np.concatenate([pose.translation(), pose.rotation().wxyz, simulation.object_twist(name)])
 
 
 def _unstoppable(error: PlanError) -> Failure:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from robo47_qp.arrays import Vector
 from robo47_qp.control.controller import Controller
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.model.obstacle import Obstacle
@@ -51,6 +52,9 @@ class Run:
     """Wall time of the control loop with its recording, without planning and observers [s]."""
     objects: Mapping[str, Inertia]
     """Bodies that move freely."""
+    begun: Mapping[str, Vector]
+    """Their poses and twists as the task put them: position [m], quaternion (w, x, y, z), linear
+    and angular velocity [m/s, rad/s] (13,)."""
     fixed: Sequence[Obstacle]
     """What stands fixed around the robot and can be touched, at the end of the run."""
     retaken: Sequence[int] = ()

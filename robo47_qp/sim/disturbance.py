@@ -142,7 +142,11 @@ class DisturbedSimulation(Simulation):
         if disturbance.camera_errs:
             seed = 0 if self._seeds is None else self._seeds[1]
             self._camera = ObjectCamera(
-                [*self.objects, *self._seen_markers], disturbance, seed, self._occluded
+                [*self.objects, *self._seen_markers],
+                disturbance,
+                seed,
+                self._occluded,
+                self._seen_markers,
             )
         self.reset()
 

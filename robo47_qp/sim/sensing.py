@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from robo47_qp._core.library import Structure
-from robo47_qp.arrays import Checked, Ends, Matrix, NotNegative, Positive, Range, Span, Vector, ends
+from robo47_qp.arrays import Checked, Ends, Matrix, NotNegative, Range, Span, Vector, ends
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import JointState
 from robo47_qp.sim.delay import Delay, Draws
@@ -151,7 +151,8 @@ class SensorErrors(Checked):
         About("Time constant of the noise of poses; at 0, each frame has noise of its own", "s"),
     ] = 0.0
     camera_rate: Annotated[
-        Positive,
+        float,
+        Range(at_least=1e-3),
         About(
             "Frames of the camera per second; other than 30, poses are those of its last frame "
             "also where nothing else of the camera errs",

@@ -229,7 +229,8 @@ def _audits_kept(result: Result) -> int:
 
 
 def _counts(result: Result) -> str:
-    return f"{result['successes']} of {result['judged']}"
+    told, errors = f"{result['successes']} of {result['judged']}", result.get("errors", 0)
+    return f"{told}, {errors} ended by errors of ours" if errors else told
 
 
 def _causes(result: Result) -> str:

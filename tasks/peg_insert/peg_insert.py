@@ -36,7 +36,7 @@ from robo47_qp.tasks.peg_insert.peg import (
 from robo47_qp.tasks.peg_insert.peg_inserter import PITCH, PegInserter
 from robo47_qp.tasks.table import TABLE_TOP, add_table
 
-_DEPTH_LEAST, _ASIDE, _TILT = 0.9 * DEPTH, 1e-3, 0.03
+_DEPTH_LEAST, _DEPTH_MOST, _ASIDE, _TILT = 0.9 * DEPTH, 1.1 * DEPTH, 1e-3, 0.03
 """Least depth of the inserted peg and largest distance of its end from the hole's axis [m], and
 largest angle between them [rad]."""
 
@@ -201,6 +201,11 @@ class PegInsert(Task):
             reasons.append(
                 f"is {1e3 * depth:.1f} mm deep (it must be at least {1e3 * _DEPTH_LEAST:.1f} mm)"
             )
+        if depth > _DEPTH_MOST:
+            reasons.append(
+                f"is {1e3 * depth:.1f} mm below the top of the hole, which is "
+                f"{1e3 * DEPTH:g} mm deep"
+            )
         if aside > _ASIDE:
             reasons.append(
                 f"is {1e3 * aside:.2f} mm beside the axis of the hole "
@@ -219,7 +224,7 @@ class PegInsert(Task):
         T_hole_peg = simulation.marker_pose("hole").inverse() @ simulation.object_pose(
             self.peg.name
         )
-        end = T_hole_peg @ np.array([0.0, 0.0, -0.5 * LENGTH])
+        end = T_hole_peg @ np.array([0.0, 0.0, -0.5 * self.peg.as_in(simulation).height])
         upwards = float(T_hole_peg.rotation().as_matrix()[2, 2])
         return {
             "depth_m": float(-end[2]),

@@ -62,7 +62,7 @@ class Bin(Checked):
         (x, y), (a, b) = self.centre, (0.5 * length for length in self.size)
         return (
             f"x {x - a:.3f} to {x + a:.3f} m, y {y - b:.3f} to {y + b:.3f} m, "
-            f"z below {TABLE_TOP + self.height:.3f} m"
+            f"z {TABLE_TOP:.3f} to {TABLE_TOP + self.height:.3f} m"
         )
 
     def add(self, spec: mujoco.MjSpec) -> None:
@@ -90,9 +90,10 @@ class Bin(Checked):
         )
 
     def holds(self, position: np.ndarray) -> bool:
-        """Return True if a point is within the walls and below the rim."""
+        """Return True if a point is within the walls, above the ground and below the rim."""
         x, y, z = position - np.array([*self.centre, TABLE_TOP])
-        return bool(abs(x) < 0.5 * self.size[0] and abs(y) < 0.5 * self.size[1] and z < self.height)
+        within = abs(x) < 0.5 * self.size[0] and abs(y) < 0.5 * self.size[1]
+        return bool(within and 0.0 < z < self.height)
 
     def holds_all(self, item: Item, T_world_item: SE3) -> bool:
         """Return True if all of an item is between the walls, and its centre below the rim."""

@@ -229,7 +229,7 @@ class Sort(Task):
         """Return why an item does not lie in its bin; None if it does."""
         pose, home = simulation.object_pose(item.name), self._bin(item)
         reasons = []
-        if not home.holds_all(item, pose):
+        if not home.holds_all(item.as_in(simulation), pose):
             x, y, z = pose.translation()
             reasons.append(
                 f"is at ({x:.3f}, {y:.3f}, {z:.3f}) m, and not all of it is in the "

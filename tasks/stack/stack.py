@@ -202,7 +202,11 @@ class Stack(Task):
     def verdict(self, simulation: Simulation) -> Failure | None:
         """See `Task.verdict`."""
         order = sorted(self.cubes, key=lambda c: simulation.object_pose(c.name).translation()[2])
-        against = [self._against(simulation, cube, level) for level, cube in enumerate(order)]
+        against, below = list[str | None](), 0.0
+        for level, cube in enumerate(order):
+            edge = cube.as_in(simulation).height
+            against.append(self._against(simulation, cube, level, below + 0.5 * edge))
+            below += edge
         against.append(self.placed.against_rest(simulation, [cube.name for cube in order]))
         evidence = next((reason for reason in against if reason is not None), None)
         if evidence is not None:
@@ -221,11 +225,18 @@ class Stack(Task):
             "stack_tilt_rad": max(tilt(pose) for pose in poses),
         }
 
-    def _against(self, simulation: Simulation, cube: Item, level: int) -> str | None:
-        """Return why a cube is not in its place at a level of the tower; None if it is."""
+    def _against(self, simulation: Simulation, cube: Item, level: int, height: float) -> str | None:
+        """Return why a cube is not in its place at a level of the tower; None if it is.
+
+        Args:
+            simulation: The world.
+            cube: The cube.
+            level: How many are below it.
+            height: Where its centre is to be above the table, by the sizes in this world [m].
+        """
         goal, pose = marked_goal(simulation), simulation.object_pose(cube.name)
         x, y, z = pose.translation() - goal.translation()
-        off, rise = float(np.hypot(x, y)), float(z - (level + 0.5) * self.edge)
+        off, rise = float(np.hypot(x, y)), float(z - height)
         reasons = []
         if off > self.tolerance:
             reasons.append(

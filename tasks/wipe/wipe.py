@@ -13,7 +13,8 @@ from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
-from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
+from robo47_qp.sim.camera import HIDDEN_BELOW
+from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import on_table
 from robo47_qp.tasks.handling.held_item import HeldItem
@@ -223,7 +224,8 @@ class Wipe(Task):
 
     def _place(self, simulation: Simulation) -> SE3:
         """Return T_world_sponge of the sponge in its place."""
-        up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * self.sponge.height]))
+        height = self.sponge.as_in(simulation).height
+        up = SE3.from_translation(np.array([0.0, 0.0, 0.5 * height]))
         return simulation.marker_pose("place of the sponge") @ up
 
     def _wiper(self, sensed: Sensed, T_world_board: SE3) -> "BoardWiper":

@@ -184,8 +184,9 @@ def test_a_replay_in_another_world_is_refused_before_it_overwrites(tmp_path: Pat
 def test_an_evaluation_goes_on_and_prints_json_alone(
     done: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = read(done)
-    chosen = options(done, resume=True, json=True, failures=0, against=done / "eval.json")
+    before, other = read(done), done / "other.json"
+    other.write_bytes((done / "eval.json").read_bytes())
+    chosen = options(done, resume=True, json=True, failures=0, against=other)
     assert evaluate(Odd(), PANDA, chosen, Console(stderr=True)) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["entries"] == before["entries"]
@@ -340,7 +341,7 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
         ({"failures": -1}, "--failures must be a whole number, 0 or more"),
         ({"replay": -1}, "--replay must be a whole number, 0 or more"),
         ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
-        ({"time_limit": float("nan")}, "--time-limit must be above 0 and finite"),
+        ({"time_limit": float("nan")}, "--time-limit must be above 0 and at most 86400"),
         ({"log": Path("eval.json")}, r"--log must be a file that ends with \.rrd"),
         ({"episodes": 10**9}, "--episodes must be .* at most 1e.06; found 1000000000"),
         ({"replay": 0, "resume": True}, "--resume must be left out with --replay"),
@@ -380,12 +381,35 @@ def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
 ) -> None:
     monkeypatch.setattr(InProcess, "interrupted_after", 1)
     screen = StringIO()
-    for ending in (".json", ".md", ".png", ".rrd"):
+    for ending in (".md", ".png", ".rrd"):
         (tmp_path / f"eval{ending}").write_text("of an earlier evaluation")
+    (tmp_path / "eval.json").write_text('{"provenance": "of an earlier evaluation"}')
     assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
     assert "continue with --resume" in screen.getvalue()
     assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["eval.jsonl"]
+
+
+@pytest.mark.parametrize("ending", [".json", ".md", ".png", ".rrd"])
+def test_files_of_something_else_are_not_replaced(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"eval{ending}"
+    path.write_text("a user's own")
+    with pytest.raises(InvalidValueError, match=rf"--log must be .*eval\{ending}, which is none"):
+        evaluate(Odd(), PANDA, options(tmp_path), QUIET)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["a user's own"]
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_report_to_compare_with_is_not_replaced(resume: bool, tmp_path: Path) -> None:
+    """Else it would be lost, and the new one be compared with itself."""
+    path = tmp_path / "eval.json"
+    path.write_text('{"provenance": {}}')
+    (tmp_path / "link").symlink_to(tmp_path)
+    for against in (path, tmp_path / "link" / "eval.json"):
+        chosen = options(tmp_path, against=against, resume=resume)
+        with pytest.raises(InvalidValueError, match="--against must be a report that is not writt"):
+            evaluate(Odd(), PANDA, chosen, QUIET)
+    assert path.read_text() == '{"provenance": {}}'
 
 
 def test_ctrl_c_before_any_episode_promises_nothing(

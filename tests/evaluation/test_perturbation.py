@@ -169,7 +169,10 @@ def test_single_options_stand_in_place_of_those_of_the_level() -> None:
         ({"object_mass": -1.0}, "object_mass must be above -1 and finite: .*; found -1"),
         ({"friction": (-0.1, 0.3)}, "friction must be 0 or more and finite: .*; found"),
         ({"outliers": 1.5}, "outliers must be at least 0 and below 1; found 1.5"),
-        ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite; found 0"),
+        ({"pose_bias": (0.0, 1.0)}, "pose_bias must be 0 or more and finite; found .0.0, 1.0"),
+        ({"object_size": -0.95}, "object_size must be -0.9 or more and finite"),
+        ({"camera_rate": 1e-320}, "camera_rate must be 0.001 or more and finite"),
+        ({"camera_rate": 0.0}, "camera_rate must be 0.001 or more and finite; found 0"),
         ({"pushes": 4}, "pushes must be a whole number, at least 0 and at most 3; found 4"),
         ({"push_force": 1e308}, r"push_force must be at most 1e\+06 N; found 1e\+308"),
         ({"link_mass": (0.0, 1e7)}, r"link_mass must be at most 1e\+06; found \(0.0, 1"),
@@ -229,7 +232,9 @@ def test_an_option_that_is_not_there_is_refused() -> None:
 
 
 def test_a_rate_is_refused_by_its_own_name() -> None:
-    with pytest.raises(InvalidValueError, match=r"^--rate must be above 0 and at most 1000; found"):
+    with pytest.raises(
+        InvalidValueError, match=r"^--rate must be at least 0.001 and at most 1000; "
+    ):
         EvaluateOptions(policy=("mine.py:Mine",), rate=0.0)
 
 

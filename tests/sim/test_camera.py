@@ -147,3 +147,18 @@ def test_a_thing_that_is_put_elsewhere_is_seen_there_with_the_same_error() -> No
     assert made.seen("left").pose.translation() - T["left"].translation() == pytest.approx(before)
     made.place("left", 0.0, T["right"])
     assert made.seen("left").pose.translation() - T["right"].translation() == pytest.approx(before)
+
+
+def test_a_hidden_marker_tells_nothing_of_the_camera() -> None:
+    """Where it is hidden is known: what is seen less that would be the calibration's error."""
+    hidden = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
+    things = {**T, "done": hidden, "fallen": hidden}
+    wrong = SensorErrors(pose_bias=0.01, rotation_bias=0.05, pose_noise=5.0, heading_noise=0.1)
+    made = ObjectCamera(tuple(things), wrong, 1, markers=("left", "done"))
+    made.start(0.0, things.__getitem__)
+    for k in range(20):
+        made.watch(k * FRAME, things.__getitem__)
+        assert made.seen("done").pose.wxyz_xyz.tolist() == hidden.wxyz_xyz.tolist()
+        for name in ("left", "right", "fallen"):
+            off = made.seen(name).pose.translation() - things[name].translation()
+            assert np.linalg.norm(off) > 1e-3

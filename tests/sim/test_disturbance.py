@@ -119,7 +119,7 @@ def test_a_push_is_a_force_at_the_tool_for_its_time(robot: Robot, arm: Arm) -> N
         ({"pose_noise": np.inf}, "pose_noise must be 0 or more and finite"),
         ({"heading_noise": -1.0}, "heading_noise must be 0 or more and finite"),
         ({"pose_bias": -1.0}, "pose_bias must be 0 or more and finite"),
-        ({"camera_rate": 0.0}, "camera_rate must be above 0 and finite"),
+        ({"camera_rate": 0.0}, "camera_rate must be 0.001 or more and finite"),
     ],
 )
 def test_another_disturbance_is_refused(setting: dict[str, float], message: str) -> None:

@@ -108,7 +108,8 @@ class TaskEnv(_Base):
         sensed = Senses(self._simulation, as_seen=self._task.as_seen).read()
         sizes = len(self._simulation.objects), len(sensed.markers)
         seconds = self._timing.seconds or self._task.time_limit
-        self._space = observation_space(self._arm, *sizes, seconds)
+        measured = perturbation.velocity_cutoff != 0.0
+        self._space = observation_space(self._arm, *sizes, seconds, velocities=measured)
         space: Any = self._space
         self.observation_space = space
 

@@ -82,10 +82,13 @@ class ActionScale:
         return ToolTarget(pose=vector, width=width)
 
 
-def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> spaces.Dict:
+def observation_space(
+    arm: Arm, objects: int, markers: int, seconds: float, *, velocities: bool = True
+) -> spaces.Dict:
     """Return the space of `Observation`, with objects and markers as rows in the scene's order.
 
     In place of when frames were taken it has their ages, of the objects and then the markers [s].
+    Velocities are left out where they are not measured.
     """
     robot = arm.robot
     room = 0.1 * (arm.q_high - arm.q_low)
@@ -103,6 +106,8 @@ def observation_space(arm: Arm, objects: int, markers: int, seconds: float) -> s
     if robot.gripper is not None:
         bounds["width"] = (np.array([-0.01]), np.array([robot.gripper.width_max + 0.01]))
         bounds["fingers"] = (np.zeros(2), np.full(2, _FORCE))
+    if not velocities:
+        del bounds["v"]
     bounds["ages"] = (np.zeros(objects + markers), np.full(objects + markers, seconds + 10.0))
     return spaces.Dict(
         {

@@ -31,20 +31,47 @@ def object_jumps(run: Run) -> list[Finding]:
     MuJoCo's integrator takes positions on by the new velocity, p' = p + T v' and likewise for the
     rotation, and the velocity of the centre of mass by the acceleration that contacts and gravity
     give it, v' = v + T a, and likewise its turning speed. What is left is what something else has
-    done to an object between two periods.
+    done to an object between two periods, or before the first one, after the task had put it there.
     """
+    if not len(run.rows):
+        return []
+    for name in run.objects:
+        # The last row has no acceleration yet that led anywhere.
+        known = run.rows[f"objects/{name}"], _twist(run, name), _change(run, name)[:-1]
+        if not all(np.isfinite(values).all() for values in known):
+            return [at_most(f"object jump ({name})", "m", np.array([np.nan]), _ROUNDING)]
     found = []
-    for title, unit, part, slack in (
-        ("object jump", "m", _moved, _ROUNDING),
-        ("object turn", "rad", _turned, _ROUNDING),
-        ("object kick", "m/s", _kicked, _RESIDUAL),
-        ("object spin", "rad/s", _spun, _TURNING),
+    for title, unit, part, start, slack in (
+        ("object jump", "m", _moved, _moved_first, _ROUNDING),
+        ("object turn", "rad", _turned, _turned_first, _ROUNDING),
+        ("object kick", "m/s", _kicked, _kicked_first, _RESIDUAL),
+        ("object spin", "rad/s", _spun, _spun_first, _TURNING),
     ):
-        sizes = {name: part(run, name) for name in run.objects if len(run.rows) > 1}
+        sizes = {name: part(run, name) for name in run.objects}
+        for name, size in sizes.items():
+            first = [start(run, name), *size[:1]]
+            sizes[name] = np.array([max(first), *size[1:]])
         if sizes:
             name = max(sizes, key=lambda one: float(sizes[one].max()))
             found.append(at_most(f"{title} ({name})", unit, sizes[name], slack))
     return found
+
+
+def _moved_first(run: Run, name: str) -> float:
+    return float(np.linalg.norm(run.rows[f"objects/{name}"][0, :3] - run.begun[name][:3]))
+
+
+def _turned_first(run: Run, name: str) -> float:
+    now, before = run.rows[f"objects/{name}"][:1, 3:], run.begun[name][None, 3:7]
+    return float(angle_between(before, now)[0, 0])
+
+
+def _kicked_first(run: Run, name: str) -> float:
+    return float(np.linalg.norm(_twist(run, name)[0, :3] - run.begun[name][7:10]))
+
+
+def _spun_first(run: Run, name: str) -> float:
+    return float(np.linalg.norm(_twist(run, name)[0, 3:] - run.begun[name][10:]))
 
 
 def _moved(run: Run, name: str) -> Vector:
@@ -91,9 +118,12 @@ def _spun(run: Run, name: str) -> Vector:
 
 def _left(run: Run, name: str) -> Matrix:
     """Return the changes of the twist that the accelerations leave unexplained (N - 1, 6)."""
-    change = run.rows[f"motion/{name} acceleration"][:-1]
-    left: Matrix = np.diff(_twist(run, name), axis=0) - TIMESTEP * change
+    left: Matrix = np.diff(_twist(run, name), axis=0) - TIMESTEP * _change(run, name)[:-1]
     return left
+
+
+def _change(run: Run, name: str) -> Matrix:
+    return run.rows[f"motion/{name} acceleration"]
 
 
 def _twist(run: Run, name: str) -> Matrix:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
-from robo47_qp.arrays import Checked, Positive, Range
+from robo47_qp.arrays import Checked, Range
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, PlanError, Robo47Error
 from robo47_qp.run.control_loop import Aborted, ControlLoop
@@ -19,7 +19,8 @@ from robo47_qp.run.scenario import Run, Scenario
 from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 
-DecisionRate: TypeAlias = Annotated[float, Range(above=0.0, at_most=1.0 / TIMESTEP)]
+DecisionRate: TypeAlias = Annotated[float, Range(at_least=1e-3, at_most=1.0 / TIMESTEP)]
+EpisodeTime: TypeAlias = Annotated[float, Range(above=0.0, at_most=86_400.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +29,7 @@ class PolicyTiming(Checked):
 
     rate: DecisionRate = 30.0
     """Decisions per second, at most one per control period [1/s]."""
-    seconds: Positive | None = None
+    seconds: EpisodeTime | None = None
     """Longest simulated time of an episode, in place of `Scenario.time_limit` [s]."""
 
     def decision(self, k: int, end: int) -> int:
@@ -195,6 +196,7 @@ class StepwiseDriver:
 
     def end(self) -> Run:
         """Come to rest, judge the world and return what happened; the episode is then over."""
+        self._runner.acting = False
         return self._runner.ended(self._stopped or self._runner.finish())
 
     def drive(self, runner: Runner) -> Failure | None:

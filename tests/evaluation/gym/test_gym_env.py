@@ -305,17 +305,6 @@ def test_frames_of_a_camera_that_is_late_have_an_age() -> None:
     assert (seen["ages"] < 0.15).all()
 
 
-def test_an_object_that_is_moved_by_hand_breaks_the_audit() -> None:
-    made = env(task=PickPlace(), seconds=0.5)
-    made.reset(seed=0)
-    made.step(made.scale.numbers(HOME))
-    world = made._simulation
-    world.place_object("cube", world.marker_pose("goal"))
-    _, _, _, _, info = until_the_end(made, made.scale.numbers(HOME))
-    assert not info["audit_ok"]
-    assert any(signal.startswith("object jump") for signal in info["broken_promises"])
-
-
 def test_a_robot_without_a_gripper_has_no_width() -> None:
     robot = robot_named("hinge6")
     made = env(robot=robot)

@@ -18,6 +18,7 @@ from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.item import Item
 from robo47_qp.tasks.pick_place.pick_place import PickPlace
+from robo47_qp.tasks.stack.stack import Stack
 from tests.policies import Scripted, follow
 from tests.runs import picked_and_placed
 
@@ -152,3 +153,43 @@ def test_one_that_is_turned_with_a_speed_to_match_was_spun(speed: tuple[float, .
 def test_one_that_creeps_around_was_spun_too() -> None:
     run = meddled(spin(0.0, 0.0, 0.01), rate=1000.0, until=0.25)
     assert broken(run) == {"object spin (cube)": pytest.approx(0.01, rel=0.1)}
+
+
+BEFORE = {
+    "object jump (cube)": (shift(0.01), 0.01),
+    "object turn (cube)": (turn, 0.01),
+    "object kick (cube)": (kick, 0.01),
+    "object spin (cube)": (spin(0.0, 0.0, 0.5), 0.5),
+}
+
+
+@pytest.mark.parametrize("signal", BEFORE)
+def test_so_does_one_that_is_moved_before_the_first_period(signal: str) -> None:
+    """The task has put it there, and the policy's `reset` is the next to be called."""
+    task, (meddle, size) = PickPlace(), BEFORE[signal]
+    simulation = Simulation(PANDA, task.build_scene)
+
+    class Early(Scripted):
+        def reset(self, observation: Observation) -> None:
+            meddle(simulation)
+            super().reset(observation)
+
+    policy = Early(lambda _: JointTarget(q=np.array(PANDA.home)))
+    run = follow(policy, task=task, timing=PolicyTiming(seconds=0.1), simulation=simulation)
+    assert broken(run)[signal] == pytest.approx(size, rel=1e-3)
+    found = next(f for f in object_jumps(run) if f.signal == signal)
+    assert found.time == 0.0
+
+
+@pytest.mark.parametrize("kind", ["objects/{}", "motion/{} velocity", "motion/{} acceleration"])
+@pytest.mark.parametrize("which", [0, -1])
+def test_what_is_no_number_is_no_kept_promise(kind: str, which: int) -> None:
+    """The largest of several objects must not hide the one that is not known."""
+    task = Stack()
+    simulation = Simulation(PANDA, task.build_scene)
+    home = Scripted(lambda _: JointTarget(q=np.array(PANDA.home)))
+    run = follow(home, task=task, timing=PolicyTiming(seconds=0.1), simulation=simulation)
+    name = list(run.objects)[which]
+    assert broken(run) == {}
+    run.rows[kind.format(name)][50:60, 3:] = np.nan
+    assert list(broken(run)) == [f"object jump ({name})"]

@@ -101,11 +101,11 @@ def test_it_decides_at_its_rate(rate: float) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rate": 0.0}, "rate must be above 0 and at most 1000; found 0.0"),
-        ({"rate": 1001.0}, "rate must be above 0 and at most 1000"),
-        ({"rate": np.nan}, "rate must be above 0 and at most 1000; found nan"),
-        ({"seconds": 0.0}, "seconds must be above 0 and finite; found 0.0"),
-        ({"seconds": np.inf}, "seconds must be above 0 and finite; found inf"),
+        ({"rate": 0.0}, "rate must be at least 0.001 and at most 1000; found 0.0"),
+        ({"rate": 1001.0}, "rate must be at least 0.001 and at most 1000"),
+        ({"rate": np.nan}, "rate must be at least 0.001 and at most 1000; found nan"),
+        ({"seconds": 0.0}, "seconds must be above 0 and at most 86400; found 0.0"),
+        ({"seconds": np.inf}, "seconds must be above 0 and at most 86400; found inf"),
     ],
 )
 def test_a_timing_out_of_range_is_refused(change: dict[str, float], message: str) -> None:
