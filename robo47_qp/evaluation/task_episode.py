@@ -118,7 +118,8 @@ def _judged(spec: EpisodeSpec, run: Run, wrong: dict[str, object], started: floa
     more: dict[str, Any] = {
         "measures": {k: plain(v) for k, v in run.measures.items()},
         "metrics": {k: plain(v) for k, v in figures.items() if k not in run.measures},
-        "audit_ok": not broken,
+        # Where nothing was recorded, nothing was kept.
+        "audit_ok": not broken if len(run.rows) else None,
         "broken_promises": broken,
         "exempt": exempt_findings(findings),
         "disturbance": wrong,

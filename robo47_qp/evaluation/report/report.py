@@ -22,7 +22,7 @@ CYCLE = "cycle_time_s"
 """The metric of comparisons."""
 PAIRED = ("task", "robot", "perturbation", "time_limit")
 """Settings that paired evaluations share."""
-_TOLD = ("code", "versions", "robot_sha256")
+_TOLD = ("code", "versions", "robot_sha256", "timeout")
 """Settings that may differ where versions are compared, but are told. The digest of a robot changes
 with MuJoCo and the code; where these are the same, it is another robot."""
 _SHARED = (*PAIRED, "robot_sha256", "code")
@@ -341,7 +341,7 @@ def check_paired(
     """
     differing = _differing(settings, other.settings, PAIRED)
     told = _differing(settings, other.settings, _TOLD)
-    if differing or told == ("robot_sha256",):
+    if differing or set(told) - {"timeout"} == {"robot_sha256"}:
         found = f"one with another {', '.join(differing or told)}"
         expected = "a result of the same task, world and time limit"
         raise InvalidValueError("--against", found, expected)

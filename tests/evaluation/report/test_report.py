@@ -48,6 +48,9 @@ def test_what_is_no_pair_is_not_compared() -> None:
         other = of(entries("++"), **{name: {"name": "other"}})
         with pytest.raises(InvalidValueError, match=f"one with another {name}"):
             compare(of(entries("++")), other)
+    another = of(entries("++"), robot_sha256="other", timeout=5.0)
+    with pytest.raises(InvalidValueError, match="one with another robot_sha256"):
+        compare(of(entries("++")), another)
     far = [replace(entry, seed=entry.seed + 50) for entry in entries("++")]
     with pytest.raises(InvalidValueError, match="without any of these seeds"):
         compare(of(entries("++")), of(far))
@@ -63,6 +66,7 @@ def test_what_differs_beside_the_policy_is_told() -> None:
         ({"code": "z"}, "code"),
         ({"versions": {"mujoco": "3.9.0"}}, "versions"),
         ({"code": "z", "robot_sha256": "y"}, "code, robot_sha256"),
+        ({"timeout": 5.0}, "timeout"),
     ):
         report = of(entries("++"), **now)
         found = compare(report, of(entries("+-"), **{**now, **before}))
