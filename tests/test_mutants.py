@@ -12,7 +12,10 @@ def test_every_mutant_is_a_mistake_in_one_place_and_names_who_catches_it() -> No
     assert len(mutants) >= 60
     for mutant in mutants:
         text = (ROOT / mutant.file).read_text("utf-8")
-        assert ast.dump(ast.parse(mutant.mutated(text))) != ast.dump(ast.parse(text))
+        mutated = mutant.mutated(text)
+        if mutant.file.endswith(".py"):
+            assert ast.dump(ast.parse(mutated)) != ast.dump(ast.parse(text))
+        assert mutated != text
         assert all((ROOT / "tests" / name).exists() for name in mutant.tests)
 
 
