@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from mink import SE3
 
-from robo47_qp.sim.camera import HIDDEN_BELOW
+from robo47_qp.sim.sensed import HIDDEN_BELOW
 from robo47_qp.sim.simulation import Simulation
 
 _HIDDEN = SE3.from_translation(np.array([0.0, 0.0, -1.0]))

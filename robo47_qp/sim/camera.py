@@ -15,8 +15,6 @@ from robo47_qp.sim.sensing import GaussMarkov, SensorErrors
 FOCUS = np.array([0.5, 0.0, 0.0])
 """Point about which the calibration of the camera is turned, in the world (3,) [m]: the middle of
 the tables of the tasks, where a camera is calibrated."""
-HIDDEN_BELOW = -0.5
-"""Height below which a marker counts as hidden: completed ones are put under the floor [m]."""
 _BIAS, _FRAMES, _THINGS = range(3)
 
 
@@ -52,7 +50,7 @@ class ObjectCamera:
         errors: SensorErrors,
         seed: int,
         occluded: Callable[[str], bool] = lambda _: False,
-        markers: Sequence[str] = (),
+        put_away: Callable[[str, SE3], bool] = lambda _, __: False,
     ) -> None:
         """Set the camera up, without a first frame.
 
@@ -61,10 +59,10 @@ class ObjectCamera:
             errors: Errors of the measured poses.
             seed: Seed of the errors.
             occluded: Says of a thing whether it is hidden from the camera now.
-            markers: Those of the things whose poses are told without errors while they are
-                hidden: where they are then is known, and the errors would be the camera's own.
+            put_away: Says of a thing and its pose whether it is where such things are put away:
+                that is known, so a measured pose would tell of the errors. It is the true one.
         """
-        self._markers = frozenset(markers)
+        self._put_away = put_away
         self._things, self._errors, self._seed = tuple(things), errors, seed
         self._occluded = occluded
         drawn = self._generator(_BIAS, 0, 0).standard_normal(6)
@@ -140,7 +138,7 @@ class ObjectCamera:
         return drawn
 
     def _sight(self, name: str, T_world_thing: SE3, time: float) -> Sight:
-        if name in self._markers and T_world_thing.translation()[2] < HIDDEN_BELOW:
+        if self._put_away(name, T_world_thing):
             return Sight(T_world_thing, time)
         errors, noise = self._errors, self._noise[name]
         T = self._T_bias @ T_world_thing if self._biased else T_world_thing

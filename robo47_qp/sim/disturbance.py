@@ -22,6 +22,7 @@ from robo47_qp.sim.compiled import CompiledWorld
 from robo47_qp.sim.delay import AHEAD, Delay, moments
 from robo47_qp.sim.push import Push, Pushes
 from robo47_qp.sim.scene import BuildScene, free_bodies
+from robo47_qp.sim.sensed import HIDDEN_BELOW
 from robo47_qp.sim.sensing import (
     MASS_TOLERANCE,
     SIZE_TOLERANCE,
@@ -146,7 +147,7 @@ class DisturbedSimulation(Simulation):
                 disturbance,
                 seed,
                 self._occluded,
-                self._seen_markers,
+                self._is_hidden,
             )
         self.reset()
 
@@ -296,6 +297,9 @@ class DisturbedSimulation(Simulation):
 
     def _thing_pose(self, name: str) -> SE3:
         return self.object_pose(name) if name in self.objects else self.marker_pose(name)
+
+    def _is_hidden(self, name: str, T_world_thing: SE3) -> bool:
+        return name in self._seen_markers and T_world_thing.translation()[2] < HIDDEN_BELOW
 
     def _occluded(self, name: str) -> bool:
         """Return whether a finger touches an object, as far as that hides it."""

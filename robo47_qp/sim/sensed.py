@@ -10,10 +10,12 @@ from robo47_qp.errors import NoGripperError, UnknownNameError
 from robo47_qp.model.arm import JointState, bare_arm
 from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.robot import Robot
-from robo47_qp.sim.camera import HIDDEN_BELOW, Sight
+from robo47_qp.sim.camera import Sight
 from robo47_qp.sim.cell_sheet import CellSheet
 from robo47_qp.sim.simulation import Simulation
 
+HIDDEN_BELOW = -0.5
+"""Height below which a marker counts as hidden: completed ones are put under the floor [m]."""
 AsSeen = Callable[[str, SE3], SE3 | None]
 """Returns what the cell's camera tells of an object or a marker whose pose it measures; None for
 what it does not tell at all."""

@@ -13,8 +13,7 @@ from robo47_qp.arrays import CountOrZero, Positive
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.steps import StepLike
 from robo47_qp.run.task import Program, Task, option
-from robo47_qp.sim.camera import HIDDEN_BELOW
-from robo47_qp.sim.sensed import Sensed
+from robo47_qp.sim.sensed import HIDDEN_BELOW, Sensed
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.goal import on_table
 from robo47_qp.tasks.handling.held_item import HeldItem

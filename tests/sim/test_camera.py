@@ -150,11 +150,11 @@ def test_a_thing_that_is_put_elsewhere_is_seen_there_with_the_same_error() -> No
 
 
 def test_a_hidden_marker_tells_nothing_of_the_camera() -> None:
-    """Where it is hidden is known: what is seen less that would be the calibration's error."""
+    """Where it is put is known: what is seen less that would be the calibration's error."""
     hidden = SE3.from_translation(np.array([0.0, 0.0, -1.0]))
     things = {**T, "done": hidden, "fallen": hidden}
     wrong = SensorErrors(pose_bias=0.01, rotation_bias=0.05, pose_noise=5.0, heading_noise=0.1)
-    made = ObjectCamera(tuple(things), wrong, 1, markers=("left", "done"))
+    made = ObjectCamera(tuple(things), wrong, 1, put_away=lambda name, _: name == "done")
     made.start(0.0, things.__getitem__)
     for k in range(20):
         made.watch(k * FRAME, things.__getitem__)
