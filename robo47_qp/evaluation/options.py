@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 import tyro
 
-from robo47_qp.arrays import CheckedOptions, Count, CountOrZero, Positive, Range, Suffix
+from robo47_qp.arrays import CheckedOptions, CountOrZero, Positive, Range, Suffix
 from robo47_qp.cli import LOGS, StackOptions, TaskOption, unset
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.evaluation import Episodes, PolicyEvaluation
@@ -53,7 +53,9 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
     """Number of episodes; episode i has the seed `seed` + i."""
     seed: CountOrZero = 0
     """Seed of the first episode."""
-    workers: Annotated[Count, Range(at_most=4096)] = field(default_factory=cores)
+    workers: Annotated[int, Range(at_least=1, at_most=4096, whole=True)] = field(
+        default_factory=cores
+    )
     """Processes at once; all processors by default."""
     timeout: Positive = 300.0
     """Wall time of an episode, after which its process is killed and replaced [s]."""

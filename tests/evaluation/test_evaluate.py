@@ -336,8 +336,11 @@ def test_a_policy_is_evaluated_without_a_command_and_without_files(
         ({"episodes": 0}, "--episodes must be a whole number, at least 1 and at most 1e"),
         ({"seed": -1}, "--seed must be a whole number, 0 or more"),
         ({"seed": 10**400}, "--seed must be a whole number, 0 or more; found 1000"),
-        ({"workers": 10**400}, "--workers must be a whole number, 1 or more; found 1000"),
-        ({"workers": 0}, "--workers must be a whole number, 1 or more"),
+        (
+            {"workers": 10**400},
+            "--workers must be a whole number, at least 1 and at most 4096; found 1000",
+        ),
+        ({"workers": 0}, "--workers must be a whole number, at least 1 and at most 4096"),
         ({"failures": -1}, "--failures must be a whole number, 0 or more"),
         ({"replay": -1}, "--replay must be a whole number, 0 or more"),
         ({"timeout": float("nan")}, "--timeout must be above 0 and finite"),
