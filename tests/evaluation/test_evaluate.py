@@ -1,12 +1,11 @@
 """The command: its files, its exit codes, its comparisons."""
 
 import json
-import pickle
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,8 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 
 from robo47_qp.errors import InvalidValueError, MissingExtraError, RecordingError, UnknownNameError
-from robo47_qp.evaluation import evaluation
 from robo47_qp.evaluation.command import evaluate_chosen
-from robo47_qp.evaluation.episode import Episode, EpisodeResult, EpisodeSpec
+from robo47_qp.evaluation.episode import EpisodeResult, EpisodeSpec
 from robo47_qp.evaluation.evaluate import evaluate
 from robo47_qp.evaluation.evaluation import evaluate_policy
 from robo47_qp.evaluation.journal import JournalError
@@ -27,72 +25,21 @@ from robo47_qp.evaluation.perturbation import Perturbation
 from robo47_qp.evaluation.policies import PolicyReference
 from robo47_qp.evaluation.report.report import EvaluationReport
 from robo47_qp.evaluation.workers.ray_cluster import RayCluster
-from robo47_qp.evaluation.workers.worker import run_guarded
-from robo47_qp.files import claimed
 from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
-from robo47_qp.run.failure import Cause, Failure
 from robo47_qp.run.foreign_code import ClassLoadError
-from robo47_qp.sim.simulation import Simulation
 from robo47_qp.stack import ClassicalStack
-from tests.runs import Reach
+from tests.evaluation.odd_episodes import (
+    QUIET,
+    InProcess,
+    Odd,
+    in_process,  # noqa: F401  # a fixture
+    options,
+    read,
+)
 from tests.toy_episodes import Toy
 
 ROOT = Path(__file__).resolve().parents[2]
-QUIET = Console(quiet=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Odd(Reach):
-    """Gives up at odd times: a task that sometimes fails, and can have a bug."""
-
-    rise: float = 0.005
-    buggy: bool = False
-
-    def verdict(self, simulation: Simulation) -> Failure | None:
-        if self.buggy:
-            raise ZeroDivisionError("a bug of ours")
-        if simulation.time == 0.0:
-            return Failure(cause=Cause.PLACE, evidence="nothing has moved")
-        friction = float(simulation.model.geom("table").friction[0])
-        if friction > 1.1:
-            return Failure(cause=Cause.PLACE, evidence=f"friction {friction:.3f}")
-        return None
-
-
-def options(tmp_path: Path, **chosen: Any) -> EvaluateOptions:
-    settings = {"episodes": 3, "workers": 2, "log": tmp_path / "eval.rrd"}
-    settings["perturbations"] = {"friction": chosen.pop("friction", "0.7:1.3")}
-    return EvaluateOptions(**{**settings, **chosen})
-
-
-def read(tmp_path: Path, name: str = "eval.json") -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((tmp_path / name).read_text())
-    return found
-
-
-class InProcess:
-    """Runs episodes here, as they come out of a pickle."""
-
-    interrupted_after: int | None = None
-
-    def __init__(self, *, workers: int, timeout: float) -> None:
-        self.workers = workers
-
-    def run(self, episode: Episode, specs: Sequence[EpisodeSpec]) -> Iterator[EpisodeResult]:
-        episode = pickle.loads(pickle.dumps(episode))
-        for k, spec in enumerate(specs):
-            if k == self.interrupted_after:
-                raise KeyboardInterrupt
-            yield run_guarded(episode, spec)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _in_process() -> Iterator[None]:
-    """Starting workers takes longer than the episodes; tests of workers are elsewhere."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation, "LocalProcesses", InProcess)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -282,24 +229,6 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
         evaluate_chosen(options(tmp_path, task="fly"), QUIET)
 
 
-@pytest.mark.parametrize("chosen", [{}, {"resume": True}])
-def test_a_second_evaluation_with_the_same_files_is_refused(
-    chosen: dict[str, Any], tmp_path: Path
-) -> None:
-    for ending in (".json", ".md", ".png", ".rrd", ".jsonl"):
-        (tmp_path / f"eval{ending}").write_text("of the first")
-    with (
-        claimed(tmp_path / "eval.rrd"),
-        pytest.raises(RecordingError, match=r"eval\.rrd is being written by another process"),
-    ):
-        evaluate(Odd(), PANDA, options(tmp_path, **chosen), QUIET)
-    left = sorted(tmp_path.iterdir())
-    assert [path.name for path in left] == [
-        f"eval{e}" for e in (".json", ".jsonl", ".md", ".png", ".rrd")
-    ]
-    assert {path.read_text() for path in left} == {"of the first"}
-
-
 def test_a_policy_from_elsewhere_is_evaluated(tmp_path: Path) -> None:
     policy = "tests.toy_policies:LazyPolicy"
     chosen = options(tmp_path, episodes=1, policy=(policy,), workers=1, speed=0.5, rate=10.0)
@@ -377,48 +306,3 @@ def test_ray_gives_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     for seed in (0, 4, 5):
         assert replace(results[seed], timing={}) == replace(toy(specs[seed]), timing={})
-
-
-def test_ctrl_c_keeps_what_is_done_and_tells_how_to_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(InProcess, "interrupted_after", 1)
-    screen = StringIO()
-    for ending in (".md", ".png", ".rrd"):
-        (tmp_path / f"eval{ending}").write_text("of an earlier evaluation")
-    (tmp_path / "eval.json").write_text('{"provenance": "of an earlier evaluation"}')
-    assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
-    assert "continue with --resume" in screen.getvalue()
-    assert len((tmp_path / "eval.jsonl").read_text().splitlines()) == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["eval.jsonl"]
-
-
-@pytest.mark.parametrize("ending", [".json", ".md", ".png", ".rrd"])
-def test_files_of_something_else_are_not_replaced(ending: str, tmp_path: Path) -> None:
-    path = tmp_path / f"eval{ending}"
-    path.write_text("a user's own")
-    with pytest.raises(InvalidValueError, match=rf"--log must be .*eval\{ending}, which is none"):
-        evaluate(Odd(), PANDA, options(tmp_path), QUIET)
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["a user's own"]
-
-
-@pytest.mark.parametrize("resume", [False, True])
-def test_a_report_to_compare_with_is_not_replaced(resume: bool, tmp_path: Path) -> None:
-    """Else it would be lost, and the new one be compared with itself."""
-    path = tmp_path / "eval.json"
-    path.write_text('{"provenance": {}}')
-    (tmp_path / "link").symlink_to(tmp_path)
-    for against in (path, tmp_path / "link" / "eval.json"):
-        chosen = options(tmp_path, against=against, resume=resume)
-        with pytest.raises(InvalidValueError, match="--against must be a report that is not writt"):
-            evaluate(Odd(), PANDA, chosen, QUIET)
-    assert path.read_text() == '{"provenance": {}}'
-
-
-def test_ctrl_c_before_any_episode_promises_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(InProcess, "interrupted_after", 0)
-    screen = StringIO()
-    assert evaluate(Odd(), PANDA, options(tmp_path), Console(file=screen)) == 130
-    assert screen.getvalue().splitlines()[-1] == "interrupted; no episode was finished"

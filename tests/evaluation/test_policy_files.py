@@ -23,7 +23,7 @@ from robo47_qp.evaluation.policy_files import digest_of, files_in, package_folde
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.run.foreign_code import ClassLoadError
 from robo47_qp.tasks.reach.reach import Reach
-from tests.evaluation.test_evaluate import InProcess
+from tests.evaluation.odd_episodes import InProcess
 
 MINE = "class Mine:\n    def reset(self, o): pass\n    def act(self, o): return None\n"
 
