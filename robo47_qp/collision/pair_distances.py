@@ -57,14 +57,17 @@ class PairDistances:
         return self._measure.between(*self.pairs[pair], seen)
 
     def at(self, q: Vector, seen: float = inf) -> Vector:
-        """Return the signed distances at a configuration, `seen` at most (pairs,) [m]."""
+        """Return the signed distances at a configuration, `seen` at most (pairs,) [m].
+
+        Raises:
+            InvalidValueError: The configuration is of another size.
+        """
+        q = contiguous("q", q, self.joints)
         apart = np.full(len(self.pairs), seen)
         if self.core is not None:
             doubtful = np.empty(len(self.pairs), np.uint8)
             arrays = pointer(apart), pointer(doubtful)
-            functions().r47_approach_at(
-                self.core.pointer, pointer(contiguous("q", q, self.joints)), seen, *arrays
-            )
+            functions().r47_approach_at(self.core.pointer, pointer(q), seen, *arrays)
             near = np.flatnonzero(doubtful)
         else:
             self.place(q)

@@ -70,7 +70,11 @@ class Chain:
         self._links = pointer(self.links)
 
     def move(self, q: Vector) -> None:
-        """Move to q (n,) [rad]; everything else is about the last configuration."""
+        """Move to q (n,) [rad]; everything else is about the last configuration.
+
+        Raises:
+            InvalidValueError: The configuration is of another size.
+        """
         own = pointer(contiguous("q", q, self.n))
         functions().r47_links(self.structure.pointer, own, self._links)
 

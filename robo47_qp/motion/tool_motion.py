@@ -52,13 +52,18 @@ def tool_steps(arm: Arm, q: Matrix, tool: int = 0) -> Matrix:
 
 
 def tool_places(arm: Arm, q: Matrix, tool: int = 0) -> tuple[Matrix, Matrix]:
-    """Return tool positions (N, 3) [m] and quaternions wxyz (N, 4) at configurations (N, n)."""
+    """Return tool positions (N, 3) [m] and quaternions wxyz (N, 4) at configurations (N, n).
+
+    Raises:
+        InvalidValueError: The configurations are of another size.
+    """
+    q = contiguous("q", q, None, arm.n)
     positions, quats = np.empty((len(q), 3)), np.empty((len(q), 4))
     m, d = arm.model, arm.scratch
     site = arm.tool_sites[tool]
     joints, position, quat = d.qpos, d.site_xpos[site], d.site_xquat[site]
     if backend() == "compiled":
-        arrays = (contiguous("q", q, None, arm.n), positions, quats)
+        arrays = (q, positions, quats)
         places = map(pointer, (position, quat))
         core = arm.derived(_in_core).pointer
         functions().r47_tool_places(core, *places, len(q), *map(pointer, arrays))
@@ -107,10 +112,14 @@ def tool_motion(arm: Arm, q: Matrix, v: Matrix, a: Matrix, j: Matrix, tool: int 
     V += S_i v_i,  A += S_i a_i + S_i' v_i,  J += S_i j_i + 2 S_i' a_i + S_i'' v_i
 
     (Featherstone, Rigid Body Dynamics Algorithms, 2008, sec. 2.9 and 5.3, one order further).
+
+    Raises:
+        InvalidValueError: The arrays are of another size.
     """
+    q, v, a, j = (contiguous("a motion", x, len(q), arm.n) for x in (q, v, a, j))
     if backend() == "compiled":
         core, motion = arm.derived(_screws, tool).pointer, np.empty((len(q), 18))
-        joints = [pointer(contiguous("a motion", x, len(q), arm.n)) for x in (q, v, a, j)]
+        joints = map(pointer, (q, v, a, j))
         functions().r47_tool_motion(core, len(q), *joints, pointer(motion))
         return ToolMotion(*(motion[:, k : k + 3] for k in range(0, 18, 3)))
     screws, point = arm.derived(_at_rest, tool)

@@ -43,7 +43,13 @@ def references(robot: Robot) -> dict[Signal, Callable[[Arm, Samples], Matrix]]:
 
 
 def reference_rows(arm: Arm, samples: Samples) -> Matrix:
-    """Return the columns `references` of samples (N, columns)."""
+    """Return the columns `references` of samples (N, columns).
+
+    Raises:
+        InvalidValueError: The samples are of another size.
+    """
+    q, v, a = (contiguous("a sample", x, len(samples[0]), arm.n) for x in samples)
+    samples = q, v, a
     if backend() == "numpy":
         return np.hstack([values(arm, samples) for values in references(arm.robot).values()])
     return arm.derived(_CompiledReferences).rows(samples)
@@ -207,9 +213,8 @@ class _CompiledReferences:
 
     def rows(self, samples: Samples) -> Matrix:
         rows = np.empty((len(samples[0]), self._columns))
-        arrays = [contiguous("a sample", x, len(rows), self._arm.n) for x in samples]
         functions().r47_reference_rows(
-            self._structure.pointer, len(rows), *map(pointer, arrays), pointer(rows)
+            self._structure.pointer, len(rows), *map(pointer, samples), pointer(rows)
         )
         self._arm.evaluated = True
         return rows

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from ctypes import CDLL, c_void_p
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -129,10 +130,39 @@ SHAPES: dict[str, Callable[[Arm], object]] = {
 
 
 @pytest.mark.parametrize("words", SHAPES)
-def test_arrays_of_another_size_are_refused(words: str) -> None:
+@pytest.mark.parametrize("name", ["compiled", "numpy"])
+def test_arrays_of_another_size_are_refused(words: str, name: str) -> None:
     """The core would read beyond their end."""
-    with pytest.raises(InvalidValueError, match=words):
+    with using(name), pytest.raises(InvalidValueError, match=words):
         SHAPES[words](Arm(PANDA))
+
+
+def test_far_from_what_is_a_whole_number_of_c_bounds_are_those_of_numpy() -> None:
+    """To stop from 1e12 rad/s takes more ticks here than a long long counts."""
+    profile, far = MotionProfile.uniform(7, v=1e12, a=1e-9, j=1.0), np.full(7, 1e30)
+    boxes = []
+    for name in ("compiled", "numpy"):
+        with using(name):
+            bounds = JointBounds(-far, far, profile, DT, 1e-3)
+            q, v = np.linspace(0.0, 0.9e30, 7), np.full(7, 1e3)
+            boxes.append(bounds.box(q, v))
+            # Else Python has to bring a joint back, and the core has not counted.
+            assert name == "numpy" or bounds._compiled_box(q, v) is not None
+    np.testing.assert_allclose(boxes[0].high, boxes[1].high, rtol=1e-12)
+    np.testing.assert_allclose(boxes[0].low, boxes[1].low, rtol=1e-12)
+
+
+def test_a_file_that_inverts_discretely_has_the_same_torques(tmp_path: Path) -> None:
+    """Accelerations of a motion are those of the joints, in both backends."""
+    plain = chain(6, tmp_path)
+    text = plain.mjcf.read_text().replace(
+        "<worldbody>", '<option><flag invdiscrete="enable"/></option><worldbody>', 1
+    )
+    (tmp_path / "discrete.xml").write_text(text)
+    discrete = replace(plain, mjcf=tmp_path / "discrete.xml")
+    q, v, a = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 6))
+    expected = Arm(plain).inverse_dynamics(q, v, a)
+    assert Arm(discrete).inverse_dynamics(q, v, a).tolist() == expected.tolist()
 
 
 def test_other_types_of_numbers_are_taken() -> None:

@@ -146,7 +146,14 @@ class JointBounds:
         return bool((inside & (ahead <= room)).all())
 
     def box(self, q: Vector, v: Vector) -> VelocityBox:
-        """Bounds on the velocity at the next tick, from the state now."""
+        """Bounds on the velocity at the next tick, from the state now.
+
+        Raises:
+            InvalidValueError: The state has another number of joints.
+        """
+        n = len(self._rows)
+        if len(q) != n or len(v) != n:
+            raise InvalidValueError("joints", f"{len(q)} of q, {len(v)} of v", str(n))
         ends = self._compiled_box(q, v) if self._compiled else self._viable_box(q, v)
         if ends is not None:
             return VelocityBox(low=np.array(ends[0]), high=np.array(ends[1]), recovering=False)
@@ -173,11 +180,9 @@ class JointBounds:
     def _compiled_box(self, q: Vector, v: Vector) -> Matrix | None:
         """Return what `_viable_box` does, by the compiled core."""
         limits, *rest = self._pointers
-        n, call = len(self._rows), functions().r47_velocity_box
-        if len(q) != n or len(v) != n:
-            raise InvalidValueError("joints", f"{len(q)} of q, {len(v)} of v", str(n))
+        call = functions().r47_velocity_box
         self._memory[:2] = q, v
-        return None if call(n, limits, self.dt, _ROUNDING, *rest) else self._memory[2:]
+        return None if call(len(q), limits, self.dt, _ROUNDING, *rest) else self._memory[2:]
 
     def _viable_box(self, q: Vector, v: Vector) -> tuple[list[float], list[float]] | None:
         """Both ends of the box; None where a joint has to be brought back.

@@ -40,38 +40,32 @@ def object_jumps(run: Run) -> list[Finding]:
         known = run.rows[f"objects/{name}"], _twist(run, name), _change(run, name)[:-1]
         if not all(np.isfinite(values).all() for values in known):
             return [at_most(f"object jump ({name})", "m", np.array([np.nan]), _ROUNDING)]
-    found = []
-    for title, unit, part, start, slack in (
-        ("object jump", "m", _moved, _moved_first, _ROUNDING),
-        ("object turn", "rad", _turned, _turned_first, _ROUNDING),
-        ("object kick", "m/s", _kicked, _kicked_first, _RESIDUAL),
-        ("object spin", "rad/s", _spun, _spun_first, _TURNING),
-    ):
-        sizes = {name: part(run, name) for name in run.objects}
+    found, before = [], {name: _before(run, name) for name in run.objects}
+    for k, (title, unit, part, slack) in enumerate(_PARTS if run.objects else ()):
+        # One number for each row: nothing follows the last.
+        sizes = {name: np.append(part(run, name), 0.0) for name in run.objects}
         for name, size in sizes.items():
-            first = [start(run, name), *size[:1]]
-            sizes[name] = np.array([max(first), *size[1:]])
-        if sizes:
-            name = max(sizes, key=lambda one: float(sizes[one].max()))
-            found.append(at_most(f"{title} ({name})", unit, sizes[name], slack))
+            size[0] = max(size[0], before[name][k])
+        name = max(sizes, key=lambda one: float(sizes[one].max()))
+        found.append(at_most(f"{title} ({name})", unit, sizes[name], slack))
     return found
 
 
-def _moved_first(run: Run, name: str) -> float:
-    return float(np.linalg.norm(run.rows[f"objects/{name}"][0, :3] - run.begun[name][:3]))
+def _before(run: Run, name: str) -> Vector:
+    """Return what has changed before the first row since the task put an object there (4,).
 
-
-def _turned_first(run: Run, name: str) -> float:
-    now, before = run.rows[f"objects/{name}"][:1, 3:], run.begun[name][None, 3:7]
-    return float(angle_between(before, now)[0, 0])
-
-
-def _kicked_first(run: Run, name: str) -> float:
-    return float(np.linalg.norm(_twist(run, name)[0, :3] - run.begun[name][7:10]))
-
-
-def _spun_first(run: Run, name: str) -> float:
-    return float(np.linalg.norm(_twist(run, name)[0, 3:] - run.begun[name][10:]))
+    Of its position, rotation, speed and turning speed.
+    """
+    pose, twist = run.rows[f"objects/{name}"][:1], _twist(run, name)[0]
+    begun = run.begun[name]
+    return np.array(
+        [
+            np.linalg.norm(pose[0, :3] - begun[:3]),
+            angle_between(begun[None, 3:7], pose[:, 3:])[0, 0],
+            np.linalg.norm(twist[:3] - begun[7:10]),
+            np.linalg.norm(twist[3:] - begun[10:]),
+        ]
+    )
 
 
 def _moved(run: Run, name: str) -> Vector:
@@ -133,3 +127,11 @@ def _twist(run: Run, name: str) -> Matrix:
 def _size(vectors: Matrix) -> Vector:
     size: Vector = np.linalg.norm(vectors, axis=1)
     return size
+
+
+_PARTS = (
+    ("object jump", "m", _moved, _ROUNDING),
+    ("object turn", "rad", _turned, _ROUNDING),
+    ("object kick", "m/s", _kicked, _RESIDUAL),
+    ("object spin", "rad/s", _spun, _TURNING),
+)
