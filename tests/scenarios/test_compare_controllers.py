@@ -58,6 +58,20 @@ def test_what_is_learned_of_friction_is_worth_something_once_joints_turn(tmp_pat
     assert learned["max_joint_error_rad"] == plain["max_joint_error_rad"]
 
 
+def test_every_law_is_tried_with_the_observer_that_the_default_has(tmp_path: Path) -> None:
+    options = scenario.ControllersOptions(log=tmp_path / "c.rrd", only=("both",))
+    assert scenario.run(options, Console(quiet=True)) == 0
+    both = json.loads((tmp_path / "c.json").read_text())["trials"]["both"]
+    for name, alone in (("joint", "+ acceleration"), ("Cartesian",) * 2, ("operational",) * 2):
+        assert scenario.CONTROLLERS[f"{name}, observer"][1] == scenario.CONTROLLERS["+ friction"][1]
+        assert type(scenario.CONTROLLERS[f"{name}, observer"][0]) is type(
+            scenario.CONTROLLERS[alone][0]
+        )
+        without, observed = both[alone], both[f"{name}, observer"]
+        assert observed["max_tool_error_m"] < 0.3 * without["max_tool_error_m"]
+        assert observed["last_tool_error_m"] < 0.05 * without["last_tool_error_m"]
+
+
 @pytest.mark.parametrize("level", ["moderate", "severe"])
 def test_worlds_of_a_level_differ_as_it_says(level: str) -> None:
     known = {one.name: one.disturbance for one in scenario.conditions(1.0)}
