@@ -61,8 +61,8 @@ CONTROLLERS: dict[str, tuple[Controller, DisturbanceObserver | None]] = {
     "Cartesian, observer": (CartesianImpedance(), DisturbanceObserver()),
     "operational, observer": (OperationalSpace(), DisturbanceObserver()),
 }
-"""Each with its observer. Up to "+ friction" from nothing known to all: what one adds, the next ones
-have, too. Then the other laws of the stack, without the observer and with it."""
+"""Each with its observer. Up to "+ friction" from nothing known to all: what one adds, the next
+ones have, too. Then the other laws of the stack, without the observer and with it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -117,6 +117,18 @@ def test_what_the_arm_did_becomes_rows(results: Path) -> None:
     assert rows[1] == f"| `reach` | {ALONE['noise'].words} | – | – | – | – | nothing |"
 
 
+def test_what_broke_audits_becomes_rows(results: Path) -> None:
+    """A limit counts once for an episode, however many joints broke it."""
+    told = to_keep(REPORT)
+    (results / "success_none_reach.json").write_text(json.dumps({**told, "broken": {}}))
+    assert TABLES["broken"]() == NOTHING
+    limits = ["measured a (joint5)", "measured a (joint6)", "torque rate (joint5)"]
+    content = {**told, "broken": {"7": limits, "8": ["torque rate (joint1)"], "9": ["contact"]}}
+    (results / "success_severe_reach.json").write_text(json.dumps(content))
+    rows = TABLES["broken"]().splitlines()
+    assert rows[2:4] == ["| `reach` | severe | 3 | torque rate 2, contact 1, measured a 1 |", ""]
+
+
 def test_costs_of_a_period_and_of_a_decision_become_rows(results: Path) -> None:
     assert TABLES["costs"]() == NOTHING
     told = {"all_us": {"whole loop": 41.26}, "decision_us": 80.0, "decision_own_process_us": 1200.5}

@@ -304,8 +304,8 @@ PRESETS: Mapping[str, Perturbation] = {
         push_force=10.0,
     ),
 }
-"""Named levels: moderate is a calibrated real cell, severe about twice as wrong. The delays of
-state and torque together are 1 to 2 ms, and 2 to 4 ms."""
+"""Named levels: moderate is how wrong we take a calibrated cell to be, severe about twice that, and
+pushed. The delays of state and torque together are 1 to 2 ms, and 2 to 4 ms."""
 
 
 def perturbation_table() -> str:

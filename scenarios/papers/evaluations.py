@@ -1,5 +1,6 @@
 """The tables of evaluations: how often tasks succeed, by world, robot and policy."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 
 from robo47_qp.evaluation.benchmarks.robustness.curves import Curve
@@ -66,6 +67,29 @@ _TRACKED = {
     "slip margin": _spread("max_friction_use", 1.0, less_one=True),
     "not judged for the longest time": _longest_not_judged,
 }
+
+
+def broken() -> str:
+    """What broke audits, and in how many episodes: a row for each evaluation in which any was."""
+    levels = _levels()
+    results = {name: kept(name) for name in levels if is_kept(name)}
+    results = {name: found for name, found in results.items() if found["broken"]}
+    if not results:
+        return NOTHING
+    heads = {"task": "---", "perturbation": "---", "audits broken": "--:", "by": "---"}
+    rows = [
+        [f"`{found['task']}`", levels[name], str(len(found["broken"])), _breaking(found)]
+        for name, found in results.items()
+    ]
+    return with_origin(heads, rows, results, "success_*")
+
+
+def _breaking(result: Result) -> str:
+    """Return the limits that were broken, of any joint or motion, the most frequent one first."""
+    episodes = result["broken"].values()
+    counts = Counter(limit for one in episodes for limit in {it.split(" (")[0] for it in one})
+    told = sorted(counts.items(), key=lambda one: (-one[1], one[0]))
+    return ", ".join(f"{limit} {count}" for limit, count in told)
 
 
 def alone() -> str:

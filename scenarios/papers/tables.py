@@ -6,6 +6,7 @@ from functools import partial
 from robo47_qp.errors import RecordingError
 from scenarios.papers.evaluations import (
     alone,
+    broken,
     policies,
     robots,
     robustness,
@@ -290,6 +291,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "success": success,
     "alone": alone,
     "tracking": tracking,
+    "broken": broken,
     "success_short": success_short,
     "robots": robots,
     "robustness": robustness,

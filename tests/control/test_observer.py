@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mink import SE3
 
 from robo47_qp.arrays import Vector
 from robo47_qp.control.active import ActiveController
@@ -13,6 +14,7 @@ from robo47_qp.control.joint_impedance import JointImpedance
 from robo47_qp.control.observer import DisturbanceObserver
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.arm import Arm, JointReference, JointState
+from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.timing.rest_to_rest import plan_ptp
@@ -188,6 +190,19 @@ def test_a_delay_that_nobody_told_of_leaves_it_stable(delay: int, mass: float) -
     arm = Arm(PANDA)
     rates = np.log(np.abs(np.linalg.eigvals(loop(delay, mass, arm, NO_FRICTION))) + 1e-12) / DT
     assert rates.max() < -3.0
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.1])
+def test_a_payload_that_is_believed_and_not_there_leaves_it_stable(beyond: float) -> None:
+    """As much as the Panda is rated for, at the tool point and beyond it."""
+    there = SE3.from_translation(np.array([0.0, 0.0, beyond]))
+    load = Payload(mass=3.0, inertia=(0.01, 0.01, 0.01), T_tcp_com=there)
+    arm, sim = Arm(PANDA).with_payload(load), DisturbedSimulation(PANDA, no_objects, Disturbance())
+    active = ActiveController(ComputedTorque(), arm, dt=DT, observer=DisturbanceObserver())
+    for _ in range(1500):
+        sim.step(active.torque(at_rest(PANDA.home), sim.state()))
+    assert np.abs(sim.true_state().v).max() < 1e-6
+    assert np.abs(sim.true_state().q - PANDA.home).max() < 1e-6
 
 
 @pytest.mark.parametrize(("state", "command"), [(3, 0), (3, 4)])

@@ -13,6 +13,8 @@ from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.control.trial import Trial
 
 _COLOURS = mpl.color_sequences["tab10"]
+_DASHES = "-", "--", ":"
+"""Of lines whose colours come again."""
 _PER_ROW = 5
 _LOWEST = 1e-6
 """Errors below are drawn there [m]."""
@@ -36,7 +38,9 @@ def plot_trials(by_condition: Sequence[Sequence[Trial]], path: Path) -> None:
             size = np.maximum(np.linalg.norm(trial.tool_errors, axis=1), _LOWEST)
             t = TIMESTEP * np.arange(len(size))
             label = trial.controller if trial.stable else f"{trial.controller} (unstable)"
-            axes.semilogy(t, 1e3 * size, lw=0.9, color=_COLOURS[i % len(_COLOURS)], label=label)
+            turn, colour = divmod(i, len(_COLOURS))
+            style = {"color": _COLOURS[colour], "ls": _DASHES[turn % len(_DASHES)]}
+            axes.semilogy(t, 1e3 * size, lw=0.9, label=label, **style)
         axes.axvline(trials[0].moving * TIMESTEP, color="#9aa3ad", lw=0.6, ls=":")
         axes.set_title(trials[0].condition, fontsize=10)
         axes.grid(alpha=0.3, lw=0.5)
