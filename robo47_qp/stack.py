@@ -147,7 +147,9 @@ class ClassicalStack:
             return replace(
                 planner,
                 collisions=itself,
-                surroundings=Collisions(robot, task.build_scene, clearance=_LEAST_CLEARANCE),
+                surroundings=Collisions(
+                    robot, task.build_scene, clearance=_LEAST_CLEARANCE, touched_at_home=True
+                ),
                 branch_choice=BranchChoice(collisions=itself),
             )
         around = _adding(task.obstacles)

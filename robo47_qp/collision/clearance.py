@@ -1,5 +1,6 @@
 """Distances of an arm from itself and from its obstacles."""
 
+from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -41,21 +42,22 @@ class Clearance:
         self._measure = GeomDistance(m, self.data)
         self._broad = BroadPhase(m, self.pairs.kept)
         weld = m.body_weldid[m.geom_bodyid[np.array(self.pairs.kept)]]
-        tool = m.body_weldid[m.site(arm.robot.tcp).bodyid]
-        self._tool_and_still = (weld == tool).any(axis=1) & (weld == 0).any(axis=1)
+        still = (weld == 0).any(axis=1)
+        tools = m.body_weldid[m.site_bodyid[list(arm.tool_sites)]]
+        self._tool_and_still = [(weld == tool).any(axis=1) & still for tool in tools]
 
     def nearest(self, q: Vector) -> tuple[float, tuple[str, str]]:
         """Return the smallest signed distance of any pair at q [m], and the names of the pair."""
         distance, which = self._least(self._bounds_at(q))
         return distance, self.pairs.names[which]
 
-    def nearest_of_tool(self, q: Vector) -> tuple[float, tuple[str, str]]:
-        """Return the same for bodies fixed to the tool against static ones.
+    def nearest_of_tools(self, q: Vector, tools: Sequence[int]) -> tuple[float, tuple[str, str]]:
+        """Return the same for bodies fixed to some tools, at least one, against static ones.
 
-        It depends on the pose of the tool only; infinite where there is no such pair.
+        It depends on the poses of these tools only; infinite where there is no such pair.
         """
         bound = self._bounds_at(q)
-        bound[~self._tool_and_still] = inf
+        bound[~np.any([self._tool_and_still[tool] for tool in tools], axis=0)] = inf
         distance, which = self._least(bound)
         return distance, self.pairs.names[which]
 
@@ -115,22 +117,25 @@ class ClosestPair(NamedTuple):
     pair: tuple[str, str]
     """Names of the two: bodies of the robot, obstacles."""
     inevitable: bool
-    """True where the pose of the tool alone makes this too close, whatever the joints."""
+    """True where the poses of the placed tools alone make this too close, whatever the joints."""
 
 
-def closest_pair(arm: Arm, q: Vector, required: float, leeway: float) -> ClosestPair:
-    """Return the closest pair at q; a tool and a static body come first where too close.
+def closest_pair(
+    arm: Arm, q: Vector, required: float, leeway: float, placed: Sequence[int]
+) -> ClosestPair:
+    """Return the closest pair at q; a placed tool and a static body come first where too close.
 
     Args:
         arm: The arm with its obstacles.
         q: Configuration (n,) [rad].
         required: Required clearance [m].
         leeway: How far any point of the tool may be from where the target puts it [m].
+        placed: Tools of which the target asks for the whole pose.
     """
     clearance = arm.derived(Clearance, required)
     distance, pair = clearance.nearest(q)
-    if distance < required:
-        of_tool, tool_pair = clearance.nearest_of_tool(q)
+    if distance < required and placed:
+        of_tool, tool_pair = clearance.nearest_of_tools(q, placed)
         if of_tool < required - leeway:
             return ClosestPair(of_tool, tool_pair, True)
     return ClosestPair(distance, pair, False)

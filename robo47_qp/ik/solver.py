@@ -16,6 +16,7 @@ from robo47_qp.arrays import Checked, Longest, Vector
 from robo47_qp.collision.clearance import ClosestPair, closest_pair, too_close_text
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.tool_demand import FULL, ToolDemand, check_demand
+from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target, ToolPoses
 
@@ -249,7 +250,9 @@ def judged(
             reason, explanation = Reason.JOINT_LIMITS, outside_limits(arm, q)
             joints = joints_outside(arm, q)
         if asked is not None:
-            near = closest_pair(arm, q, asked, tolerance.position + _TOOL * tolerance.orientation)
+            leeway = tolerance.position + _TOOL * tolerance.orientation
+            placed = tools_of(arm, T_world_target) if tolerance.demand == FULL else ()
+            near = closest_pair(arm, q, asked, leeway, placed)
             if reason is None and near.distance < asked:
                 reason, explanation = Reason.COLLISION, too_close_text(near, asked)
     else:

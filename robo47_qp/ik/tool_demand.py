@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import atan2, pi, sqrt
 from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
 from mink import SE3, SO3
 from numpy.typing import NDArray
@@ -137,9 +138,10 @@ class FreeAxis(ToolDemand):
 
     def nearest(self, start: SE3, goal: SE3) -> SE3:
         """Return the goal, turned about its axis as little as the start needs."""
-        R_start = start.rotation().as_matrix()
-        w = (goal.rotation() @ start.rotation().inverse()).log()
-        turn = SO3.exp(self.turn(w, R_start))
+        R_start, w = start.rotation().as_matrix(), np.empty(3)
+        # mink's logarithm is zero at half a turn; MuJoCo's is not.
+        mujoco.mju_subQuat(w, goal.wxyz_xyz[:4], start.wxyz_xyz[:4])
+        turn = SO3.exp(self.turn(R_start @ w, R_start))
         place = goal if self.position else start
         return SE3.from_rotation_and_translation(turn @ start.rotation(), place.translation())
 

@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Vector
+from robo47_qp.arrays import Matrix, Range, Vector
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.collision.pair_distances import PairDistances
 from robo47_qp.collision.pairs import colliding_pairs
-from robo47_qp.errors import PlanError, RefusalReason, Rejection
+from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason, Rejection
 from robo47_qp.model.mjcf import robot_spec
 from robo47_qp.model.robot import Robot
 from robo47_qp.motion.refusals import Refusal
@@ -18,7 +18,8 @@ from robo47_qp.motion.trajectory import Trajectory
 Surroundings = Callable[[mujoco.MjSpec], None]
 """Adds obstacles to a spec that holds the robot."""
 _SEEN = 0.1
-"""Largest distance that is measured; larger ones count as this [m]."""
+"""Largest distance that is measured, or twice the clearance; larger ones count as this [m]."""
+_OWN = "of the robot"
 _UNSEEN = 0.5
 """Share of the clearance that is also guaranteed between two checks."""
 _LEAST = 5e-4
@@ -28,8 +29,9 @@ _LEAST = 5e-4
 class Collisions:
     """Collision checks of the robot, fingers fully open, with itself and its surroundings.
 
-    Pairs that are too close at home belong to how the robot is built and are left out, and
-    so are bodies that move freely or that a program moves: what is to be grasped is no obstacle.
+    Pairs of the robot itself, its mount and what it holds that are too close at home belong to
+    how it is built and are left out, and so are bodies that move freely or that a program moves:
+    what is to be grasped is no obstacle.
 
     A motion is checked as often as its distances require: no pair comes closer by more than
     L |Δq|, with the bounds L of `collision.motion_bounds`. After a check with the least distance
@@ -40,17 +42,33 @@ class Collisions:
     clearance is kept at every sample.
     """
 
-    def __init__(self, robot: Robot, surroundings: Surroundings, clearance: float = 0.005) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        surroundings: Surroundings,
+        clearance: float = 0.005,
+        *,
+        touched_at_home: bool = False,
+    ) -> None:
         """Compile the robot with its surroundings.
 
         Args:
             robot: The description.
             surroundings: Adds the obstacles.
             clearance: Distance to keep [m].
+            touched_at_home: Leave out what stands too close to a body of the robot at home, for
+                that body alone; else no motion from there is free.
+
+        Raises:
+            InvalidValueError: The clearance is negative or no number.
         """
+        Range(at_least=0.0, single=True).check("clearance", clearance)
         self.robot = robot
         self.clearance = clearance
+        self._seen = max(_SEEN, 2.0 * clearance)
         spec = robot_spec(robot, drawn=False)
+        for geom in spec.geoms:
+            geom.info = _OWN
         surroundings(spec)
         for body in list(spec.bodies):
             free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
@@ -64,8 +82,16 @@ class Collisions:
         self._levers = reach.max(axis=0, initial=0.0)
         """A bound on how fast each joint brings any pair of geoms closer (n,) [m per rad]."""
         at_home = self._open(PairDistances(m, joints, pairs, reach)).at(np.array(robot.home))
-        bodies = np.sort(m.geom_bodyid[np.array(pairs, dtype=int).reshape(-1, 2)], axis=1)
-        close = {tuple(pair) for pair in bodies[at_home < clearance].tolist()}
+        geoms = np.array(pairs, dtype=int).reshape(-1, 2)
+        # What stands in the world has no body of its own: each of its geoms is one.
+        bodies = np.sort(np.where(m.geom_bodyid[geoms], m.geom_bodyid[geoms], -geoms), axis=1)
+        near = at_home < clearance
+        if not touched_at_home:
+            around = np.zeros(m.ngeom, dtype=bool)
+            around[[geom.id for geom in spec.geoms if geom.info != _OWN]] = True
+            around &= m.body_weldid[m.geom_bodyid] == 0
+            near &= ~around[geoms].any(axis=1)
+        close = {tuple(pair) for pair in bodies[near].tolist()}
         apart = [tuple(pair) not in close for pair in bodies.tolist()]
         pairs = [pair for pair, kept in zip(pairs, apart, strict=True) if kept]
         self._distances = self._open(PairDistances(m, joints, pairs, reach[apart]))
@@ -80,8 +106,11 @@ class Collisions:
             None where everything is further apart; what belongs to the world goes by the name of
             its geom. The joint is the last that moves one of the two bodies and not the other, the
             distance is negative where they overlap [m].
+
+        Raises:
+            InvalidValueError: A number of q is not finite.
         """
-        return self._found(self._distances.at(q, self.clearance))
+        return self._found(self._distances.at(self._checked(q, 1), self.clearance))
 
     def check(self, waypoint: str, trajectory: Trajectory) -> None:
         """Check that a trajectory to a waypoint keeps the clearance.
@@ -99,21 +128,25 @@ class Collisions:
         Args:
             q: Configurations on it, straight between each and the next (N, n) [rad].
             dt: Time from each to the next [s].
+
+        Raises:
+            InvalidValueError: There is no configuration, or a number is not finite.
         """
+        q = self._checked(q, 2)
         # Largest change of any distance since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
-        last, free, near = float(way[-1]), 0.0, _SEEN
+        last, free, near = float(way[-1]), 0.0, self._seen
         ahead = [0.0]
         while ahead:
             x = ahead[-1]
             k = int(np.searchsorted(way, x, side="right")) - 1
             share = (x - way[k]) / (way[k + 1] - way[k]) if x < last else 0.0
             now = q[k] + share * (q[k + 1] - q[k]) if share else q[k]
-            apart = self._distances.at(now, _SEEN)
+            apart = self._distances.at(now, self._seen)
             found = self._found(apart)
             if found is not None:
                 return self._refusal(found, now, (k + share) * dt, (len(q) - 1) * dt)
-            least = float(apart.min(initial=_SEEN))
+            least = float(apart.min(initial=self._seen))
             # The samples between two looks at which it could have been too close.
             first, end = np.searchsorted(way, free, "right"), np.searchsorted(way, x)
             if first < end and near + least - (x - free) < 2.0 * self.clearance:
@@ -123,6 +156,13 @@ class Collisions:
             if not ahead and x < last:
                 ahead.append(min(last, x + max(_LEAST, least - _UNSEEN * self.clearance)))
         return None
+
+    def _checked(self, q: Matrix, axes: int) -> Matrix:
+        n = len(self.robot.joints)
+        if np.ndim(q) != axes or np.shape(q)[-1] != n or not len(q) or not np.isfinite(q).all():
+            expected = f"{n} finite numbers" + (" each, at least one" if axes > 1 else "")
+            raise InvalidValueError("configurations", f"{np.shape(q)} {q!r:.60}", expected)
+        return q
 
     def _refusal(
         self, found: tuple[str, str, str, float], q: Vector, time: float, whole: float

@@ -195,7 +195,7 @@ def test_no_pair_is_closer_than_its_bound(crowded: Clearance) -> None:
 def test_what_the_tool_cannot_help(crowded: Clearance) -> None:
     """The same for all configurations of one tool pose; here joint 1 of another arm height."""
     q = crowded.arm.home.copy()
-    distance, names = crowded.nearest_of_tool(q)
+    distance, names = crowded.nearest_of_tools(q, [0])
     hand = {"link7", "hand", "left_finger", "right_finger"}
     assert names[0] in hand
     among = [
@@ -220,7 +220,8 @@ def test_what_the_leeway_of_the_tool_may_open_is_not_inevitable() -> None:
         T_world_obstacle=at(tool[0], tool[1], tool[2] - 0.08),
     )
     arm = Arm(PANDA, obstacles=[ball])
-    distance, pair = Clearance(arm, 0.0).nearest_of_tool(arm.home)
+    distance, pair = Clearance(arm, 0.0).nearest_of_tools(arm.home, [0])
     for required, inevitable in ((distance + 1e-3, False), (distance + 3e-3, True)):
-        found = closest_pair(arm, arm.home, required, 2e-3)
+        found = closest_pair(arm, arm.home, required, 2e-3, [0])
         assert (found.inevitable, found.pair) == (inevitable, pair)
+        assert not closest_pair(arm, arm.home, required, 2e-3, []).inevitable

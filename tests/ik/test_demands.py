@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.damping import Damping
 from robo47_qp.ik.dls import DlsIk
@@ -15,6 +16,9 @@ from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import Reason, Tolerance
 from robo47_qp.ik.tool_demand import FULL, POSITION, Direction, FreeAxis, ToolDemand
 from robo47_qp.ik.tool_error import error_to
+from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle, Shape
+from robo47_qp.model.robots.panda import PANDA
 from tests.composed import ARM, left, several, somewhere
 from tests.examples import turned
 
@@ -94,6 +98,50 @@ def test_a_free_axis_is_half_a_turn_away_at_most() -> None:
         tolerance = Tolerance(demand=demand)
         step = MinkIk(max_iterations=1, tolerance=tolerance).solve(ARM, target, ARM.home)
         assert np.abs(step.q - ARM.home).max() > 0.1
+
+
+@pytest.mark.parametrize("demand", [FreeAxis((1.0, 0.0, 0.0)), Direction((1.0, 0.0, 0.0))])
+def test_the_nearest_pose_to_one_half_a_turn_away_has_the_axis(demand: FreeAxis) -> None:
+    """To the last digit: there, the quaternion between the two has no real part."""
+    starts = [np.array([0.0, 1.0, 0.0, 0.0]), ARM.pose(ARM.home).rotation().wxyz]
+    exact = 0
+    for start in starts:
+        for goal in ([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]):
+            a, b = (SE3(np.array([*q, 0.3, 0.1, 0.2])) for q in (start, goal))
+            exact += (b.rotation() @ a.rotation().inverse()).wxyz[0] == 0.0
+            found = demand.nearest(a, b).rotation().as_matrix()[:, 0]
+            np.testing.assert_allclose(found, b.rotation().as_matrix()[:, 0], atol=1e-12)
+    assert exact >= 3
+
+
+@pytest.mark.parametrize("kind", [LmIk, MinkIk])
+@pytest.mark.parametrize("demand", [FreeAxis(), POSITION])
+def test_an_obstacle_that_another_turn_avoids_is_avoided(
+    demand: ToolDemand, kind: type[MinkIk | LmIk]
+) -> None:
+    """Beside the hand, whose whole pose is not asked for: nothing is inevitable there."""
+    home = ARM.pose(ARM.home)
+    x, y, z = home.translation()
+    block = Obstacle(
+        name="block",
+        shape=Shape.BOX,
+        size=(0.03, 0.03, 0.03),
+        T_world_obstacle=SE3.from_translation(np.array([x, y + 0.13, z + 0.08])),
+    )
+    arm = Arm(PANDA, obstacles=[block])
+    solvers = {
+        one: MultiStart(
+            solver=kind(
+                max_iterations=30, stall=Stall(), clearance=0.01, tolerance=Tolerance(demand=one)
+            )
+        )
+        for one in (FULL, demand)
+    }
+    stuck = solvers[FULL].solve(arm, home, arm.home)
+    assert (stuck.reason, stuck.inevitable, stuck.restarts) == (Reason.COLLISION, True, 0)
+    free = solvers[demand].solve(arm, home, arm.home)
+    assert free.converged
+    assert Clearance(arm, 0.01).nearest(free.q)[0] >= 0.01 - 1e-9
 
 
 def test_seeds_are_the_nearest_of_what_is_asked_for() -> None:

@@ -9,6 +9,7 @@ from mink import SE3
 from robo47_qp.collision.clearance import Clearance
 from robo47_qp.errors import UnknownNameError
 from robo47_qp.ik.dls import DlsIk
+from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
@@ -17,6 +18,7 @@ from robo47_qp.ik.seeds import library_of
 from robo47_qp.ik.solver import IkSolver, Reason
 from robo47_qp.ik.tool_error import error_to
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.obstacle import Obstacle, Shape
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.model.tool_poses import ToolPoses
@@ -33,6 +35,29 @@ def pair() -> Arm:
 def both(arm: Arm, q: np.ndarray, q_right: np.ndarray | None = None) -> ToolPoses:
     right = arm.pose(q if q_right is None else q_right, 1)
     return ToolPoses({"left": arm.pose(q, 0), "right": right})
+
+
+def test_what_only_another_tool_stands_in_is_not_inevitable() -> None:
+    """The target is of the right tool alone; the left hand begins in an obstacle."""
+    free = Arm(panda_pair())
+    x, y, z = free.pose(free.home, 0).translation()
+    block = Obstacle(
+        name="block",
+        shape=Shape.BOX,
+        size=(0.03, 0.03, 0.03),
+        T_world_obstacle=SE3.from_translation(np.array([x, y + 0.12, z + 0.08])),
+    )
+    arm = Arm(panda_pair(), obstacles=[block])
+    there = SE3.from_translation(np.array([0.1, 0.0, -0.1])) @ free.pose(free.home, 1)
+    ik = MultiStart(solver=LmIk(max_iterations=30, stall=Stall(), clearance=0.01))
+    assert Clearance(arm, 0.01).nearest(arm.home)[0] < 0.0
+    found = ik.solve(arm, ToolPoses({"right": there}), arm.home)
+    assert found.converged
+    assert Clearance(arm, 0.01).nearest(found.q)[0] >= 0.01 - 1e-9
+    both_told = ToolPoses({"left": free.pose(free.home, 0), "right": there})
+    stuck = ik.solve(arm, both_told, arm.home)
+    assert (stuck.reason, stuck.inevitable) == (Reason.COLLISION, True)
+    assert stuck.pair == ("left_hand", "block")
 
 
 def inside(arm: Arm, rng: np.random.Generator) -> np.ndarray:

@@ -97,6 +97,7 @@ class Oracle:
 
     def __init__(self, surroundings: Surroundings, clearance: float = 0.005) -> None:
         spec = mujoco.MjSpec.from_file(str(PANDA.mjcf))
+        own = {body.name for body in spec.bodies}
         surroundings(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
@@ -114,7 +115,11 @@ class Oracle:
         ]
         bodies = [tuple(sorted(m.geom_bodyid[list(pair)].tolist())) for pair in self.pairs]
         at_home = zip(bodies, self.all(ARM.home), strict=True)
-        close = {pair for pair, distance in at_home if distance < clearance}
+        close = {
+            pair
+            for pair, distance in at_home
+            if distance < clearance and {m.body(body).name for body in pair} <= own
+        }
         kept = zip(self.pairs, bodies, strict=True)
         self.pairs = [pair for pair, names in kept if names not in close]
 

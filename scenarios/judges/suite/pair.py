@@ -111,10 +111,11 @@ class Pair(Station):
                 solid.add(spec.worldbody)
 
         collisions = Collisions(robot, held, clearance=CLEARANCE)
+        scene = Collisions(robot, standing, clearance=CLEARANCE, touched_at_home=True)
         self.planner = replace(
             self.planner,
             collisions=collisions,
-            surroundings=Collisions(robot, standing, clearance=CLEARANCE) if around else None,
+            surroundings=scene if around else None,
             branch_choice=BranchChoice(collisions=collisions),
         )
 

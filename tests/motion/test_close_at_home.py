@@ -1,0 +1,81 @@
+"""What stands close at home, what a check is given, and how far it sees."""
+
+from functools import partial
+
+import mujoco
+import numpy as np
+import pytest
+
+from robo47_qp.errors import InvalidValueError
+from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.collision_check import Collisions
+from robo47_qp.motion.timing.rest_to_rest import plan_ptp
+from tests.motion.test_collisions import ARM, DT, Oracle
+
+
+def bar_and_knob(spec: mujoco.MjSpec, *, knob: bool = True) -> None:
+    """A bar across the way of the hand as joint 1 turns, and a knob beside the hand at home."""
+    x, _, z = ARM.pose(ARM.home).translation()
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    spec.worldbody.add_geom(name="bar", type=box, pos=[x, 0.2, z + 0.06], size=[0.3, 0.004, 0.004])
+    if knob:
+        spec.worldbody.add_geom(
+            name="knob", type=box, pos=[x + 0.043, 0, z + 0.08], size=[0.01, 0.01, 0.004]
+        )
+
+
+def test_what_is_close_at_home_hides_nothing_else() -> None:
+    goal = ARM.home.copy()
+    goal[0] = 1.3
+    motion = plan_ptp(ARM.home, goal, PANDA.profile, DT)
+    alone = Collisions(PANDA, partial(bar_and_knob, knob=False)).first_hit(motion.q, DT)
+    assert alone is not None
+    assert "bar and hand" in alone.explanation
+    both = Collisions(PANDA, bar_and_knob)
+    at_home = both.first_hit(motion.q, DT)
+    assert at_home is not None
+    assert "knob and hand" in at_home.explanation
+    assert at_home.rejection.time == 0.0
+    left = Collisions(PANDA, bar_and_knob, touched_at_home=True)
+    assert left.at(ARM.home) is None
+    hit = left.first_hit(motion.q, DT)
+    assert hit is not None
+    assert "bar and hand" in hit.explanation
+
+
+def test_what_it_is_given_is_checked() -> None:
+    for clearance in (-1e-3, np.nan, np.inf, [0.005]):
+        with pytest.raises(InvalidValueError, match="clearance"):
+            Collisions(PANDA, lambda _: None, clearance)  # type: ignore[arg-type]
+    collisions = Collisions(PANDA, lambda _: None)
+    way = np.tile(ARM.home, (3, 1))
+    bad = way.copy()
+    bad[1, 2] = np.nan
+    for q in (bad, way[:0], way[:, :5], ARM.home):
+        with pytest.raises(InvalidValueError, match="7 finite numbers each"):
+            collisions.first_hit(q, DT)
+    with pytest.raises(InvalidValueError, match="7 finite numbers"):
+        collisions.at(bad[1])
+
+
+def test_a_clearance_beyond_what_is_usually_seen_is_kept() -> None:
+    """Twice as much is seen."""
+    x, _, z = ARM.pose(ARM.home).translation()
+
+    def ball_below(spec: mujoco.MjSpec) -> None:
+        sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+        spec.worldbody.add_geom(name="far", type=sphere, pos=[x, 0, z - 0.6], size=[0.1, 0, 0])
+
+    oracle = Oracle(ball_below)
+    oracle.place(ARM.home)
+    far = oracle.model.geom("far").id
+    apart = min(
+        distance
+        for pair, distance in zip(oracle.pairs, oracle.all(ARM.home), strict=True)
+        if far in pair
+    )
+    for clearance, free in ((apart - 0.01, True), (apart + 0.01, False)):
+        found = Collisions(PANDA, ball_below, clearance)
+        hit = found.first_hit(np.tile(ARM.home, (2, 1)), DT)
+        mine = hit is not None and "far" in hit.explanation
+        assert mine is not free
