@@ -16,9 +16,12 @@ def approach_speed_bounds(m: mujoco.MjModel, pairs: tuple[tuple[int, int], ...])
     links bound it in every configuration. A sliding joint has the bound 1.
     """
     moves = moved_by(m)
-    links, far = _links(m), _far_sides(m)
+    ways = _ways(m)
+    links, far = _links(m, ways), _far_sides(m)
     joint_body = m.jnt_bodyid
-    start = np.linalg.norm(m.jnt_pos, axis=1)
+    # Later joints of its body move that against the axis of a joint.
+    later = [ways[k + 1 : m.body_jntadr[b] + m.body_jntnum[b]] for k, b in enumerate(joint_body)]
+    start = np.linalg.norm(m.jnt_pos, axis=1) + np.array([way.sum() for way in later])
     slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
     a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
     one, other = m.geom_bodyid[a], m.geom_bodyid[b]
@@ -47,16 +50,23 @@ def _far_sides(m: mujoco.MjModel) -> Vector:
     return far
 
 
-def _links(m: mujoco.MjModel) -> Matrix:
+def _ways(m: mujoco.MjModel) -> Vector:
+    """Return by how much each joint moves the frame of its body at most (n,) [m]."""
+    slides = m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    aside = 2.0 * np.linalg.norm(m.jnt_pos, axis=1)
+    reach = np.abs(m.jnt_range - m.qpos0[m.jnt_qposadr, None]).max(axis=1, initial=0.0)
+    ways: Vector = np.where(slides, reach, aside)
+    return ways
+
+
+def _links(m: mujoco.MjModel, ways: Vector) -> Matrix:
     """Return the largest distances between the frames of bodies along the links [m]."""
     links = np.zeros((m.nbody, m.nbody))
     for body in range(1, m.nbody):
         length = float(np.linalg.norm(m.body_pos[body]))
         first = m.body_jntadr[body]
-        for joint in range(first, first + m.body_jntnum[body]):
-            slides = m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-            aside = 2.0 * float(np.linalg.norm(m.jnt_pos[joint]))
-            length += float(np.abs(m.jnt_range[joint]).max()) if slides else aside
+        for way in ways[first : first + m.body_jntnum[body]].tolist():
+            length += way
         links[body, :body] = links[m.body_parentid[body], :body] + length
         links[:body, body] = links[body, :body]
     return links

@@ -55,6 +55,41 @@ def test_a_joint_that_moves_both_or_none_has_no_lever(arm: Arm) -> None:
             assert after == pytest.approx(before, abs=1e-9)
 
 
+HEAD = """<mujoco><compiler angle="radian"/><worldbody>
+  <geom name="post" size="0.05" pos="1 1 0"/>
+  <body><joint axis="0 0 1" range="-3 3"/>"""
+TAIL = '<geom name="hand" size="0.05"/></body></worldbody></mujoco>'
+MASS = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+LATER = {
+    "a slide of the same body": '<joint type="slide" axis="1 0 0" range="0 1"/>',
+    "a hinge beside it": '<joint axis="0 0 1" pos="0.5 0 0" range="-3 3"/>',
+    "both": '<joint axis="0 0 1" pos="0 0.3 0" range="-3 3"/>'
+    '<joint type="slide" axis="0 1 0" range="-0.4 0.2"/>',
+    "a slide that begins elsewhere": f'{MASS}<body pos="0.1 0 0">'
+    '<joint type="slide" axis="1 0 0" ref="-1" range="-0.2 0.2"/><geom size="0.05"/></body>',
+}
+
+
+@pytest.mark.parametrize("later", LATER.values(), ids=LATER)
+def test_later_joints_of_a_body_carry_it_away_from_the_first(later: str) -> None:
+    m = mujoco.MjModel.from_xml_string(HEAD + later + TAIL)
+    d, rng, step = mujoco.MjData(m), np.random.default_rng(3), 1e-4
+    pairs = tuple((0, geom) for geom in range(1, m.ngeom))
+    L, tightest = approach_speed_bounds(m, pairs), 0.0
+    for _ in range(1500):
+        q, joint = rng.uniform(m.jnt_range[:, 0], m.jnt_range[:, 1]), int(rng.integers(m.njnt))
+        ways = []
+        for at in (q, q + step * (np.arange(m.njnt) == joint)):
+            d.qpos[:] = at
+            mujoco.mj_kinematics(m, d)
+            ways.append([mujoco.mj_geomDistance(m, d, a, b, 100.0, None) for a, b in pairs])
+        if min(map(min, ways)) > 0.0:
+            rates = np.abs(np.subtract(*ways)) / step
+            assert (rates <= L[:, joint] + 1e-6).all()
+            tightest = max(tightest, *(rates[rates > 0.0] / L[rates > 0.0, joint]), 0.0)
+    assert tightest > 0.5
+
+
 def test_slides_and_joints_beside_the_frame_of_their_body() -> None:
     m = mujoco.MjModel.from_xml_string(SLIDER)
     d = mujoco.MjData(m)
