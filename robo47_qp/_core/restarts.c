@@ -99,6 +99,7 @@ static int next_start(const r47_restarts *r, starts *s, const double *T_target,
     place = s->rest++;
   }
   memcpy(q, r->library->q + place * r->descent->chain->n, bytes);
+  for (int k = 0; k < r->stills; k++) q[r->still[k]] = q_seed[r->still[k]];
   return 1;
 }
 

@@ -18,14 +18,16 @@ typedef struct {
   const r47_descent *descent;
   const r47_descent *thorough; /* continues the closest ends */
   const r47_library *library;
-  int starts;      /* at most so many */
-  int near;        /* of them chosen for nearness, before the others in their order */
-  int seed_first;  /* else the nearer of the seed and the library's nearest first */
-  int looks;       /* how often the closest ends are continued */
-  const int *look; /* (looks,) after so many starts */
-  double close;    /* largest error of an end that is continued [m + rad] */
-  double same;     /* ends whose joints differ by less are one [rad or m] */
-  int ends;        /* ends that are continued at each look, 8 at most */
+  int starts;       /* at most so many */
+  int near;         /* of them chosen for nearness, before the others in their order */
+  int seed_first;   /* else the nearer of the seed and the library's nearest first */
+  int looks;        /* how often the closest ends are continued */
+  const int *look;  /* (looks,) after so many starts */
+  double close;     /* largest error of an end that is continued [m + rad] */
+  double same;      /* ends whose joints differ by less are one [rad or m] */
+  int ends;         /* ends that are continued at each look, 8 at most */
+  int stills;       /* joints that do not move the tool, and stay at the seed */
+  const int *still; /* (stills,) */
 } r47_restarts;
 
 /* Numbers of an answer, one after the other. */

@@ -214,7 +214,10 @@ class MultiStart(Checked):
         return (solver.start(arm, q_start, q_seed) for q_start in starts)
 
     def _starts(self, arm: Arm, T_world_target: Target, q_seed: Vector) -> Iterator[Vector]:
-        """Yield the starts: seed, nearest of the library, then the others in their order."""
+        """Yield the starts: seed, nearest of the library, then the others in their order.
+
+        Joints that do not move the tool stay at the seed.
+        """
         if not isinstance(T_world_target, SE3) or len(arm.robot.tools) > 1:
             yield from self._starts_of_tools(arm, T_world_target, q_seed)
             return
@@ -230,12 +233,13 @@ class MultiStart(Checked):
             seed = demand.feature(feature_of(arm.pose(q_seed)))
             if seed.dot(0.5 * seed - target) <= distances[taken[0]]:
                 yield q_seed
-        yield library.q[taken[0]]
+        moving = arm.tool_joints(0)
+        yield np.where(moving, library.q[taken[0]], q_seed)
         for k in near:
             taken.append(k)
-            yield library.q[k]
+            yield np.where(moving, library.q[k], q_seed)
         for k in np.setdiff1d(np.arange(len(distances)), taken):
-            yield library.q[k]
+            yield np.where(moving, library.q[k], q_seed)
 
     def _starts_of_tools(self, arm: Arm, target: Target, q_seed: Vector) -> Iterator[Vector]:
         """Yield the seed, then for each tool's joints those of its own library, by nearness.

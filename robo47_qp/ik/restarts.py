@@ -68,6 +68,7 @@ class Restarts:
             half_square=library.half_square,
         )
         """The C structure `r47_library`."""
+        still = np.flatnonzero(~arm.tool_joints(0)).astype(np.int32)
         self._structure = Structure(
             "r47_restarts",
             descent=descents[0].structure,
@@ -81,6 +82,8 @@ class Restarts:
             close=looks.close,
             same=looks.same,
             ends=looks.ends,
+            stills=len(still),
+            still=still,
         )
         self._one = Batch(np.empty((1, 7)), np.empty((1, arm.n)))
         self._call = self._bound(self._one)

@@ -126,6 +126,8 @@ def _digest(arm: Arm, count: int, tool: int) -> str:
         *(m.body_pos[bodies], m.body_quat[bodies], m.body_jntadr[bodies], m.body_jntnum[bodies]),
         *(m.jnt_type, m.jnt_pos, m.jnt_axis, m.jnt_range, m.qpos0),
         *(site.pos, site.quat),
+        # What stands at home there.
+        arm.home[~arm.tool_joints(tool)],
     ]
     digest = sha256(f"{_VERSION} {count} {TURN} {mujoco.__version__} {np.__version__}".encode())
     for array in chain:

@@ -1,10 +1,12 @@
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp._core.library import using
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.benchmarks.ik.catalogue import solvers
@@ -12,6 +14,7 @@ from robo47_qp.evaluation.benchmarks.ik.targets import near_limits
 from robo47_qp.ik.dls import DlsIk
 from robo47_qp.ik.gauss_newton import Stall
 from robo47_qp.ik.lm import LmIk
+from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart, Preference
 from robo47_qp.ik.qp import QpIk
 from robo47_qp.ik.solver import (
@@ -21,6 +24,8 @@ from robo47_qp.ik.solver import (
     judged,
 )
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.loading import robot_from_mjcf
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.sampling import spread
 from robo47_qp.model.tool_poses import Target
 from tests.plain_arm import PlainArm
@@ -344,3 +349,27 @@ def test_all_of_two_thousand_poses_near_joint_limits_are_reached(name: str) -> N
     far = [arm.pose_distance(t, r.q) for t, r in zip(targets.targets, results, strict=True)]
     assert np.max(far) <= 1e-6
     assert max(result.restarts for result in results) > 112
+
+
+@pytest.mark.parametrize("kind", [LmIk, QpIk, MinkIk])
+@pytest.mark.parametrize("chosen", ["compiled", "numpy"])
+def test_joints_that_move_no_tool_stay_where_they_are(
+    kind: type[LmIk | QpIk | MinkIk], chosen: str, tmp_path: Path
+) -> None:
+    """Also if the library was written for a robot whose head stands elsewhere at home."""
+    body = """<body name="head" pos="-0.3 0 1"><joint name="pan" axis="0 0 1" range="-1.5 1.5"/>
+      <geom size="0.05"/></body></worldbody>"""
+    file = tmp_path / "panda_head.xml"
+    file.write_text(PANDA.mjcf.read_text().replace("</worldbody>", body), encoding="utf-8")
+    rng, restarted = np.random.default_rng(0), 0
+    with using(chosen):
+        for head in (0.0, -1.2):
+            joints, home = [*PANDA.joints, "pan"], [*PANDA.home, head]
+            arm = Arm(robot_from_mjcf(file, tcp="tcp", home=home, joints=joints))
+            solver = MultiStart(solver=kind(max_iterations=30, stall=Stall()))
+            for _ in range(12):
+                target, q_seed = arm.pose(arm.drawn(rng)), np.array([*PANDA.home, 0.7])
+                found = solver.solve(arm, target, q_seed)
+                restarted += found.converged and found.restarts > 0
+                assert found.q[7] == 0.7
+    assert restarted > 3
