@@ -9,6 +9,7 @@ from mink import SE3, SO3
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, PlanError, RefusalReason
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.ratings import profile_at_ratings
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.collision_check import Collisions
@@ -131,6 +132,26 @@ def test_a_wrong_grasp_is_mended_on_the_way() -> None:
         poses = path.at(s)
         apart = poses["right"].translation() - RIGHT
         np.testing.assert_allclose(apart, [0.0, off, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("moved", [0.15, 0.25])
+def test_a_hand_that_changes_its_grasp_on_the_way_is_no_faster_than_it_may(
+    pair: Arm, planner: Planner, q_both: Vector, moved: float
+) -> None:
+    """The body moves by 10 mm, one hand along it by more."""
+    T_world_body = SE3.from_translation(0.5 * (LEFT + RIGHT))
+    holding = BOTH.each(lambda _, pose: T_world_body.inverse() @ pose)
+    other = SE3.from_translation(np.array([moved, 0.0, 0.0])) @ holding["right"]
+    goal = SE3.from_translation(np.array([0.0, 0.0, 0.01])) @ T_world_body
+    asked = ToolPoses({"left": holding["left"], "right": other})
+    waypoint = Waypoint(name="shift", target=goal, holding=asked, motion=Motion.LIN)
+    quick = replace(planner, profile=profile_at_ratings(pair.robot.rated))
+    leg = quick.plan(pair, waypoint, q_both, DT)
+    assert leg.lower_bound <= leg.trajectory.duration
+    speeds = np.linalg.norm(np.diff(places(pair, leg, 1), axis=0), axis=1) / DT
+    v, a, _ = quick.lin.profile.linear
+    assert 0.8 * v < speeds.max() <= v * (1.0 + 1e-3)
+    assert np.abs(np.diff(speeds)).max() / DT <= a * (1.0 + 1e-2)
 
 
 @pytest.mark.parametrize("motion", [Motion.PTP, Motion.LIN])

@@ -57,8 +57,12 @@ class HeldTogether:
         T_body_world = body.at(0.0).inverse()
         self._grasps = {name: Line(T_body_world @ start[name], holding[name]) for name in holding}
         # A body that turns moves a tool far from it by more than its own point.
-        levers = (np.linalg.norm(pose.translation()) for pose in holding.values())
-        self.length = body.length + body.angle * max(float(lever) for lever in levers)
+        ways = (
+            body.angle * max(float(np.linalg.norm(way.position(s, 0))) for s in (0.0, 1.0))
+            + way.length
+            for way in self._grasps.values()
+        )
+        self.length = body.length + max(ways)
         """Bound on the way of any tool [m]."""
         self.angle = body.angle + max(grasp.angle for grasp in self._grasps.values())
         """Bound on the angle that any tool turns through [rad]."""
