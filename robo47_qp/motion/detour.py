@@ -58,7 +58,8 @@ class Detour(Checked):
     margin: NotNegative = 0.02
     """Distance to keep from the joint limits [rad or m]."""
     searches: Count = 3
-    """Number of searches, of which the quickest result is taken."""
+    """Number of searches, of which the quickest result is taken. The first that finds no way is the
+    last: where one has used up its steps, others seldom find more."""
     shortenings: CountOrZero = 200
     """Number of attempts to shorten a path."""
     refinements: CountOrZero = 12

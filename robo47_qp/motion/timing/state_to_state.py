@@ -73,6 +73,8 @@ class Transition:
             for phase in phases:
                 places += self._turns(i, time, phase)
                 time += phase
+                # Where it reverses between two phases, neither has it within.
+                places.append(self._plan.at_time(min(time, self.duration))[0][i])
             places.append(self._plan.at_time(self.duration)[0][i])
             ends.append((min(places), max(places)))
         return np.array(ends).T
@@ -84,11 +86,12 @@ class Transition:
         v, a = (self._plan.at_time(start)[order][i] for order in (1, 2))
         j = (self._plan.at_time(min(start + phase, self.duration))[2][i] - a) / phase
         root = a * a - 2.0 * j * v
-        if root < 0.0 or v == 0.0:
+        if root < 0.0:
             return []
-        # v + a t + j t² / 2 = 0, solved for 1 / t, which allows a jerk of zero.
+        # v + a t + j t² / 2 = 0, solved for 1 / t, which allows a jerk of zero; from a speed of
+        # zero, t = 0 is one solution.
         slopes = (-a - sqrt(root), -a + sqrt(root))
-        times = [2.0 * v / slope for slope in slopes if slope]
+        times = [2.0 * v / slope for slope in slopes if slope] if v else [-2.0 * a / j] if j else []
         return [self._plan.at_time(start + t)[0][i] for t in times if 0.0 < t < phase]
 
 

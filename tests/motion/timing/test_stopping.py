@@ -52,6 +52,25 @@ def looked_at(arm: Arm, now: JointReference, motion: Trajectory) -> None:
     assert np.abs(np.diff(v, axis=0) - 0.5 * DT * (a[1:] + a[:-1])).max() <= jerk * DT**2
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_that_accelerates_from_no_speed_stays_inside_its_range(side: float) -> None:
+    """30 mrad before a limit, at rest for an instant, with its acceleration towards it."""
+    zero, a = np.zeros(7), np.zeros(7)
+    q, profile = PANDA.home.copy(), PANDA.profile
+    q[6] = PANDA_ARM.q_max[6] - 0.03 if side > 0 else PANDA_ARM.q_min[6] + 0.03
+    a[6] = side * profile.a_max[6]
+    gets = hardest(0.0, 1e-12, profile.a_max[6], profile.a_max[6], profile.j_max[6])
+    assert gets > 0.03
+    with pytest.raises(PlanError, match="joint7"):
+        stop(PANDA_ARM, JointReference(q, zero, a), profile, DT)
+    q[6] -= side * gets
+    looked_at(
+        PANDA_ARM,
+        JointReference(q, zero, a),
+        stop(PANDA_ARM, JointReference(q, zero, a), profile, DT),
+    )
+
+
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), share=st.floats(0.02, 0.98))
 def test_a_ptp_motion_stops_straight_on_as_fast_as_can_be(seed: int, share: float) -> None:
