@@ -22,6 +22,9 @@ from robo47_qp.ik.tool_error import tools_of
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.tool_poses import Target
 
+_LATELY = 16
+"""Searches of a user's compositions that are kept for each arm."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class MinkIk(GaussNewtonIk):
@@ -109,6 +112,8 @@ class MinkIk(GaussNewtonIk):
         return end if isinstance(end, Unconverged) else self.explained(arm, T_world_target, end)
 
     def _search(self, arm: Arm, tools: tuple[int, ...] = (0,)) -> Search[MinkStepper]:
+        if self.objectives or self.limits or self.constraints:
+            return arm.derived(_Lately).search(arm, tools, self._settings)
         return arm.derived(_mink, tools, self._settings)
 
     @property
@@ -138,3 +143,23 @@ def _objective(one: Objective | TaskSource) -> Objective:
 def _mink(arm: Arm, tools: tuple[int, ...], settings: MinkSettings) -> Search[MinkStepper]:
     stepper = MinkStepper(arm, tools, settings)
     return Search(arm, stepper) if stepper.composed is None else SettlingSearch(arm, stepper)
+
+
+class _Lately:
+    """The last few searches with objectives, limits or constraints of a user, by these.
+
+    Each holds a state of MuJoCo's, and a program may make new ones for every waypoint.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._kept: dict[tuple[tuple[int, ...], MinkSettings], Search[MinkStepper]] = {}
+
+    def search(
+        self, arm: Arm, tools: tuple[int, ...], settings: MinkSettings
+    ) -> Search[MinkStepper]:
+        key = tools, settings
+        found = self._kept.pop(key, None) or _mink(arm, tools, settings)
+        self._kept[key] = found
+        if len(self._kept) > _LATELY:
+            del self._kept[next(iter(self._kept))]
+        return found

@@ -190,6 +190,8 @@ class MultiStart(Checked):
         It is for one pose of the only tool and one answer by a `Descending` solver. A target that
         it does not reach is for the search here, which tells why.
         """
+        if not hasattr(self.solver, "descent"):
+            return None
         return arm.derived(_whole, self, backend())
 
     def _search(self, arm: Arm, T_world_target: Target, q_seed: Vector, tally: "_Tally") -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robo47_qp.arrays import Matrix, Range, Vector, checked_vector
 from robo47_qp.model.mjcf import compile_arm
-from robo47_qp.model.obstacle import Obstacle
+from robo47_qp.model.obstacle import Obstacle, checked_obstacles
 from robo47_qp.model.payload import Load, loads
 from robo47_qp.model.robot import Robot
 from robo47_qp.model.tool_poses import Target, ToolPoses
@@ -106,10 +106,10 @@ class Arm:
 
         Raises:
             UnknownNameError: See `robot_spec`; no tool has the name that a payload goes by.
-            InvalidValueError: The name of an obstacle is taken; the margin is outside [0, 0.5).
+            InvalidValueError: An obstacle is none, or has a taken name; margin outside [0, 0.5).
             ModelError: See `compile_arm`.
         """
-        self.robot, self.obstacles = robot, tuple(obstacles)
+        self.robot, self.obstacles = robot, checked_obstacles(obstacles)
         self._derived: dict[Hashable, Any] = {}
         self.payloads = loads(robot, payload)
         """What each tool is believed to hold, by its name."""

@@ -6,7 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.model.robot import MotionProfile, Robot
+
+_BESIDE_FILE = (
+    *("hand", "T_world_base", "mounts", "tool", "more_tools"),
+    *("armature", "damping", "dry_friction"),
+)
+"""Fields of a robot that are not of its file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,11 +48,19 @@ class Carrier:
         """Return an arm on this carrier; its joints come after those of the carrier, at zero.
 
         Args:
-            arm: An arm with one tool, whose file `mjcf` attaches.
+            arm: An arm with one tool, whose file `mjcf` attaches and which is all in that file.
 
         Raises:
-            InvalidValueError: See `Robot`.
+            InvalidValueError: The arm has more than its file; see `Robot`.
         """
+        beside = {name: getattr(arm, name) for name in _BESIDE_FILE}
+        more = [name for name, value in beside.items() if value is not None and np.size(value)]
+        if more:
+            raise InvalidValueError(
+                "arm on a carrier",
+                f"{arm.name!r} with {', '.join(more)} beside its file",
+                "one that is all in its file: write them there, and attach that",
+            )
         before = self.prefix
         return replace(
             arm,

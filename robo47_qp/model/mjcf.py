@@ -16,13 +16,16 @@ from robo47_qp.errors import ModelError, UnknownNameError
 from robo47_qp.model.obstacle import Obstacle, add_obstacle
 from robo47_qp.model.payload import Payload
 from robo47_qp.model.robot import Hand, Robot, Tool
+from robo47_qp.model.ties import check_untied
 
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 _IMPLICIT = 0.05
 """Damping in a period, relative to the inertia, above which it is not neglected [-]."""
 _PEDESTAL = 0.1
-"""Radius of the pedestal under a base above the table [m]."""
+"""Radius of the pedestal under an upright base above the table [m]."""
+_UPRIGHT = 0.999
+"""Least cosine of the tilt of a base that stands on one, rather than hangs or is on a wall."""
 
 
 def compiled(spec: mujoco.MjSpec, mjcf: Path) -> mujoco.MjModel:
@@ -113,6 +116,7 @@ def _prepared(robot: Robot, drawn: bool) -> mujoco.MjSpec:
             raise UnknownNameError("joint", name, known)
     # The keyframes have as many numbers as the file has joints, but a scene has more or fewer.
     _delete(spec, spec.keys)
+    check_untied(robot, spec)
     if not robot.grippers:
         _weld_others(robot, spec)
     if not robot.has_motors:
@@ -131,7 +135,7 @@ def _prepared(robot: Robot, drawn: bool) -> mujoco.MjSpec:
 
 
 def _place(robot: Robot, spec: mujoco.MjSpec) -> None:
-    """Put all that stands in the world where the robot stands, on a pedestal if that is high."""
+    """Put all that stands in the world where the robot stands; upright and high, on a pedestal."""
     if robot.T_world_base is not None:
         pose = robot.T_world_base.wxyz_xyz
         base = spec.worldbody.add_frame(pos=pose[4:], quat=pose[:4])
@@ -141,7 +145,7 @@ def _place(robot: Robot, spec: mujoco.MjSpec) -> None:
             # What is in a frame of its own moves with that.
             (element if element.frame is None else element.frame).set_frame(base)
         x, y, height = pose[4:].tolist()
-        if height > 0.0:
+        if height > 0.0 and robot.T_world_base.rotation().as_matrix()[2, 2] > _UPRIGHT:
             spec.worldbody.add_geom(
                 name="pedestal",
                 type=mujoco.mjtGeom.mjGEOM_CYLINDER,

@@ -1,5 +1,6 @@
 """Obstacle: a static body that the arm must not touch."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -73,6 +74,19 @@ class Obstacle:
     @property
     def _fields(self) -> tuple[object, ...]:
         return self.name, self.shape, self.size, self.T_world_obstacle.wxyz_xyz.tobytes()
+
+
+def checked_obstacles(obstacles: Iterable[Obstacle]) -> tuple[Obstacle, ...]:
+    """Return obstacles, checked to be some.
+
+    Raises:
+        InvalidValueError: One is not.
+    """
+    found = tuple(obstacles)
+    for one in found:
+        if not isinstance(one, Obstacle):
+            raise InvalidValueError("obstacles", repr(one), "a sequence of Obstacle")
+    return found
 
 
 def add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle) -> mujoco.MjsGeom:

@@ -51,6 +51,16 @@ class MotionProfile:
         ends = {name: (getattr(self, name), getattr(other, name)) for name in names}
         return MotionProfile(**{name: np.concatenate(pair) for name, pair in ends.items()})
 
+    def check_joints(self, n: int) -> None:
+        """Check that the bounds are those of n joints.
+
+        Raises:
+            InvalidValueError: They are not.
+        """
+        if len(self.v_max) != n:
+            found = f"bounds of {len(self.v_max)} joints"
+            raise InvalidValueError("profile", found, f"those of all {n} joints")
+
     def slowed(self, pace: float) -> "MotionProfile":
         """Return the profile with time stretched by 1 / `pace`.
 

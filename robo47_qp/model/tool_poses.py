@@ -29,6 +29,9 @@ class ToolPoses(Mapping[str, SE3]):
         Raises:
             InvalidValueError: There is none, or one of them is no finite pose.
         """
+        if not isinstance(poses, Mapping):
+            expected = "a mapping from the names of tools to poses"
+            raise InvalidValueError("poses of tools", repr(poses), expected)
         if not poses:
             raise InvalidValueError("poses of tools", "none", "at least one, by the tool's name")
         for name, pose in poses.items():

@@ -8,7 +8,7 @@ from math import inf
 
 from mink import SE3
 
-from robo47_qp.arrays import Vector
+from robo47_qp.arrays import Range, Vector
 from robo47_qp.errors import NO_PATH, PlanError, RefusalReason, Rejection
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
@@ -86,11 +86,12 @@ class Planner(PlannerSettings):
         refused, others are tried. Other motions follow their path from where the arm is.
 
         Raises:
-            InvalidValueError: `q_start` is not finite.
+            InvalidValueError: `q_start` is not finite, dt not positive, or the profile is of other
+                joints.
             PlanError: The waypoint is not reached by IK, the motion to it is not possible, or
                 what follows it is not; the waypoint in question is named.
         """
-        q_start = arm.checked_q("q_start", q_start)
+        q_start = self._checked(arm, q_start, dt)
         if not waypoint.rests:
             explanation = "it is not to be stopped at and nothing is known to follow"
             raise PlanError(waypoint.name, explanation, NO_PATH)
@@ -112,15 +113,21 @@ class Planner(PlannerSettings):
         them, the choice begins anew, as the joints of tools that are not named stand still.
 
         Raises:
-            InvalidValueError: `q_start` is not finite.
+            InvalidValueError: `q_start` is not finite, dt not positive, or the profile is of other
+                joints.
             PlanError: No choice leads through, or the motion is refused; the waypoint in
                 question is named.
         """
-        q, legs = arm.checked_q("q_start", q_start), list[Leg]()
+        q, legs = self._checked(arm, q_start, dt), list[Leg]()
         for _, members in groupby(waypoints, key=lambda one: _tools_of(arm, one)):
             legs += self._chain(arm, list(members), q, dt)
             q = legs[-1].trajectory.end.q
         return legs
+
+    def _checked(self, arm: Arm, q_start: Vector, dt: float) -> Vector:
+        Range(above=0.0, single=True).check("dt", dt)
+        self.profile.check_joints(arm.n)
+        return arm.checked_q("q_start", q_start)
 
     def _chain(self, arm: Arm, waypoints: Sequence[Waypoint], q: Vector, dt: float) -> list[Leg]:
         """Plan through waypoints of the same tools."""

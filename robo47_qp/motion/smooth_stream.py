@@ -6,6 +6,7 @@ import numpy as np
 from mink import SE3
 from numpy.lib.stride_tricks import sliding_window_view
 
+from robo47_qp.arrays import Range
 from robo47_qp.ik.stream.settings import StreamTick
 from robo47_qp.ik.stream.stream import StreamSolver
 from robo47_qp.model.arm import JointReference
@@ -27,7 +28,11 @@ class SmoothStream:
         Args:
             stream: It is reset before its first tick here.
             window: w, at least 1.
+
+        Raises:
+            InvalidValueError: The window is no such number.
         """
+        Range(at_least=1, whole=True, single=True).check("window", window)
         self._stream, self._window = stream, window
         self._now = JointReference(*np.full((3, stream.arm.n), np.nan))
         self.ticks: Sequence[StreamTick] = ()

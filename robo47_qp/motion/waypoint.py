@@ -125,6 +125,9 @@ class Waypoint(Checked):
                 f"what follows waypoint {self.name!r}", bent, f"waypoints reached by {PRESCRIBED}"
             )
         self._check_shape()
+        if not isinstance(self.holding, ToolPoses | None):
+            name, expected = f"holding of waypoint {self.name!r}", "ToolPoses, T_body_tcp by tool"
+            raise InvalidValueError(name, repr(self.holding), expected)
         if isinstance(self.target, SE3):
             check_pose(f"target of waypoint {self.name!r}", self.target)
         elif self.holding is not None:

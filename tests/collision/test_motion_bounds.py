@@ -84,7 +84,7 @@ def test_later_joints_of_a_body_carry_it_away_from_the_first(later: str) -> None
             mujoco.mj_kinematics(m, d)
             ways.append([mujoco.mj_geomDistance(m, d, a, b, 100.0, None) for a, b in pairs])
         if min(map(min, ways)) > 0.0:
-            rates = np.abs(np.subtract(*ways)) / step
+            rates = np.abs(np.array(ways[1]) - np.array(ways[0])) / step
             assert (rates <= L[:, joint] + 1e-6).all()
             tightest = max(tightest, *(rates[rates > 0.0] / L[rates > 0.0, joint]), 0.0)
     assert tightest > 0.5

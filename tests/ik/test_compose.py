@@ -1,5 +1,6 @@
 """Limits, constraints and bad input of a user, through MinkIk and MultiStart."""
 
+import gc
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from mink.limits import Constraint
 from robo47_qp.arrays import Matrix, Vector
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.ik.mink import MinkIk
+from robo47_qp.ik.mink_step import MinkStepper
 from robo47_qp.ik.objectives import Objective
 from robo47_qp.ik.solver import Reason, Tolerance
 from robo47_qp.ik.tool_demand import FreeAxis
@@ -44,6 +46,23 @@ def test_a_limit_of_a_user_is_kept() -> None:
             kept += 1
             assert result.q[0] >= 0.2 - 1e-6
     assert kept >= 14
+
+
+def test_searches_of_objectives_that_nobody_asks_for_again_are_let_go() -> None:
+    """A program may make new ones for every waypoint: each search holds a state of MuJoCo's."""
+    arm = Arm(PANDA)
+
+    def searches() -> int:
+        gc.collect()
+        return sum(isinstance(one, MinkStepper) for one in gc.get_objects())
+
+    before, target = searches(), arm.pose(arm.home + 0.1)
+    for _ in range(40):
+        posture = mink.PostureTask(arm.model, cost=1e-3)
+        posture.set_target(arm.home)
+        assert several(objectives=[posture]).solve(arm, target, arm.home).converged
+    assert 1 <= searches() - before <= 20
+    assert several().solve(arm, target, arm.home).converged
 
 
 def test_a_limit_that_cannot_be_kept_is_counted_and_named() -> None:

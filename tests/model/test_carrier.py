@@ -1,14 +1,20 @@
 """Arms on a rail and on a mobile base, held to the arm that they carry."""
 
+from dataclasses import replace
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 from mink import SE3, SO3
 
 from robo47_qp.arrays import Vector
+from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import Arm
+from robo47_qp.model.carrier import Carrier
+from robo47_qp.model.robot import MotionProfile, ToolFrame
 from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.planner import Planner
@@ -155,3 +161,24 @@ def test_the_file_has_no_copy_of_the_arm() -> None:
         assert "link1" not in robot.mjcf.read_text("utf-8")
         spec = mujoco.MjSpec.from_file(str(robot.mjcf))
         assert spec.body("panda_link7") is not None
+
+
+@pytest.mark.parametrize("beside", ["dry_friction", "armature", "tool", "T_world_base"])
+def test_an_arm_that_is_not_all_in_its_file_is_refused(beside: str) -> None:
+    others: dict[str, Any] = {"tool": ToolFrame(body="hand"), "T_world_base": SE3.identity()}
+    value = others.get(beside, np.ones(7))
+    carrier = Carrier(
+        name="cart",
+        mjcf=load_robot("panda_rail").mjcf,
+        prefix="panda_",
+        joints=("rail",),
+        slides=("rail",),
+        rated=MotionProfile.uniform(1, v=1.5, a=4.0, j=100.0),
+        profile=MotionProfile.uniform(1, v=1.0, a=2.0, j=8.0),
+        tau_max=np.array([400.0]),
+        tau_rate_max=np.array([4000.0]),
+        stiffness=np.array([2e4]),
+    )
+    assert carrier.carrying(PANDA).home.shape == (8,)
+    with pytest.raises(InvalidValueError, match=f"'panda' with {beside} beside its file"):
+        carrier.carrying(replace(PANDA, **{beside: value}))

@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from mink import SE3, SO3
@@ -185,6 +186,18 @@ def test_a_cell_moves_the_robot_and_all_that_hangs_on_it() -> None:
     assert pedestal.pos[2] + pedestal.size[1] == pytest.approx(high.translation()[2])
     np.testing.assert_allclose(pedestal.pos[:2], high.translation()[:2])
     assert EvaluateOptions(robot="ur5e").robot_for(PickPlace).T_world_base is not None
+
+
+@pytest.mark.parametrize("tilt", [np.pi, 0.5 * np.pi])
+def test_a_base_that_hangs_or_is_on_a_wall_has_no_pedestal(tilt: float) -> None:
+    """It would go through the arm."""
+    place = SE3.from_rotation_and_translation(SO3.from_x_radians(tilt), np.array([0.0, 0.0, 1.5]))
+    m = robot_spec(replace(PANDA, T_world_base=place)).compile()
+    d = mujoco.MjData(m)
+    for name, q in zip(PANDA.joints, PANDA.home, strict=True):
+        d.joint(name).qpos[0] = q
+    mujoco.mj_forward(m, d)
+    assert not d.ncon
 
 
 @pytest.mark.parametrize("task", [ObstacleReach, ObstacleReach()])

@@ -167,8 +167,10 @@ def plan_ptp(
         law: Time law of the motion.
 
     Raises:
-        InvalidValueError: A configuration is not finite.
+        InvalidValueError: A configuration is not finite, or of other joints than the profile.
     """
+    profile.check_joints(len(q_start))
+    profile.check_joints(len(q_goal))
     return rest_to_rest(q_start, q_goal, profile.v_max, profile.a_max, profile.j_max, dt, law)
 
 

@@ -68,12 +68,14 @@ def stop(arm: Arm, now: JointReference, profile: MotionProfile, dt: float) -> Tr
         dt: Time between samples [s].
 
     Raises:
-        InvalidValueError: A number is not finite, or dt is not positive.
+        InvalidValueError: A number is not finite, dt is not positive, or the profile is of other
+            joints.
         PlanError: No stop within the bounds keeps a joint inside its limits; the joint and
             the time at which it leaves them are named.
     """
     if not (np.isfinite(dt) and dt > 0.0):
         raise InvalidValueError("dt", dt, "positive and finite [s]")
+    profile.check_joints(arm.n)
     names = ("position", "velocity", "acceleration")
     checked = (arm.checked_q(f"{n} of the reference", x) for n, x in zip(names, now, strict=True))
     start = np.stack(list(checked))
