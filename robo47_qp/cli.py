@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix, read_number
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError, Robo47Error
+from robo47_qp.errors import InvalidValueError, RecordingError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
@@ -391,10 +391,17 @@ def _recorded(
         run, figures, findings, summary = recorded(
             runner, runner.loop.sim, shown, files, plotter, options.live, chunk_rows
         )
-        plotter.finish()
-    write_text(files["report"], json.dumps(summary, indent=2))
+        write_text(files["report"], json.dumps(summary, indent=2))
+        undrawn: RecordingError | None = None
+        try:
+            plotter.finish()
+        except RecordingError as error:
+            undrawn = error
     if options.json:
         sys.stdout.write(json.dumps(summary, indent=2) + "\n")
     else:
         print_summary(console, run, figures, findings, files)
+    # After what the run itself has to tell.
+    if undrawn is not None:
+        raise undrawn
     return OK if run.failure is None else FAILED

@@ -117,8 +117,9 @@ def draw(picture: Picture) -> "Figure":
     for name in ("joint", "tool", "torque"):
         axes[name].set_xlim(0.0, float(t[-1]))
         axes[name].grid(alpha=0.3, lw=0.5)
-        for start in numbers["starts"][1:]:
-            axes[name].axvline(float(t[start]), color=_GREY, lw=0.5, ls=":")
+        # A phase that ended in its first period has no row.
+        for start in t[numbers["starts"][1:][numbers["starts"][1:] < len(t)]]:
+            axes[name].axvline(float(start), color=_GREY, lw=0.5, ls=":")
     return figure
 
 

@@ -7,6 +7,7 @@ from robo47_qp.arrays import Matrix
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.model.arm import bare_arm
 from robo47_qp.model.robot import Robot
+from robo47_qp.motion.planner import Leg
 from robo47_qp.motion.tool_motion import ToolMotion, tool_motion
 from robo47_qp.run.scenario import Run
 from robo47_qp.run.signals import is_followed
@@ -86,11 +87,23 @@ def metrics(run: Run) -> dict[str, float]:
 def _cycle_bound(run: Run) -> float:
     """Return the least time of a run [s]: of its motions along their paths, see `Leg.lower_bound`.
 
-    What is no planned motion counts with the time that it took: fingers, waiting, streams.
+    What is no planned motion, or was not driven to its end, counts with the time that it took:
+    fingers, waiting, streams, motions until something is touched.
     """
-    rest = sum(rows.stop - rows.start for phase, rows in run.spans() if phase.leg is None)
-    least: float = rest * TIMESTEP + sum(leg.lower_bound for leg in run.legs)
-    return least
+    least, legs, taken, whole = 0.0, list[Leg](), 0, True
+    for phase, rows in run.spans():
+        if phase.leg is None:
+            # Whatever was to follow without a stop was not driven.
+            least += (taken + rows.stop - rows.start) * TIMESTEP
+            legs, taken, whole = [], 0, True
+            continue
+        legs.append(phase.leg)
+        taken += rows.stop - rows.start
+        whole &= rows.stop - rows.start >= phase.leg.trajectory.steps
+        if phase.leg.stops:
+            least += sum(leg.lower_bound for leg in legs) if whole else taken * TIMESTEP
+            legs, taken, whole = [], 0, True
+    return least + taken * TIMESTEP
 
 
 def _friction(run: Run) -> dict[str, float]:
@@ -154,10 +167,11 @@ def _tool(run: Run) -> ToolMotion:
 
 
 def _smoothness(run: Run, motion: ToolMotion) -> dict[str, float]:
-    """Return the mean smoothness of the motions from rest to rest."""
+    """Return the mean smoothness of the motions that went from rest to rest."""
     found, start = [], None
     for phase, rows in run.spans():
         if phase.leg is None:
+            start = None
             continue
         start = phase.start if start is None else start
         if phase.leg.waypoint.rests:
@@ -181,16 +195,18 @@ def _energy(run: Run) -> float:
 def _settle_time(run: Run) -> float:
     """Return the longest time from the end of a motion until the tool has settled [s].
 
-    The tool has settled once it stays within `SETTLED` of its reference; if it does not before
-    the next motion, the time in between counts.
+    The tool has settled once it stays within `SETTLED` of its reference; if it does not before the
+    next motion, or it gives way, presses or follows something, the time until then counts.
     """
     labels = [label for label, _ in run.scenario.robot.tool_labels()]
     error = np.max([run.rows[f"errors/{one}tool_position"][:, 0] for one in labels], axis=0)
     longest, since = 0, None
     for phase, rows in run.spans():
-        if phase.leg is not None:
+        if phase.compliant or phase.axis is not None or phase.streamed:
+            since = None
+        elif phase.leg is not None:
             since = rows.stop
-        elif since is not None and not phase.compliant and phase.axis is None:
+        elif since is not None:
             outside = np.flatnonzero(error[rows] > SETTLED)
             settled = phase.start + int(outside[-1]) + 1 if outside.size else since
             longest = max(longest, settled - since)

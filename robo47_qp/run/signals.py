@@ -21,6 +21,9 @@ from robo47_qp.run.recording import Rows, slices
 from robo47_qp.sim.signal import POSE, POSE_UNIT, Signal
 from robo47_qp.sim.simulation import Simulation
 
+_ROUNDING = 1e-9
+"""Part of a motor's limit by which a torque at it may be less."""
+
 Samples: TypeAlias = tuple[Matrix, Matrix, Matrix]
 """q, v and a of the samples of a trajectory, (N, n) each."""
 TARGET_POSE = "target/pose"
@@ -72,7 +75,7 @@ def derived(robot: Robot) -> dict[Signal, Callable[[Rows], Matrix]]:
             for signal, values in _tool_errors(label).items()
         },
         Signal(name="joints/saturated", labels=("motors",), unit="count"): lambda rows: (
-            rows["joints/tau"] != rows["joints/tau_command"]
+            np.abs(rows["joints/tau"]) >= robot.tau_max * (1.0 - _ROUNDING)
         ).sum(axis=1, keepdims=True),
     }
     for label, tool in robot.tool_labels():

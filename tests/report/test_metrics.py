@@ -1,16 +1,41 @@
 """Metrics: figures recomputed by hand from rows with known numbers."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.motion.waypoint import Motion, Place, Waypoint, tool_down
 from robo47_qp.report.metrics import SETTLED, metrics, smoothness
+from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Rows
+from robo47_qp.run.scenario import Run
+from robo47_qp.run.task import Program
+from robo47_qp.sim.sensed import Sensed
 from tests.runs import Reach, carry_out, picked_and_placed
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchPad(Reach):
+    """Down slowly for 0.28 m, until a pad is touched after 2 cm."""
+
+    fixed_force_max: float = 60.0
+
+    def build_scene(self, spec: mujoco.MjSpec) -> None:
+        super().build_scene(spec)
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        spec.worldbody.add_geom(type=box, pos=[0.5, 0.0, 0.35], size=[0.05, 0.05, 0.02])
+
+    def program(self, sensed: Sensed) -> Program:
+        yield Waypoint(name="above", target=tool_down([0.5, 0.0, 0.4]))
+        down = Waypoint(name="down", target=tool_down([0.5, 0.0, 0.12]), motion=Motion.LIN)
+        yield Guarded(waypoint=down, force=3.0, speed=0.02)
+        yield Waypoint(name="home", target=Place.HOME)
+        return None
 
 
 def test_figures_of_made_up_rows() -> None:
@@ -42,9 +67,8 @@ def test_figures_of_made_up_rows() -> None:
     assert figures.pop("max_tool_acceleration_m_s2") < 1.0
     assert "smoothness_ldlj" in figures or speed < 1e-3
     figures.pop("smoothness_ldlj", None)
-    resting = sum(s.stop - s.start for phase, s in made_up.spans() if phase.leg is None)
-    moving = sum(leg.lower_bound for leg in made_up.legs)
-    assert figures.pop("cycle_bound_s") == pytest.approx(1e-3 * resting + moving)
+    # Neither motion is as long as it was planned.
+    assert figures.pop("cycle_bound_s") == pytest.approx(2.0)
     assert figures.pop("energy_J") == pytest.approx(19 * 2.0 * 0.5 * 1e-3)
     assert figures.pop("rms_tool_error_m") == pytest.approx(np.sqrt((999 * 9 + 16) / 2000))
     assert figures == pytest.approx(
@@ -103,8 +127,51 @@ def test_where_it_always_yields_there_is_no_error_to_tell() -> None:
 
 
 def test_a_tool_that_yields_is_not_waited_for() -> None:
-    assert while_yielding({500: 0.4}, YIELDING)["settle_time_s"] == 0.0
-    assert while_yielding({650: 0.4}, YIELDING)["settle_time_s"] == pytest.approx(0.351)
+    """Nor one that follows something, nor one that did either since its last motion ended."""
+    for row in (500, 650, 950):
+        assert while_yielding({row: 0.4}, YIELDING)["settle_time_s"] == 0.0
+    at_rest = [YIELDING[0], {"name": "hold", "start": 300}, *YIELDING[2:]]
+    assert while_yielding({500: 0.4, 950: 0.4}, at_rest)["settle_time_s"] == pytest.approx(0.201)
+
+
+def cut_short(run: Run, name: str, end: int) -> Run:
+    """The run as if a motion had been broken off at a row, and the arm had then stood still."""
+    i = next(i for i, phase in enumerate(run.phases) if phase.name == name)
+    still = Phase(name="stood still", start=end, leg=None)
+    return replace(run, phases=[*run.phases[: i + 1], still, *run.phases[i + 1 :]])
+
+
+def test_a_motion_that_is_broken_off_counts_with_the_time_that_it_took() -> None:
+    """Its bound is that of all of its way; so is that of the first of motions without a stop."""
+    run = picked_and_placed()
+    moved = [(phase, rows) for phase, rows in run.spans() if phase.leg is not None]
+    whole = metrics(run)["cycle_bound_s"]
+    phase, rows = max(moved, key=lambda one: one[1].stop - one[1].start)
+    assert phase.leg is not None
+    assert phase.leg.stops
+    cut = metrics(cut_short(run, phase.name, rows.start + 100))["cycle_bound_s"]
+    left = rows.stop - rows.start - 100
+    assert cut == pytest.approx(whole - phase.leg.lower_bound + 1e-3 * (100 + left))
+    assert cut <= metrics(run)["cycle_time_s"]
+
+
+def test_a_touch_on_the_way_leaves_a_bound_below_the_time_that_was_taken() -> None:
+    figures = metrics(carry_out(TouchPad()))
+    assert 0.5 * figures["cycle_time_s"] < figures["cycle_bound_s"] <= figures["cycle_time_s"]
+
+
+def test_the_smoothness_of_a_motion_that_was_broken_off_is_not_told() -> None:
+    """With what follows it, it would count as one motion."""
+    run = carry_out(Reach(rise=0.1))
+    first, second = (phase for phase in run.phases if phase.leg is not None)
+    assert first.leg is not None
+    passed = replace(
+        first, leg=replace(first.leg, waypoint=replace(first.leg.waypoint, blend=0.01))
+    )
+    still = Phase(name="stood still", start=first.start + 200, leg=None)
+    broken = replace(run, phases=[passed, still, second, *run.phases[2:]])
+    alone = replace(run, phases=[replace(first, leg=None), second, *run.phases[2:]])
+    assert metrics(broken)["smoothness_ldlj"] == metrics(alone)["smoothness_ldlj"]
 
 
 def test_figures_of_a_real_run() -> None:
@@ -117,6 +184,9 @@ def test_figures_of_a_real_run() -> None:
     assert figures["rms_tool_error_m"] <= figures["max_tool_error_m"] < 1e-3
     assert figures["cycle_time_s"] == pytest.approx(rows["time"][-1, 0] + 1e-3)
     assert 0.6 * figures["cycle_time_s"] < figures["cycle_bound_s"] < figures["cycle_time_s"]
+    resting = sum(s.stop - s.start for phase, s in run.spans() if phase.leg is None)
+    moving = sum(leg.lower_bound for leg in run.legs)
+    assert figures["cycle_bound_s"] == pytest.approx(1e-3 * resting + moving)
     assert figures["place_error_m"] == run.measures["place_error_m"]
     assert figures["real_time_factor"] * figures["step_us"] == pytest.approx(1000.0)
     assert all(isinstance(value, float) for value in figures.values())

@@ -123,11 +123,15 @@ def test_the_tool_angle_is_that_between_the_orientations(
 
 
 def test_saturated_motors_are_counted_on_both_sides() -> None:
-    rows = block(3)
-    rows["joints/tau"][1, 2] += 1e-9
-    rows["joints/tau"][2, [0, 3, 6]] += [5.0, -5.0, 1e-3]
+    """Whatever is commanded: what arrives late is no saturation."""
+    rows, most = block(4), PANDA.tau_max
+    rows["joints/tau_command"][:] = 1e3
+    rows["joints/tau"][0] = 0.99 * most
+    rows["joints/tau"][1, 2] = most[2]
+    rows["joints/tau"][2, [0, 3, 6]] = most[[0, 3, 6]] * [1.0, -1.0, 1.0 - 1e-12]
+    rows["joints/tau"][3] = rows["joints/tau_command"][3] = 0.0
     signals.derive(rows, PANDA)
-    np.testing.assert_array_equal(rows["joints/saturated"][:, 0], [0, 1, 3])
+    np.testing.assert_array_equal(rows["joints/saturated"][:, 0], [0, 1, 3, 0])
 
 
 def test_width_and_force_of_the_gripper() -> None:
