@@ -1,6 +1,6 @@
 """Runs, worlds and observers that several tests share."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -136,13 +136,13 @@ class Witness(Observer):
     """Writes down every call."""
 
     phases: list[tuple[float, str]] = field(default_factory=list)
-    legs: list[tuple[float, Leg, Matrix]] = field(default_factory=list)
+    legs: list[tuple[float, Leg, dict[str, Matrix]]] = field(default_factory=list)
     notes: list[tuple[float, str, str]] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
 
-    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        self.legs.append((time, leg, tool_path.copy()))
+    def planned(self, time: float, leg: Leg, tool_paths: Mapping[str, Matrix]) -> None:
+        self.legs.append((time, leg, {name: path.copy() for name, path in tool_paths.items()}))
         self.calls.append("planned")
 
     def phase(self, time: float, name: str) -> None:

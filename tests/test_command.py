@@ -14,8 +14,10 @@ from rerun.chunk import RrdReader
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from robo47_qp.cli import guarded, main
+from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.options import EvaluateOptions
+from robo47_qp.report.run_plot import Plotter
 from tests.commands import assert_one_message, posix, recorded, run_here, run_script
 
 
@@ -272,3 +274,18 @@ def test_an_evaluation_ends_with_2_for_bad_input(
         assert out == ""
         assert err.startswith("error: ")
         assert "Traceback" not in err
+
+
+def test_a_plot_that_fails_leaves_the_report_and_what_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Plotter) -> None:
+        raise RecordingError("The plot cannot be written: no ink.")
+
+    monkeypatch.setattr(Plotter, "finish", refuse)
+    done = run_here("--log", "cube.rrd", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "success" in done.stdout
+    assert "error: The plot cannot be written: no ink." in done.stderr
+    assert "Traceback" not in done.stderr
+    assert json.loads((tmp_path / "cube.json").read_text(encoding="utf-8"))["success"] is True

@@ -6,9 +6,10 @@ from functools import partial
 from itertools import groupby, pairwise
 from math import inf
 
+import numpy as np
 from mink import SE3
 
-from robo47_qp.arrays import Range, Vector
+from robo47_qp.arrays import Matrix, Range, Vector
 from robo47_qp.errors import NO_PATH, PlanError, RefusalReason, Rejection
 from robo47_qp.ik.solver import IkResult
 from robo47_qp.model.arm import Arm
@@ -57,6 +58,15 @@ class Leg:
     def stops(self) -> bool:
         """True where it ends at rest; with a blend asked for, because a stop is faster."""
         return not self.trajectory.v[-1].any()
+
+    def tool_paths(self, arm: Arm) -> dict[str, Matrix]:
+        """Return the positions (N, 3) of the tools that it moves, by their names [m]."""
+        names = [arm.robot.tools[0].name] if self.tools is None else [*self.tools]
+        tools = {name: arm.robot.tool_index(name) for name in names}
+        return {
+            name: np.array([arm.pose(q, tool).translation() for q in self.trajectory.q])
+            for name, tool in tools.items()
+        }
 
 
 def split_at(count: int, stops: frozenset[int]) -> list[slice]:

@@ -39,7 +39,8 @@ class Picture(NamedTuple):
     """What is drawn of a run."""
 
     words: Mapping[str, Any]
-    """`title`, names of `joints`, `objects` and `phases`, and the `unit` of joint errors."""
+    """`title`, names of `joints`, `objects`, `phases` and the `tool`, and the `unit` of joint
+    errors."""
     numbers: Mapping[str, Numbers]
     """By row: `time` [s], `q` errors (N, n) in that unit, `tool` error [mm], `tau` (N, n) [%], `at`
     and `asked`, the tool's positions (N, 3), and objects' (N, k, 3) [m]. `starts`: rows at which
@@ -110,7 +111,7 @@ def draw(picture: Picture) -> "Figure":
     )
     axes["joint"].margins(y=0.25)
     axes["tool"].plot(t, numbers["tool"], lw=0.8, color=_BLUE)
-    axes["tool"].set_ylabel("tool error [mm]")
+    axes["tool"].set_ylabel(f"{words['tool']} error [mm]")
     axes["torque"].set_ylabel("torque [% of limit]")
     axes["torque"].set_xlabel("time [s]")
     _mark_phases(axes["tool"], picture)
@@ -136,8 +137,10 @@ def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
     i, j = plane
     words, numbers = picture
     asked, at = numbers["asked"], numbers["at"]
-    axes.plot(at[:, i], at[:, j], color=_BLUE, lw=4.0, alpha=0.4, label="tool, measured")
-    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="tool, reference")
+    axes.plot(
+        at[:, i], at[:, j], color=_BLUE, lw=4.0, alpha=0.4, label=f"{words['tool']}, measured"
+    )
+    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label=f"{words['tool']}, reference")
     for k, name in enumerate(words["objects"]):
         place = numbers["objects"][:, k]
         look: Any = {"color": _GREY, "marker": _MARKS[k % len(_MARKS)], "markevery": [-1]}
@@ -165,7 +168,14 @@ def _mark_phases(axes: "Axes", picture: Picture) -> None:
 
 def _nothing() -> Picture:
     """Return a picture of an arm with one joint that rests."""
-    words = {"title": "-", "joints": ["-"], "unit": "-", "objects": [], "phases": ["-"]}
+    words = {
+        "title": "-",
+        "joints": ["-"],
+        "unit": "-",
+        "tool": "-",
+        "objects": [],
+        "phases": ["-"],
+    }
     columns = {"q": 1, "tau": 1, "at": 3, "asked": 3}
     numbers = {name: np.zeros((2, k)) for name, k in columns.items()}
     times = {"time": np.arange(2.0), "tool": np.zeros(2), "starts": np.zeros(1, dtype=int)}

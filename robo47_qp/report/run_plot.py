@@ -84,6 +84,7 @@ def picture_of(run: Run) -> Picture:
         "title": f"{run.scenario.task.name} on {robot.name}: {outcome}",
         "joints": robot.joints,
         "unit": robot.unit("mrad", "mm"),
+        "tool": "tool" if len(robot.tools) == 1 else robot.tools[0].name,
         "objects": [*run.objects],
         "phases": [phase.name for phase in run.phases],
     }

@@ -185,9 +185,9 @@ class ControlLoop:
         for observer in self.observers:
             observer.phase(self.sim.time, name)
         if leg is not None and self.observers:
-            path = np.array([self.arm.pose(q).translation() for q in leg.trajectory.q])
+            paths = leg.tool_paths(self.arm)
             for observer in self.observers:
-                observer.planned(self.sim.time, leg, path)
+                observer.planned(self.sim.time, leg, paths)
 
     def track(
         self,

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from time import perf_counter, sleep
 from typing import Protocol
 
@@ -14,8 +15,8 @@ from robo47_qp.sim.simulation import Simulation
 class Observer:
     """Base class of observers of a run; its methods do nothing."""
 
-    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        """A leg starts; its reference tool positions are (N, 3) [m]."""
+    def planned(self, time: float, leg: Leg, tool_paths: Mapping[str, Matrix]) -> None:
+        """A leg starts; of each tool that it moves, the reference positions are (N, 3) [m]."""
 
     def phase(self, time: float, name: str) -> None:
         """A phase starts."""

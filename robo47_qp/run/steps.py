@@ -35,9 +35,9 @@ _LETTING_GO_ROWS = 2
 """Control periods between two looks at the force of fingers that let an item go."""
 _GRIP_STILL, _OPEN_STILL = 0.05, 0.02
 """How long the fingers must stand still for closing and opening to count as done [s]."""
-_GRIP_TIMEOUT = 3.0
-"""When a grip is over whether or not the fingers stand still, beside the time that its speed takes
-[s]."""
+_GRIP_TIMEOUT, _SLOW = 3.0, 2.0
+"""When a grip is over whether or not the fingers stand still, beside the time that its speed takes:
+a time [s], or so many times what the gripper takes at its own speed, if that is more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -348,7 +348,9 @@ def _grip(
     if compliance is not None:
         executor.compliance.soften(compliance)
     loop.begin(name, compliant=compliance is not None, afresh=False)
-    longest = _GRIP_TIMEOUT + abs(grip.width - sim.width(place)) / grip.speed
+    way, gripper = abs(grip.width - sim.width(place)), sim.robot.tools[place].gripper
+    slowest = grip.speed if gripper is None else gripper.speed_max
+    longest = max(_GRIP_TIMEOUT, _SLOW * way / slowest) + way / grip.speed
     enough = _OPEN_STILL if opening else _GRIP_STILL
     still, waited = 0, 0
     while still * TIMESTEP < enough and waited * TIMESTEP < longest:
@@ -365,7 +367,8 @@ def _grip(
         loop.let_go(place)
     executor.compliance.stiffen()
     width, force = 1e3 * sim.width(place), sim.last_finger_forces(place)
-    loop.note(f"{name}: {width:.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N")
+    moving = "" if still * TIMESTEP >= enough else f", still moving after {waited * TIMESTEP:.1f} s"
+    loop.note(f"{name}: {width:.1f} mm, fingers {force[0]:.1f} N, {force[1]:.1f} N{moving}")
 
 
 def place_of(executor: StepExecutor, tool: str | None) -> int:

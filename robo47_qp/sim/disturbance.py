@@ -209,7 +209,7 @@ class DisturbedSimulation(Simulation):
 
     def step(self, tau: Vector) -> None:
         """See `Simulation.step`; with the command that has arrived, and the pushes."""
-        self._motors.check_size(tau)
+        self._motors.check(tau)
         self._pushes.act(self.time)
         super().step(self._torque_delay.sample(tau))
         if not self._joint_sensor.ideal:

@@ -23,8 +23,8 @@ class SimulatedMotors:
         """Deliver torques at once, within tau_max."""
         np.clip(tau, -self._limit, self._limit, out=self._ctrl)
 
-    def check_size(self, tau: Vector) -> None:
-        """Check that a command is one torque for each motor (n,), and none for all.
+    def check(self, tau: Vector) -> None:
+        """Check that a command is one finite torque for each motor (n,), and none for all.
 
         Raises:
             InvalidValueError: It is not.
@@ -32,6 +32,8 @@ class SimulatedMotors:
         if tau.shape != self._ctrl.shape:
             expected = f"{self._ctrl.size} numbers [N·m]"
             raise InvalidValueError("commanded torque", f"shape {tau.shape}", expected)
+        if not isfinite(tau.dot(tau)):
+            raise InvalidValueError("commanded torque", tau.tolist(), "finite [N·m]")
 
     def deliver(self, tau: Vector) -> None:
         """Deliver the torque closest to a command within tau_max and tau_rate_max.
@@ -39,9 +41,7 @@ class SimulatedMotors:
         Raises:
             InvalidValueError: The command is not finite, or not one for each motor.
         """
-        self.check_size(tau)
-        if not isfinite(tau.dot(tau)):
-            raise InvalidValueError("commanded torque", tau.tolist(), "finite [N·m]")
+        self.check(tau)
         ctrl, low, high, limit = self._ctrl, self._low, self._high, self._limit
         np.subtract(ctrl, self._step, out=low)
         np.add(ctrl, self._step, out=high)

@@ -22,7 +22,7 @@ _OPEN = 1e-3
 _ROUNDING = 1e-6
 """Tolerance for sums of control periods [s]."""
 END = (
-    f"every joint within {_HOME:g} rad of home, and grippers open to within "
+    f"every joint within {_HOME:g} rad of home (slides: m), and grippers open to within "
     f"{1e3 * _OPEN:g} mm of their full width"
 )
 """What `unfinished` demands, in words."""
@@ -171,7 +171,10 @@ def unfinished(simulation: Simulation) -> Failure | None:
     off = simulation.from_home()
     reasons = []
     if off.max() > _HOME:
-        reasons.append(f"a joint is {off.max():.3f} rad from home (allowed are {_HOME:g} rad)")
+        unit = simulation.robot.units[int(off.argmax())]
+        reasons.append(
+            f"a joint is {off.max():.3f} {unit} from home (allowed are {_HOME:g} {unit})"
+        )
     for i, (label, tool) in enumerate(simulation.robot.tool_labels()):
         if tool.gripper is None:
             continue

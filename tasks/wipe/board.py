@@ -161,14 +161,13 @@ class WipeMonitor:
         return bool(abs(x) <= 0.5 * BOARD[0] and abs(y) <= 0.5 * BOARD[1])
 
     def _wipe_off(self) -> None:
-        """Hide the marks that the foam touches, which is compressed."""
-        sponge, positions = self._sponge, _positions(self._simulation)
-        T_world_sponge = self._simulation.object_pose(sponge.name)
+        """Hide the marks that the foam touches, which is compressed, as large as it is."""
+        positions, foam = _positions(self._simulation), self._simulation.model.geom(FOAM)
+        T_world_sponge = self._simulation.object_pose(self._sponge.name)
         R = T_world_sponge.rotation().as_matrix()
         at = (positions - T_world_sponge.translation()) @ R
-        deep = 0.5 * (sponge.foam_height + _TOUCHING)
-        middle = np.array([0.0, 0.0, deep - _TOUCHING - 0.5 * sponge.height])
-        half = np.array([0.5 * sponge.foam[0], 0.5 * sponge.foam[1], deep])
+        further = np.array([0.0, 0.0, 0.5 * _TOUCHING])
+        middle, half = foam.pos - further, foam.size + further
         for i in np.flatnonzero((np.abs(at - middle) <= half).all(axis=1)):
             hide_marker(self._simulation, mark(int(i)))
 

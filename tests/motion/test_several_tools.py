@@ -80,6 +80,21 @@ def test_lines_of_both_are_run_at_the_same_share(
     assert max(pair.pose_distance(shifted(*ways), leg.trajectory.end.q)) <= 2e-6
 
 
+def test_the_paths_of_a_leg_are_those_of_the_tools_that_it_moves(
+    pair: Arm, planner: Planner, q_both: Vector
+) -> None:
+    """A leg of the right hand alone is not drawn at the left one."""
+    further = RIGHT + np.array([0.1, 0.0, 0.0])
+    right = ToolPoses({"right": tool_down(further)})
+    leg = planner.plan(pair, Waypoint(name="r", target=right, motion=Motion.LIN), q_both, DT)
+    paths = leg.tool_paths(pair)
+    assert list(paths) == ["right"]
+    np.testing.assert_allclose(paths["right"][[0, -1]], [RIGHT, further], atol=1e-5)
+    both = planner.plan(pair, Waypoint(name="b", target=BOTH), pair.home, DT).tool_paths(pair)
+    assert list(both) == ["left", "right"]
+    np.testing.assert_allclose(both["left"][-1], LEFT, atol=1e-5)
+
+
 def test_arcs_of_both_are_run_together(pair: Arm, planner: Planner, q_both: Vector) -> None:
     goal = Waypoint(
         name="over",

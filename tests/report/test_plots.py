@@ -15,6 +15,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.drawing import Picture, draw
 from robo47_qp.report.run_plot import Plotter, picture_of, plot_run
 from robo47_qp.run.failure import Cause, Failure
+from robo47_qp.run.phase import Phase
 from robo47_qp.run.recording import Rows
 from tests.runs import picked_and_placed
 
@@ -55,6 +56,18 @@ def test_curves_have_the_units_of_their_labels() -> None:
         expected = run.rows[signal] * scale
         shown = [np.asarray(line.get_ydata()) for line in curves[label]][: expected.shape[1]]
         np.testing.assert_allclose(np.transpose(shown), expected, rtol=1e-12)
+
+
+def test_a_phase_that_ended_in_its_first_period_is_drawn_without_a_row() -> None:
+    """As of a motion that a real arm refuses, or whose first torque is no number."""
+    run = picked_and_placed()
+    last = Phase(name="refused", start=len(run.rows), leg=None)
+    found = picture_of(replace(run, phases=[*run.phases, last]))
+    assert found.words["phases"][-1] == "refused"
+    figure = draw(found)
+    axes = next(axes for axes in figure.axes if axes.get_ylabel() == "tool error [mm]")
+    marks = [line for line in axes.get_lines() if line.get_linestyle() == ":"]
+    assert len(marks) == len(run.phases) - 1
 
 
 def test_names_of_short_phases_do_not_run_into_each_other() -> None:

@@ -78,7 +78,8 @@ def test_observers_hear_of_phases_legs_and_events_when_they_happen(
     arm = Arm(PANDA)
     assert [leg for _, leg, _ in witness.legs] == run.legs
     moving = [phase for phase in run.phases if phase.leg is not None]
-    for (time, leg, path), phase in zip(witness.legs, moving, strict=True):
+    for (time, leg, paths), phase in zip(witness.legs, moving, strict=True):
+        path = paths["tool"]
         assert time == pytest.approx(phase.start * TIMESTEP, abs=1e-9)
         assert path.shape == (leg.trajectory.steps + 1, 3)
         for k in (0, leg.trajectory.steps // 2, leg.trajectory.steps):

@@ -12,14 +12,19 @@ from mink import SE3, SO3
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, UnknownNameError
 from robo47_qp.model.gripper import Grip
+from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Motion, Place, Waypoint
 from robo47_qp.report.audit.audit import audit
 from robo47_qp.run.compliance import Compliance
 from robo47_qp.run.contact_steps import Guarded, Press
 from robo47_qp.run.failure import Cause, Condition, Failure, StepFailed
+from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Grasp, Look, Move, Release, StepLike, Wait, as_step
 from robo47_qp.run.task import Program
 from robo47_qp.sim.sensed import Sensed
+from robo47_qp.sim.simulation import Simulation
+from robo47_qp.stack import ClassicalStack
+from tests.robots import GRIPPER
 from tests.run.written import Told, Written, names, run_program, up
 from tests.runs import Witness, carry_out
 
@@ -331,3 +336,22 @@ def test_a_step_of_the_same_name_that_gives_way_is_a_phase_of_its_own() -> None:
     told = [(phase.name, phase.compliant) for phase in run.phases]
     assert told[:2] == [("grasp", False), ("grasp", True)]
     assert [name for name, _ in told[2:]].count("grasp") == 0
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.02])
+def test_a_slow_gripper_is_waited_for(speed: float) -> None:
+    """At 20 mm/s it takes 4 s for its 80 mm."""
+    robot = replace(PANDA, gripper=replace(GRIPPER, speed_max=speed))
+    widths: list[float] = []
+
+    def program(sensed: Sensed) -> Program:
+        for step in (Grasp(force=20.0), Release()):
+            yield step
+            widths.append(sensed.width())
+            assert sensed.grip_settled()
+        return None
+
+    task = Written(writes=program)
+    runner = Runner(ClassicalStack().scenario(robot, task), Simulation(robot, task.build_scene))
+    assert runner.run().failure is None
+    assert widths == pytest.approx([0.0, GRIPPER.width_max], abs=1e-3)

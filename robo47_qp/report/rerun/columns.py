@@ -44,8 +44,12 @@ def component(signal: str) -> str:
 
 
 def limit_columns(model: mujoco.MjModel, robot: Robot) -> list[rr.ComponentColumn]:
-    """Return columns of two equal rows with the limits of all joints, the lower ones first."""
-    ranges = np.array([model.joint(joint).range for joint in robot.joints])
+    """Return columns of two equal rows with the limits of all joints, the lower ones first.
+
+    A joint that turns freely has none: NaN is not drawn.
+    """
+    joints = [model.joint(name).id for name in robot.joints]
+    ranges = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], np.nan)
     v_max, tau_max = robot.rated.v_max, robot.tau_max
     bounds = {
         "limits/q": ranges.T.ravel(),

@@ -110,17 +110,17 @@ class RerunLog(Observer):
         self._draw_frames(rows)
         self._now = float(times[-1])
 
-    def planned(self, time: float, leg: Leg, tool_path: Matrix) -> None:
-        """Draw a leg with its tool positions (N, 3) [m], and log how it was planned."""
+    def planned(self, time: float, leg: Leg, tool_paths: Mapping[str, Matrix]) -> None:
+        """Draw a leg with its tools' positions (N, 3) [m], and log how it was planned."""
         waypoint, ik = leg.waypoint, leg.ik
         goals = [leg.T_world_goal] if leg.tools is None else list(leg.tools.values())
-        path = tool_path[:: max(1, len(tool_path) // 60)]
+        paths = [path[:: max(1, len(path) // 60)].tolist() for path in tool_paths.values()]
         self._event(
             {
                 "event": "planned",
                 "time": time,
                 "colour": list(waypoint.motion.type.colour),
-                "path": path.tolist(),
+                "paths": paths,
                 "goals": [goal.as_matrix().tolist() for goal in goals],
             }
         )
@@ -208,9 +208,8 @@ class RerunLog(Observer):
     def _draw_plan(self, time: float, event: Mapping[str, Any]) -> None:
         """Draw the path and the goals of a planned leg."""
         # Dashed and thick, so that the thin line of the tool is visible in between.
-        points = np.array(event["path"])
         dashes = rr.LineStrips3D(
-            [points[k : k + 2] for k in range(0, len(points) - 1, 2)],
+            [path[k : k + 2] for path in event["paths"] for k in range(0, len(path) - 1, 2)],
             colors=event["colour"],
             radii=0.004,
         )

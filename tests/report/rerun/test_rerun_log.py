@@ -173,7 +173,7 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     leg = planner.plan(arm, Waypoint(name="above", target=goal), PANDA.home, TIMESTEP)
     world.place_marker("goal", SE3.from_translation(np.array([0.1, 0.2, 0.3])))
     log.phase(0.0, "above")
-    log.planned(0.0, leg, np.array([arm.pose(q).translation() for q in leg.trajectory.q]))
+    log.planned(0.0, leg, leg.tool_paths(arm))
     log.tick(world)
     log.tick(world)
     log.write(block(0))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mink import SE3, SO3
 
+from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.failure import Failure
@@ -13,7 +14,7 @@ from robo47_qp.run.task import Task
 from robo47_qp.sim.simulation import Simulation
 from robo47_qp.tasks.carry_tray.carry_tray import CarryTray
 from robo47_qp.tasks.conveyor_pick.conveyor_pick import ConveyorPick
-from robo47_qp.tasks.handling.place_criterion import PlaceCriterion, miss
+from robo47_qp.tasks.handling.place_criterion import PlaceCriterion, miss, unfinished
 from robo47_qp.tasks.handover.handover import Handover
 from robo47_qp.tasks.heading import upright
 from robo47_qp.tasks.item import Item
@@ -274,3 +275,11 @@ def test_a_stricter_criterion_is_not_met() -> None:
     assert not PlaceCriterion().against_pose(off)
     assert len(PlaceCriterion(distance=2e-3, turn=0.01).against_pose(off)) == 2
     assert miss(replace(item, size=(0.03, 0.03, 0.04), round=True), pose, goal).turn == 0.0
+
+
+def test_how_far_a_slide_is_from_home_is_told_in_metres() -> None:
+    world = Simulation(load_robot("panda_rail"), PickPlace().build_scene)
+    world.data.joint("rail").qpos[0] = 0.05
+    failure = unfinished(world)
+    assert failure is not None
+    assert "a joint is 0.050 m from home (allowed are 0.01 m)" in failure.evidence

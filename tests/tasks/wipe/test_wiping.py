@@ -47,6 +47,26 @@ def over_a_mark() -> tuple[Pressed, Simulation]:
     return Pressed(simulation, task.sponge, task.settings), simulation
 
 
+@pytest.mark.parametrize(("factor", "aside", "wiped"), [(0.9, 0.041, False), (1.1, 0.045, True)])
+def test_a_mark_goes_where_the_foam_is_as_large_as_it_is(
+    factor: float, aside: float, wiped: bool
+) -> None:
+    """The data sheet has the foam end 42.5 mm from its middle."""
+    task = Wipe()
+    world = DisturbedSimulation(PANDA, task.build_scene, Disturbance(object_size_factor=factor))
+    task.reset(world, None)
+    foam = world.model.geom("foam")
+    assert (aside < foam.size[0]) == wiped
+    # A larger one is placed as much higher, to stand where it stood.
+    up = foam.size[2] - foam.pos[2] - 0.5 * (factor - 1.0) * task.sponge.height
+    at = world.marker_pose(mark(0)).translation() + np.array([aside, 0.0, up])
+    world.place_object("sponge", SE3.from_translation(at))
+    monitor = Pressed(world, task.sponge, task.settings)
+    monitor.force = 10.0
+    monitor.update()
+    assert (0 not in marks_left(world)) == wiped
+
+
 @pytest.mark.parametrize(("force", "left"), [(0.0, 8), (4.99, 8), (5.01, 7)])
 def test_a_mark_goes_where_the_sponge_presses(
     over_a_mark: tuple[Pressed, Simulation], force: float, left: int
