@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix, read_number
 from robo47_qp.constants import TIMESTEP
-from robo47_qp.errors import InvalidValueError, RecordingError, Robo47Error
+from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
 from robo47_qp.model.cell import in_cell
 from robo47_qp.model.robot import Robot
@@ -376,32 +376,25 @@ def _recorded(
         files["video"] = options.video
     for path in files.values():
         check_writable(path)
-    with ExitStack() as stack:
-        made = observers(runner.loop.sim, driver, options.video, options.viewer, options.paced)
-        shown: list[Observer] = [stack.enter_context(closing(one)) for one in made]
-        chunk_rows = CHUNK_ROWS
-        if arm is not None:
-            # Nothing but control has time while an arm moves.
-            chunk_rows = min(ARM_ROWS, round(runner.scenario.time_limit / TIMESTEP))
-            stack.enter_context(uncollected())
-            stack.callback(arm.close)
-        else:
-            shown.append(stack.enter_context(closing(ProgressBar(console, foreseen))))
-        plotter = stack.enter_context(closing(Plotter(files["plot"])))
-        run, figures, findings, summary = recorded(
-            runner, runner.loop.sim, shown, files, plotter, options.live, chunk_rows
-        )
+    with closing(Plotter(files["plot"])) as plotter:
+        with ExitStack() as stack:
+            made = observers(runner.loop.sim, driver, options.video, options.viewer, options.paced)
+            shown: list[Observer] = [stack.enter_context(closing(one)) for one in made]
+            chunk_rows = CHUNK_ROWS
+            if arm is not None:
+                # Nothing but control has time while an arm moves.
+                chunk_rows = min(ARM_ROWS, round(runner.scenario.time_limit / TIMESTEP))
+                stack.enter_context(uncollected())
+                stack.callback(arm.close)
+            else:
+                shown.append(stack.enter_context(closing(ProgressBar(console, foreseen))))
+            run, figures, findings, summary = recorded(
+                runner, runner.loop.sim, shown, files, plotter, options.live, chunk_rows
+            )
         write_text(files["report"], json.dumps(summary, indent=2))
-        undrawn: RecordingError | None = None
-        try:
-            plotter.finish()
-        except RecordingError as error:
-            undrawn = error
-    if options.json:
-        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
-    else:
-        print_summary(console, run, figures, findings, files)
-    # After what the run itself has to tell.
-    if undrawn is not None:
-        raise undrawn
+        if options.json:
+            sys.stdout.write(json.dumps(summary, indent=2) + "\n")
+        else:
+            print_summary(console, run, figures, findings, files)
+        plotter.finish()
     return OK if run.failure is None else FAILED
