@@ -293,6 +293,24 @@ class CheckedOptions(Checked):
         return f"--{field.replace('_', '-')}"
 
 
+def check_once(options: type, arguments: Sequence[str]) -> None:
+    """Check that no option of several values is given twice: those of the first would be dropped.
+
+    Args:
+        options: Dataclass of the options; those of several values are tuples.
+        arguments: The command line.
+
+    Raises:
+        InvalidValueError: One is.
+    """
+    given = [word.partition("=")[0].replace("_", "-") for word in arguments]
+    for field, kind in get_type_hints(options).items():
+        name = f"--{field.replace('_', '-')}"
+        if get_origin(kind) is tuple and given.count(name) > 1:
+            expected = "given once, with all its values behind it"
+            raise InvalidValueError(name, f"{given.count(name)} of them", expected)
+
+
 def read_number(kind: type[int | float] | None, word: str) -> int | float | str:
     """Return the number that a word is; what is none stays, and is left to the checks."""
     if kind is None:

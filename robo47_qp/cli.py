@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from threadpoolctl import threadpool_limits
 
-from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix, read_number
+from robo47_qp.arrays import CheckedOptions, CountOrZero, Suffix, check_once, read_number
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import InvalidValueError, Robo47Error
 from robo47_qp.files import check_writable, claimed, write_text
@@ -241,11 +241,13 @@ def main(
     """
 
     def parsed_and_run() -> int:
-        flags: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff,)
-        if repeated:
-            flags += (tyro.conf.UseAppendAction,)
+        kinds: tuple[Any, ...] = (tyro.conf.FlagCreatePairsOff, tyro.conf.UseAppendAction)
         tyro._experimental_options["ansi_codes"] = not os.environ.get("NO_COLOR")
-        chosen = tyro.cli(options, description=description, config=flags, args=args, prog=prog)
+        if not repeated:
+            check_once(options, sys.argv[1:] if args is None else args)
+        chosen = tyro.cli(
+            options, description=description, config=kinds[: 1 + repeated], args=args, prog=prog
+        )
         return run(chosen, Console(stderr=bool(getattr(chosen, "json", False))))
 
     return guarded(parsed_and_run)
@@ -296,9 +298,8 @@ def task_options(kind: type[Task]) -> type[RunOptions]:
         )
         for one in own_options(kind)
     ]
-    return make_dataclass(
-        f"{kind.__name__}Options", own, bases=(RunOptions,), frozen=True, kw_only=True
-    )
+    name = f"{kind.__name__}Options"
+    return make_dataclass(name, own, bases=(RunOptions,), frozen=True, kw_only=True)
 
 
 def _run_chosen(kind: type[Task]) -> Callable[[RunOptions, Console], int]:
@@ -343,8 +344,7 @@ def run_task(
         if options.at is not None:
             arm = held.enter_context(closing(DrivenArm(robot, looks, options.at)))
         simulation = arm or Simulation(robot, looks)
-        more = () if driver is None else driver.signals
-        runner = Runner(scenario, simulation, driver, extra=more)
+        runner = Runner(scenario, simulation, driver, extra=driver.signals if driver else ())
         if arm is None:
             check_clear(simulation, task.name)
         seconds = [leg.trajectory.duration for leg in runner.rehearse()]

@@ -52,7 +52,7 @@ IK_SOLVERS: dict[str, Callable[[str, float | None], IkSolver]] = {
 obstacles [m] (None: obstacles are ignored). Solvers that are restarted give a start up early;
 those of a single start are more patient."""
 QP_SOLVERS = ("daqp", "osqp")
-_BY_QP = ("mink", "qp")
+BY_QP = ("mink", "qp")
 """Inverse kinematics whose QP solver can be chosen."""
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "computed_torque": ComputedTorque,
@@ -115,8 +115,8 @@ class ClassicalStack:
                 raise UnknownNameError(kind, name, known)
         if not PACE_MIN <= self.pace <= 1.0:
             raise InvalidValueError("pace", self.pace, f"between {PACE_MIN} and 1")
-        if self.qp_solver != QP_SOLVERS[0] and self.ik.removesuffix("-single") not in _BY_QP:
-            expected = f"left out unless the inverse kinematics is {' or '.join(_BY_QP)}"
+        if self.qp_solver != QP_SOLVERS[0] and self.ik.removesuffix("-single") not in BY_QP:
+            expected = f"left out unless the inverse kinematics is {' or '.join(BY_QP)}"
             raise InvalidValueError("qp_solver", self.qp_solver, expected)
 
     def solver(self, clearance: float | None = None) -> IkSolver:

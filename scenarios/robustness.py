@@ -17,14 +17,14 @@ with importing():
     from rich.table import Table
 
     from robo47_qp.arrays import Checked, Count, CountOrZero, Suffix
-    from robo47_qp.cli import FAILED, INTERRUPTED, LOGS, OK, main
+    from robo47_qp.cli import FAILED, INTERRUPTED, LOGS, OK, main, one_of, unset
     from robo47_qp.errors import InvalidValueError
     from robo47_qp.evaluation.benchmarks.robustness.curves import Curve, Point, Robustness, kinds
     from robo47_qp.evaluation.benchmarks.robustness.plot import plot_robustness
     from robo47_qp.evaluation.workers.executor import cores
-    from robo47_qp.files import check_writable, write_json
+    from robo47_qp.files import check_writable, claimed, write_json
     from robo47_qp.model.cell import in_cell
-    from robo47_qp.model.robots import load_robot
+    from robo47_qp.model.robots import load_robot, robot_names
     from robo47_qp.report.provenance import provenance
     from robo47_qp.run.registry import load_task
 
@@ -37,8 +37,8 @@ class RobustnessOptions(Checked):
 
     task: str = "pick_place"
     """Task, by its name."""
-    robot: str = "panda"
-    """Robot that does the task."""
+    robot: Annotated[str | None, one_of(robot_names())] = None
+    """Robot that does the task; that of the task if none is named."""
     kinds: tuple[str, ...] = ()
     """Kinds of wrongness, named like the options of `robo47 evaluate` with underscores; all of
     them if none is named."""
@@ -57,8 +57,25 @@ class RobustnessOptions(Checked):
     """3 kinds, 3 levels each four times as wrong as the one before, 4 episodes: a first look."""
     resume: bool = False
     """Continue an interrupted campaign."""
-    report: Annotated[Path, Suffix(".json")] = LOGS / "robustness.json"
-    """File for the figures (JSON); picture (.png) and a folder of journals go beside it."""
+    report: Annotated[Path | None, unset("PATH")] = None
+    """File for the figures (.json); picture (.png) and a folder of journals go beside it. By
+    default logs/robustness.json, and with --quick logs/robustness_quick.json."""
+
+    def __post_init__(self) -> None:
+        """Check the options.
+
+        Raises:
+            InvalidValueError: A value is out of range.
+        """
+        super().__post_init__()
+        if self.report is not None:
+            Suffix(".json").check("--report", self.report)
+
+    @property
+    def file(self) -> Path:
+        """The report: one of a first look has a name of its own, and replaces no campaign."""
+        name = "robustness_quick.json" if self.quick else "robustness.json"
+        return LOGS / name if self.report is None else self.report
 
     def _label(self, field: str) -> str:
         return f"--{field}"
@@ -66,14 +83,20 @@ class RobustnessOptions(Checked):
 
 def run(options: RobustnessOptions, console: Console) -> int:
     """Run the campaign, print the table, write figures and picture; return the exit code."""
-    picture = options.report.with_suffix(".png")
-    for path in (options.report, picture):
-        check_writable(path)
     if not options.stacks:
         raise InvalidValueError("--stacks", "none", "one at least")
+    with claimed(options.file):
+        return campaigned(options, console)
+
+
+def campaigned(options: RobustnessOptions, console: Console) -> int:
+    """Run the campaign in files that are claimed; returns the exit code."""
+    file, picture = options.file, options.file.with_suffix(".png")
+    for path in (file, picture):
+        check_writable(path)
     made = provenance()
     task = load_task(options.task)()
-    robot = in_cell(load_robot(options.robot), task.name)
+    robot = in_cell(load_robot(options.robot or task.default_robot), task.name)
     chosen = options.kinds or (_QUICK if options.quick else tuple(kinds()))
     campaign = Robustness(
         task=task.laid_out(robot),
@@ -85,7 +108,7 @@ def run(options: RobustnessOptions, console: Console) -> int:
         stride=2 if options.quick else 1,
         seed=options.seed,
         workers=options.workers,
-        folder=options.report.with_suffix(""),
+        folder=file.with_suffix(""),
     )
     curves, complete = list[Curve](), True
 
@@ -106,15 +129,15 @@ def run(options: RobustnessOptions, console: Console) -> int:
     report = {
         **made,
         "task": options.task,
-        "robot": options.robot,
+        "robot": robot.name,
         "episodes": campaign.episodes,
         "seed": options.seed,
         "units": {kind: kinds()[kind][0] for kind in chosen},
         "curves": [curve.as_json() for curve in curves],
     }
     plot_robustness(curves, title_of(report), picture)
-    write_json(options.report, report)
-    for path in (options.report, picture):
+    write_json(file, report)
+    for path in (file, picture):
         console.print(f"{path}", soft_wrap=True)
     return FAILED if any(point.errors for curve in curves for point in curve.points) else OK
 

@@ -18,7 +18,7 @@ from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.command import evaluate_chosen
 from robo47_qp.evaluation.options import EvaluateOptions
 from robo47_qp.report.run_plot import Plotter
-from tests.commands import assert_one_message, posix, recorded, run_here, run_script
+from tests.commands import SCRIPT, assert_one_message, posix, recorded, run_here, run_script
 
 
 @pytest.fixture(scope="module")
@@ -289,3 +289,31 @@ def test_a_plot_that_fails_leaves_the_report_and_what_is_told(
     assert "error: The plot cannot be written: no ink." in done.stderr
     assert "Traceback" not in done.stderr
     assert json.loads((tmp_path / "cube.json").read_text(encoding="utf-8"))["success"] is True
+
+
+def test_an_option_that_is_given_twice_is_refused(tmp_path: Path) -> None:
+    """The first of its values would be dropped."""
+    script = Path(SCRIPT).with_name("compare_ik.py")
+    words = ("--n", "1", "--solvers", "lm", "--solvers=qp")
+    done = run_here(*words, cwd=tmp_path, script=script)
+    assert_one_message(done, "--solvers must be given once, with all its values behind it")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
+def test_a_service_without_standard_streams_evaluates(tmp_path: Path, closed: str) -> None:
+    """Their numbers would be taken by the pipes and sockets of workers and policies."""
+    policy = f"{Path(__file__).with_name('toy_policies.py')}:LazyPolicy"
+    words = ["evaluate", "--task", "reach", "--policy", policy, "--episodes", "1"]
+    words += ["--time-limit", "0.2", "--workers", "1", "--failures", "0", "--log", "e.rrd"]
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$0" -m robo47_qp "$@" {closed}', sys.executable, *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "e.json").read_text(encoding="utf-8"))
+    assert (report["judged"], report["errors"]) == (1, 0)

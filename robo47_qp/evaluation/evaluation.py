@@ -116,7 +116,10 @@ class Evaluation(CheckedOptions):
         return EvaluationReport(
             settings=self.settings,
             results=sorted([*done, *fresh], key=lambda result: result.index),
-            timing=Throughput.of(fresh, perf_counter() - started, executor.workers),
+            # No more are started than there are episodes.
+            timing=Throughput.of(
+                fresh, perf_counter() - started, min(executor.workers, max(len(left), 1))
+            ),
         )
 
     def _check_unchanged(self, journal: Journal | None) -> None:

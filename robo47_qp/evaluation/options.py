@@ -23,7 +23,7 @@ from robo47_qp.evaluation.workers.executor import cores
 from robo47_qp.model.robot import Robot
 from robo47_qp.run.policy.drivers import DecisionRate, EpisodeTime, PolicyTiming
 from robo47_qp.run.task import Task
-from robo47_qp.stack import ClassicalStack
+from robo47_qp.stack import BY_QP, ClassicalStack
 
 _GIVEN: Any = TypedDict(  # type: ignore[misc]
     "_GIVEN",
@@ -97,6 +97,9 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
             raise InvalidValueError("--rate", f"{self.rate:g}", expected)
         if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
             raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
+        if self.qp_solver != ClassicalStack.qp_solver and not any(map(_by_qp, contenders)):
+            expected = f"left out without a --policy {CLASSICAL} that solves a QP (mink, qp)"
+            raise InvalidValueError("--qp-solver", self.qp_solver, expected)
         for name in ("against", "resume"):
             if self.replay is not None and getattr(self, name):
                 expected = "left out with --replay, which runs a single episode"
@@ -133,6 +136,7 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
                 policy=(contender.name,),
                 ik=self.ik if contender.name == CLASSICAL else EvaluateOptions.ik,
                 rate=self.rate if contender.ik is None else PolicyTiming.rate,
+                qp_solver=self.qp_solver if _by_qp(contender) else ClassicalStack.qp_solver,
                 log=self.log.with_name(f"{self.log.stem}.{label}.rrd"),
             )
             for contender, label in zip(contenders, labels(contenders), strict=True)
@@ -178,3 +182,8 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
         endings = {"report": ".json", "text": ".md", "journal": ".jsonl", "plot": ".png"}
         files = {name: self.log.with_suffix(ending) for name, ending in endings.items()}
         return {**files, "recording": self.log}
+
+
+def _by_qp(contender: Contender) -> bool:
+    """Return whether a policy solves a QP with the solver that is asked for."""
+    return contender.ik is not None and contender.ik.removesuffix("-single") in BY_QP

@@ -10,6 +10,25 @@ from typing import TextIO
 from robo47_qp.errors import RecordingError
 
 
+def open_standard_streams() -> None:
+    """Open what is closed of the standard streams, as of a service, to nowhere.
+
+    Their numbers would be those of the next files, pipes and sockets, which a child process takes
+    for its standard streams then.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            os.set_inheritable(number, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115
+
+
 class _Output(TextIOBase):
     """A text stream that drops what it cannot write, and keeps the first reason."""
 
@@ -67,16 +86,15 @@ def forgiving_output() -> Iterator[None]:
     Raises:
         RecordingError: At the end: the standard output could not be written.
     """
-    streams = [None if one is None else _Output(one) for one in (sys.stdout, sys.stderr)]
-    out, err = streams
+    open_standard_streams()
+    out, err = _Output(sys.stdout), _Output(sys.stderr)
     try:
         with redirect_stdout(out), redirect_stderr(err):
             yield
     finally:
-        for stream in streams:
-            if stream is not None:
-                stream.flush()
-        if out is not None and out.error is not None and not isinstance(out.error, BrokenPipeError):
+        out.flush()
+        err.flush()
+        if out.error is not None and not isinstance(out.error, BrokenPipeError):
             raise RecordingError(
                 f"The standard output cannot be written: {out.error.strerror}. Send it to a place "
                 "with room; files that the command has named are written."

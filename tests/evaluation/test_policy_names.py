@@ -83,6 +83,11 @@ THREE = ("classical:qp", "classical:dls", "classical:dls-single")
             InvalidValueError,
             "--rate must be left out with --policy classical",
         ),
+        (
+            {"policy": ("a.py:B", "classical:dls"), "qp_solver": "osqp"},
+            InvalidValueError,
+            "--qp-solver must be left out without a --policy classical that solves a QP",
+        ),
     ],
 )
 def test_policies_that_make_no_sense_are_refused(
@@ -90,6 +95,14 @@ def test_policies_that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(error, match=message):
         EvaluateOptions(**setting)
+
+
+def test_a_qp_solver_goes_to_the_policies_that_solve_a_qp() -> None:
+    options = EvaluateOptions(policy=("classical:qp", "classical:dls"), qp_solver="osqp")
+    first, second = (one.evaluation(Reach(), PANDA).policy for one in options.each)
+    assert isinstance(first, ClassicalStack)
+    assert isinstance(second, ClassicalStack)
+    assert (first.qp_solver, second.qp_solver) == ("osqp", ClassicalStack.qp_solver)
 
 
 @pytest.mark.parametrize("clearance", [None, 0.01])

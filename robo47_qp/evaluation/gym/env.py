@@ -141,7 +141,8 @@ class TaskEnv(_Base):
             raise gymnasium.error.ResetNeeded("The episode is over: call reset() first.")
         failure = episode.step(self.scale.action(action))
         self._good = self._good + 1 if failure is None and episode.done else 0
-        confirmed = self._good > _CONFIRMED * self._timing.rate
+        # One instant is no time, however long a decision lasts.
+        confirmed = self._good > max(1.0, _CONFIRMED * self._timing.rate)
         terminated = failure is not None or confirmed
         truncated = episode.over and not terminated
         info: dict[str, Any] = {"success": False}

@@ -15,7 +15,7 @@ Mode: TypeAlias = Literal["joints", "tool", "torques"]
 """Kind of an action."""
 Single: TypeAlias = NDArray[np.float32]
 _REACH, _FAR = 1.5, 10.0
-"""Range of tool targets, and of observed positions, from the base along each axis [m]."""
+"""Range of tool targets, and of observed positions, along each axis of the world [m]."""
 _FORCE = 500.0
 """Saturation of the observed force [N]."""
 _SPEEDS = 5.0
@@ -29,8 +29,8 @@ class ActionScale:
         """Set the scale.
 
         -1 and 1 are the limits of the arm, half a turn where a joint has none; for a tool pose,
-        1.5 m from the base along each axis, with a quaternion that is normalised. If there is a
-        gripper, the last number is its width: -1 for closed, 1 for fully open.
+        1.5 m from the world's origin along each axis, with a quaternion that is normalised. If
+        there is a gripper, the last number is its width: -1 for closed, 1 for fully open.
 
         Raises:
             InvalidValueError: There is no such mode.

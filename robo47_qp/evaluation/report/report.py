@@ -25,6 +25,8 @@ PAIRED = ("task", "robot", "perturbation", "time_limit")
 _TOLD = ("code", "versions", "robot_sha256", "timeout")
 """Settings that may differ where versions are compared, but are told. The digest of a robot changes
 with MuJoCo and the code; where these are the same, it is another robot."""
+_NAMING = ("name", "ik", "process")
+"""Settings of a policy that its name tells, or that follow from it."""
 _SHARED = (*PAIRED, "robot_sha256", "code")
 
 
@@ -326,8 +328,16 @@ def compare(a: EvaluationReport, b: EvaluationReport) -> PairedComparison:
         identical=sum(x.sha256 is not None and x.sha256 == y.sha256 for x, y in pairs),
         cycle_time_s=_cycle_times(pairs),
         differing=tuple(_unequal(x, y) for x, y in pairs if x.success != y.success),
-        settings=_differing(a.settings, b.settings, _TOLD),
+        settings=(*_differing(a.settings, b.settings, _TOLD), *_other_ways(a, b)),
     )
+
+
+def _other_ways(a: EvaluationReport, b: EvaluationReport) -> list[str]:
+    """Return in what two policies differ beside their names, where both have such a setting."""
+    one, other = a.settings["policy"], b.settings["policy"]
+    alike = _NAMING if a.policy == b.policy else (*_NAMING, "sha256")
+    names = [name for name in one if name in other and name not in alike]
+    return [f"{name} ({one[name]}, {other[name]})" for name in names if one[name] != other[name]]
 
 
 def check_paired(

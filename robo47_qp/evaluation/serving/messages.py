@@ -100,7 +100,10 @@ def _type(found: dict[Any, Any]) -> np.dtype[Any]:
     name = found.get(_TYPE)
     if not isinstance(name, str) or len(name) > _LONGEST_TYPE:
         raise ValueError("an array without the name of its type")
-    kind = np.dtype(name)
+    try:
+        kind = np.dtype(name)
+    except SyntaxError as error:
+        raise ValueError(f"an array of {name!r}") from error
     if kind.kind not in _KINDS:
         raise ValueError(f"an array of {name}")
     return kind

@@ -8,10 +8,12 @@ actions. An error is a text, after which the connection ends.
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from http import HTTPStatus
 from signal import SIGINT, SIGTERM
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, TypeVar
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -23,6 +25,7 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.evaluation.serving.messages import MessageError, packed, unpacked
 from robo47_qp.run.foreign_code import Guard
 
+_T = TypeVar("_T")
 _LOOPBACK = "127.0.0.1"
 _QUEUE = 2
 """Messages of a client that are read before the first of them is answered."""
@@ -69,6 +72,11 @@ class PolicyServer(Checked):
     told: Callable[[str], None] = lambda _: None
     """Hears one line about every connection that ends otherwise than by its client's wish."""
 
+    @cached_property
+    def _thread(self) -> ThreadPoolExecutor:
+        """Where policies are made, and decide: one thread, as they may share what is not safe."""
+        return ThreadPoolExecutor(max_workers=1, thread_name_prefix="policy")
+
     def run(self, ready: Callable[[str], None]) -> None:
         """Serve until SIGINT or SIGTERM; to be called in the main thread.
 
@@ -91,9 +99,10 @@ class PolicyServer(Checked):
         """Serve until `ended` is set; see `run`."""
         try:
             server = await self._listening()
-        except OSError as error:
+        except (OSError, ValueError) as error:
             expected = "an address of this machine and a port that is free"
-            found = f"{self.host}:{self.port}, which cannot be had: {error.strerror or error}"
+            why = getattr(error, "strerror", None) or error
+            found = f"{self.host}:{self.port}, which cannot be had: {why}"
             raise InvalidValueError("the address to serve at", found, expected) from error
         async with server:
             host, port = next(iter(server.sockets)).getsockname()[:2]
@@ -135,12 +144,13 @@ class PolicyServer(Checked):
 
     async def _served(self, connection: ServerConnection) -> None:
         with Guard() as guard:
-            policy = self.make()
+            policy = await self._worked(self.make)
             await self._sent(connection, packed(dict(getattr(policy, "metadata", {}))))
             async for message in connection:
                 if isinstance(message, str):
                     raise MessageError("A message must be binary; found a text")
-                await self._sent(connection, packed(policy.infer(unpacked(message))))
+                answer = await self._worked(policy.infer, unpacked(message))
+                await self._sent(connection, packed(answer))
         match guard.error:
             case None:
                 return
@@ -151,6 +161,10 @@ class PolicyServer(Checked):
             case error:
                 words = f"the policy raised {type(error).__name__}: {error}"
                 await self._refused(connection, words, CloseCode.INTERNAL_ERROR)
+
+    async def _worked(self, do: Callable[..., _T], *given: object) -> _T:
+        """Have the one thread of policies do something, while connections are looked after."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, do, *given)
 
     async def _sent(self, connection: ServerConnection, message: str | bytes) -> None:
         try:

@@ -21,7 +21,8 @@ class Observation:
     """Sensor readings for a policy, as copies.
 
     A pose is a vector (7,): position x, y, z [m], then the quaternion qw, qx, qy, qz, in the
-    world, whose origin is the robot's base; `pose_of` makes an SE3 of it.
+    world, in which the base stands at `Robot.T_world_base` (at the origin, but for robots with a
+    cell, such as `ur5e`); `pose_of` makes an SE3 of it.
     """
 
     time: float

@@ -85,8 +85,12 @@ def read_hand_path(path: Path) -> HandPath:
         found = repr(table[0][:60]) if table else "nothing"
         raise RecordingError(f"{path} must begin with the line {COLUMNS!r}; found {found}.")
     try:
-        rows = np.array([[float(word) for word in line.split(",")] for line in table[1:]])
-        times, displacements, turns = np.split(rows.reshape(-1, 7), [1, 4], axis=1)
+        words = [line.split(",") for line in table[1:]]
+        odd = next((one for one in words if len(one) != 7), None)
+        if odd is not None:
+            raise ValueError(f"{len(odd)} in {','.join(odd)[:60]!r}")
+        rows = np.array(words, dtype=float).reshape(-1, 7)
+        times, displacements, turns = np.split(rows, [1, 4], axis=1)
     except ValueError as error:
         raise RecordingError(f"{path} must hold seven numbers in each line: {error}.") from error
     return HandPath(times=times[:, 0], displacements=displacements, turns=turns)

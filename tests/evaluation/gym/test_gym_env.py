@@ -21,7 +21,7 @@ from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import tool_down
 from robo47_qp.run.failure import Cause
 from robo47_qp.run.policy.cell import PolicyCell
-from robo47_qp.run.policy.drivers import PolicyTiming
+from robo47_qp.run.policy.drivers import PolicyTiming, StepwiseDriver
 from robo47_qp.run.policy.policy import vector_of
 from robo47_qp.run.registry import task_names
 from robo47_qp.run.runner import Runner
@@ -36,6 +36,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not instal
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from robo47_qp.evaluation.gym import register  # noqa: E402
+from robo47_qp.evaluation.gym.env import TaskEnv  # noqa: E402
 from robo47_qp.evaluation.gym.spaces import (  # noqa: E402
     numbers_of,
     observation_space,
@@ -45,6 +46,7 @@ from tests.evaluation.gym.environments import (  # noqa: E402
     HOME,
     NAMES,
     TURNED,
+    Turn,
     env,
     made_or_skip,
     until_the_end,
@@ -129,6 +131,24 @@ def test_success_in_passing_is_none() -> None:
     assert passed > 2
     assert (rewards, terminated, truncated, info["success"]) == (0.0, False, True, False)
     assert "joint1 is at 0.00" in info["evidence"]
+
+
+@pytest.mark.parametrize("instants", [1, 2])
+def test_success_at_one_instant_is_none_however_long_a_decision_lasts(
+    instants: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At two decisions per second, one of them lasts longer than what success must last."""
+    looks: list[bool] = []
+
+    def done(_: StepwiseDriver) -> bool:
+        looks.append(True)
+        return len(looks) <= instants
+
+    monkeypatch.setattr(StepwiseDriver, "done", property(done))
+    made = TaskEnv(Turn(), mode="joints", timing=PolicyTiming(rate=2.0, seconds=2.0))
+    made.reset(seed=0)
+    ends = [made.step(made.scale.numbers(HOME))[2] for _ in range(2)]
+    assert ends == [False, instants == 2]
 
 
 def test_what_is_right_when_time_is_over_is_rewarded() -> None:

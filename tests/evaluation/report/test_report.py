@@ -75,6 +75,19 @@ def test_what_differs_beside_the_policy_is_told() -> None:
         assert f"also: {named}." in markdown(replace(report, comparison=found), [])
 
 
+def test_settings_of_policies_of_the_same_name_are_told() -> None:
+    """An ablation would be told as one policy against itself."""
+    way = {"name": "classical", "ik": "mink", "speed": 1.0, "controller": "computed_torque"}
+    other = {**way, "speed": 0.5, "controller": "joint_impedance"}
+    found = compare(of(entries("++"), policy=way), of(entries("+-"), policy=other))
+    told = ("speed (1.0, 0.5)", "controller (computed_torque, joint_impedance)")
+    assert found.as_json()["settings"] == told
+    assert comparison_line(found).endswith(f"also: {', '.join(told)}")
+    # What a name tells is not told again; of another policy, its files are its own.
+    another = {**way, "ik": "dls", "sha256": "x"}
+    assert compare(of(entries("++"), policy=way), of(entries("+-"), policy=another)).settings == ()
+
+
 def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:
     results = [replace(e, metrics={"t": float(e.seed)}) for e in entries("+-+++")]
     report = of([*results, errored(EpisodeSpec(index=5, seed=5), "bug")])

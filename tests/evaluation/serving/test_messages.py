@@ -89,6 +89,12 @@ def test_rubbish_is_refused(message: bytes) -> None:
         unpacked(message)
 
 
+@pytest.mark.parametrize("name", ["(,)f4", "f4,)", "{", "lambda"])
+def test_names_of_no_type_are_refused(name: str) -> None:
+    with pytest.raises(MessageError, match="must be msgpack"):
+        unpacked(array(dtype=name))
+
+
 def test_long_names_of_types_are_not_read() -> None:
     with pytest.raises(MessageError, match="without the name of its type"):
         unpacked(array(dtype="f8," * 1000 + "f8"))

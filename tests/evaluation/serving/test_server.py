@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from queue import Queue
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -215,6 +215,39 @@ def test_health_is_told_by_http() -> None:
         url = at.replace("ws://", "http://") + "/healthz"
         with urllib.request.urlopen(url, timeout=20.0) as answer:
             assert answer.read() == b"OK\n"
+
+
+DECIDED = Event()
+
+
+class Waiting(Counting):
+    """Decides once the test says so."""
+
+    def infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        assert DECIDED.wait(timeout=20.0)
+        return super().infer(observation)
+
+
+def test_clients_are_looked_after_while_a_policy_decides() -> None:
+    """Pings, and answers that others take, must not wait for a decision: they have their time."""
+    DECIDED.clear()
+    with served(Waiting) as (at, told), joined(at) as first, joined(at) as second:
+        for client in (first, second):
+            client.send(packed({"q": np.zeros(7)}))
+        url = at.replace("ws://", "http://") + "/healthz"
+        with urllib.request.urlopen(url, timeout=10.0) as answer:
+            assert answer.read() == b"OK\n"
+        assert first.ping().wait(timeout=10.0)
+        DECIDED.set()
+        assert [unpacked(received(one))["count"] for one in (first, second)] == [1, 1]
+        assert told == []
+
+
+@pytest.mark.parametrize("host", ["a..b", "no.such.host.invalid"])
+def test_a_host_that_is_none_is_told(host: str) -> None:
+    server = PolicyServer(make=Counting, host=host, port=0)
+    with pytest.raises(InvalidValueError, match=f"{host}:0, which cannot be had: "):
+        asyncio.run(server.serve(lambda _: None, asyncio.Event()))
 
 
 def test_a_port_that_is_taken_is_told() -> None:

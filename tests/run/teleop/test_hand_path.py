@@ -45,6 +45,8 @@ def test_a_path_stays_at_its_ends() -> None:
         ("", "must begin with the line 't,x,y,z,rx,ry,rz'; found nothing"),
         ("time,x\n0,1\n", "found 'time,x'"),
         (f"{COLUMNS}\n0,0,0,0,0,0,0\n1,2,3\n", "seven numbers in each line"),
+        (f"{COLUMNS}\n{','.join('0' * 14)}\n", "seven numbers in each line: 14 in '0,0,0"),
+        (COLUMNS + 14 * "\n0", "seven numbers in each line: 1 in '0'"),
         (f"{COLUMNS}\n0,0,0,0,0,0,here\n", "could not convert string to float: 'here'"),
     ],
 )

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robo47_qp.errors import InvalidValueError, UnknownNameError
+from robo47_qp.errors import InvalidValueError, RecordingError, UnknownNameError
 from robo47_qp.evaluation.benchmarks.robustness.curves import (
     STACKS,
     Curve,
     NothingJudgedError,
     Point,
+    Robustness,
     alone,
     kinds,
 )
@@ -29,6 +30,7 @@ from robo47_qp.evaluation.episode import (
 )
 from robo47_qp.evaluation.evaluation import PolicyEvaluation
 from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.files import claimed
 from robo47_qp.run.failure import Cause, Failure
 from scenarios import robustness
 from scenarios.robustness import RobustnessOptions
@@ -212,6 +214,34 @@ def test_a_report_of_another_ending_is_refused_before_anything_runs(name: str) -
     """Without one, it had the name of the folder of journals; the picture is another file."""
     with pytest.raises(InvalidValueError, match=r"--report must be a file that ends with \.json"):
         RobustnessOptions(report=Path(name))
+
+
+def test_a_first_look_replaces_no_campaign() -> None:
+    assert RobustnessOptions().file == Path("logs/robustness.json")
+    assert RobustnessOptions(quick=True).file == Path("logs/robustness_quick.json")
+    assert RobustnessOptions(quick=True, report=Path("a.json")).file == Path("a.json")
+
+
+def test_a_campaign_that_is_running_is_not_disturbed(tmp_path: Path) -> None:
+    options = RobustnessOptions(report=tmp_path / "x.json")
+    with claimed(tmp_path / "x.json"), pytest.raises(RecordingError, match="another process"):
+        robustness.run(options, Console(quiet=True))
+
+
+def test_a_task_is_done_by_the_robot_that_it_is_made_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots: list[str] = []
+
+    def noted(campaign: Robustness, *_: object, **__: object) -> list[Curve]:
+        robots.append(campaign.robot.name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Robustness, "run", noted)
+    for task in ("handover", "reach"):
+        options = RobustnessOptions(task=task, report=tmp_path / f"{task}.json")
+        assert robustness.run(options, Console(quiet=True)) == 130
+    assert robots == ["panda_pair", "panda"]
 
 
 def test_wrong_names_are_refused_before_anything_runs(tmp_path: Path) -> None:
