@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from robo47_qp.arrays import Matrix, Range, Vector
+from robo47_qp.arrays import Matrix, Range, Vector, contiguous
 from robo47_qp.collision.motion_bounds import approach_speed_bounds
 from robo47_qp.collision.pair_distances import PairDistances
 from robo47_qp.collision.pairs import colliding_pairs
@@ -110,7 +110,7 @@ class Collisions:
         Raises:
             InvalidValueError: A number of q is not finite.
         """
-        return self._found(self._distances.at(self._checked(q, 1), self.clearance))
+        return self._found(self._distances.at(self._checked(q), self.clearance))
 
     def check(self, waypoint: str, trajectory: Trajectory) -> None:
         """Check that a trajectory to a waypoint keeps the clearance.
@@ -132,7 +132,7 @@ class Collisions:
         Raises:
             InvalidValueError: There is no configuration, or a number is not finite.
         """
-        q = self._checked(q, 2)
+        q = self._checked(q, None)
         # Largest change of any distance since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
         last, free, near = float(way[-1]), 0.0, self._seen
@@ -157,12 +157,11 @@ class Collisions:
                 ahead.append(min(last, x + max(_LEAST, least - _UNSEEN * self.clearance)))
         return None
 
-    def _checked(self, q: Matrix, axes: int) -> Matrix:
-        n = len(self.robot.joints)
-        if np.ndim(q) != axes or np.shape(q)[-1] != n or not len(q) or not np.isfinite(q).all():
-            expected = f"{n} finite numbers" + (" each, at least one" if axes > 1 else "")
-            raise InvalidValueError("configurations", f"{np.shape(q)} {q!r:.60}", expected)
-        return q
+    def _checked(self, q: Matrix, *others: None) -> Matrix:
+        found = contiguous("q", q, *others, len(self.robot.joints))
+        if not found.size or not np.isfinite(found).all():
+            raise InvalidValueError("q", f"{found!r:.60}", "finite numbers, of one row at least")
+        return found
 
     def _refusal(
         self, found: tuple[str, str, str, float], q: Vector, time: float, whole: float

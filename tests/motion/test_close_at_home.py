@@ -51,10 +51,15 @@ def test_what_it_is_given_is_checked() -> None:
     way = np.tile(ARM.home, (3, 1))
     bad = way.copy()
     bad[1, 2] = np.nan
-    for q in (bad, way[:0], way[:, :5], ARM.home):
-        with pytest.raises(InvalidValueError, match="7 finite numbers each"):
+    for q, told in (
+        (bad, "q must be finite numbers"),
+        (way[:0], "of one row at least"),
+        (way[:, :5], r"q must be of shape \(any, 7\)"),
+        (ARM.home, r"q must be of shape \(any, 7\)"),
+    ):
+        with pytest.raises(InvalidValueError, match=told):
             collisions.first_hit(q, DT)
-    with pytest.raises(InvalidValueError, match="7 finite numbers"):
+    with pytest.raises(InvalidValueError, match="q must be finite numbers"):
         collisions.at(bad[1])
 
 
