@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mink import SE3
 
+from robo47_qp._core.library import using
 from robo47_qp.arrays import Vector
 from robo47_qp.control.active import ActiveController
 from robo47_qp.control.cartesian_impedance import CartesianImpedance
@@ -258,17 +259,19 @@ def test_measured_velocities_are_not_used(arm: Arm) -> None:
     assert taus[0].tolist() == taus[1].tolist()
 
 
+@pytest.mark.parametrize(("side", "name"), [(1.0, "numpy"), (-1.0, "numpy"), (1.0, "compiled")])
 @pytest.mark.parametrize("controller", [ComputedTorque(), CartesianImpedance()])
 def test_at_the_motors_limits_nothing_winds_up(
-    arm: Arm, plain: PlainArm, controller: Controller
+    arm: Arm, plain: PlainArm, controller: Controller, side: float, name: str
 ) -> None:
     """Pushed beyond the compensation for long, and let go of: it returns as one never pushed."""
     robot = arm.robot
     # Half as much again as is compensated: springs of the tool bear it without folding the arm.
-    torque = 0.3 * robot.tau_max
+    torque = side * 0.3 * robot.tau_max
     ends, swings = {}, {}
     for seconds in (0.3, 1.5):
-        active = ActiveController(controller, arm, dt=DT, observer=NO_FRICTION)
+        with using(name):
+            active = ActiveController(controller, arm, dt=DT, observer=NO_FRICTION)
         world = World(plain, arm.home)
         for k in range(round(seconds / DT)):
             tau = active.torque(at_rest(arm.home), world.state())
