@@ -30,6 +30,8 @@ _MARGINS = {
 """Edges of the panels and spaces between them, as shares of the figure and of a panel."""
 _LETTER = 0.0105
 """Width of a letter of a phase's name, as a share of the panel."""
+_ACROSS, _ENTRY = 0.98 / _LETTER, 5.5
+"""How many letters a legend has room for, and how many an entry takes beside its name."""
 _BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
 _MARKS = "so^Dv"
 """Where an object ends, one after the other."""
@@ -103,13 +105,14 @@ def draw(picture: Picture) -> "Figure":
     _tool_path(axes["side"], picture, (1, 2))
     axes["above"].legend(loc="best", edgecolor="none")
     for i, joint in enumerate(joints):
-        axes["joint"].plot(t, numbers["q"][:, i], lw=0.8, label=joint)
-        axes["torque"].plot(t, numbers["tau"][:, i], lw=0.8)
+        # Colours come again after ten.
+        line: Any = {"lw": 0.8, "ls": ("-", "--", ":")[i // 10 % 3]}
+        axes["joint"].plot(t, numbers["q"][:, i], label=joint, **line)
+        axes["torque"].plot(t, numbers["tau"][:, i], **line)
     axes["joint"].set_ylabel(f"joint error [{words['unit']}]")
-    axes["joint"].legend(
-        ncols=len(joints), frameon=False, fontsize=8, loc="upper center", borderpad=0
-    )
-    axes["joint"].margins(y=0.25)
+    across = max(1, int(_ACROSS / (_ENTRY + max(map(len, joints)))))
+    axes["joint"].legend(ncols=across, frameon=False, fontsize=8, loc="upper center", borderpad=0)
+    axes["joint"].margins(y=0.1 + 0.15 * -(-len(joints) // across))
     axes["tool"].plot(t, numbers["tool"], lw=0.8, color=_BLUE)
     axes["tool"].set_ylabel(f"{words['tool']} error [mm]")
     axes["torque"].set_ylabel("torque [% of limit]")

@@ -150,3 +150,24 @@ def test_objects_are_told_apart_and_the_legend_lies_over_none() -> None:
     box = legend.get_window_extent()
     path = axes.transData.transform(found.numbers["at"][:, :2])
     assert not box.count_contains(path)
+
+
+@pytest.mark.parametrize("count", [7, 14])
+def test_the_names_of_all_joints_have_room_in_their_panel(count: int) -> None:
+    """Those of two arms do not fit into a row; what shares a colour differs in its dashes."""
+    found = picture_of(picked_and_placed())
+    names = [f"right_joint{i}" for i in range(count)]
+    wide = {
+        name: np.resize(found.numbers[name], (len(found.numbers["time"]), count))
+        for name in ("q", "tau")
+    }
+    figure = draw(Picture({**found.words, "joints": names}, {**found.numbers, **wide}))
+    axes = next(axes for axes in figure.axes if axes.get_ylabel().startswith("joint error"))
+    figure.draw_without_rendering()
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == names
+    box, panel = legend.get_window_extent(), axes.get_window_extent()
+    assert panel.x0 <= box.x0 < box.x1 <= panel.x1
+    looks = {(line.get_color(), line.get_linestyle()) for line in axes.get_lines()[:count]}
+    assert len(looks) == count
