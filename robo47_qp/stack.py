@@ -54,6 +54,7 @@ those of a single start are more patient."""
 QP_SOLVERS = ("daqp", "osqp")
 BY_QP = ("mink", "qp")
 """Inverse kinematics whose QP solver can be chosen."""
+
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "computed_torque": ComputedTorque,
     "joint_impedance": JointImpedance,
@@ -78,6 +79,11 @@ _WAY_CLEARANCE = 0.005
 _LEAST_CLEARANCE = 0.002
 """Distance that links keep from each other where no obstacles are declared, and on PTP motions
 from what stands in the scene [m]."""
+
+
+def solves_qp(ik: str) -> bool:
+    """Return whether the QP solver of an inverse kinematics can be chosen, by its name."""
+    return ik.removesuffix("-single") in BY_QP
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +121,7 @@ class ClassicalStack:
                 raise UnknownNameError(kind, name, known)
         if not PACE_MIN <= self.pace <= 1.0:
             raise InvalidValueError("pace", self.pace, f"between {PACE_MIN} and 1")
-        if self.qp_solver != QP_SOLVERS[0] and self.ik.removesuffix("-single") not in BY_QP:
+        if self.qp_solver != QP_SOLVERS[0] and not solves_qp(self.ik):
             expected = f"left out unless the inverse kinematics is {' or '.join(BY_QP)}"
             raise InvalidValueError("qp_solver", self.qp_solver, expected)
 

@@ -57,19 +57,9 @@ class RobustnessOptions(Checked):
     """3 kinds, 3 levels each four times as wrong as the one before, 4 episodes: a first look."""
     resume: bool = False
     """Continue an interrupted campaign."""
-    report: Annotated[Path | None, unset("PATH")] = None
+    report: Annotated[Annotated[Path, Suffix(".json")] | None, unset("PATH")] = None
     """File for the figures (.json); picture (.png) and a folder of journals go beside it. By
     default logs/robustness.json, and with --quick logs/robustness_quick.json."""
-
-    def __post_init__(self) -> None:
-        """Check the options.
-
-        Raises:
-            InvalidValueError: A value is out of range.
-        """
-        super().__post_init__()
-        if self.report is not None:
-            Suffix(".json").check("--report", self.report)
 
     @property
     def file(self) -> Path:
@@ -83,17 +73,11 @@ class RobustnessOptions(Checked):
 
 def run(options: RobustnessOptions, console: Console) -> int:
     """Run the campaign, print the table, write figures and picture; return the exit code."""
-    if not options.stacks:
-        raise InvalidValueError("--stacks", "none", "one at least")
-    with claimed(options.file):
-        return campaigned(options, console)
-
-
-def campaigned(options: RobustnessOptions, console: Console) -> int:
-    """Run the campaign in files that are claimed; returns the exit code."""
     file, picture = options.file, options.file.with_suffix(".png")
     for path in (file, picture):
         check_writable(path)
+    if not options.stacks:
+        raise InvalidValueError("--stacks", "none", "one at least")
     made = provenance()
     task = load_task(options.task)()
     robot = in_cell(load_robot(options.robot or task.default_robot), task.name)
@@ -119,7 +103,8 @@ def campaigned(options: RobustnessOptions, console: Console) -> int:
         console.print(told, highlight=False, soft_wrap=True)
 
     try:
-        curves += campaign.run(show, resume=options.resume)
+        with claimed(file):
+            curves += campaign.run(show, resume=options.resume)
     except KeyboardInterrupt:
         complete = False
         console.print("interrupted; finished episodes are kept: continue with --resume")

@@ -97,8 +97,8 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
             raise InvalidValueError("--rate", f"{self.rate:g}", expected)
         if self.ik != EvaluateOptions.ik and all(c.name != CLASSICAL for c in contenders):
             raise InvalidValueError("--ik", self.ik, f"left out without --policy {CLASSICAL}")
-        if self.qp_solver != ClassicalStack.qp_solver and not any(map(_by_qp, contenders)):
-            expected = f"left out without a --policy {CLASSICAL} that solves a QP (mink, qp)"
+        if self.qp_solver != ClassicalStack.qp_solver and not any(c.solves_qp for c in contenders):
+            expected = f"left out without a --policy {CLASSICAL} whose IK is {' or '.join(BY_QP)}"
             raise InvalidValueError("--qp-solver", self.qp_solver, expected)
         for name in ("against", "resume"):
             if self.replay is not None and getattr(self, name):
@@ -136,7 +136,7 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
                 policy=(contender.name,),
                 ik=self.ik if contender.name == CLASSICAL else EvaluateOptions.ik,
                 rate=self.rate if contender.ik is None else PolicyTiming.rate,
-                qp_solver=self.qp_solver if _by_qp(contender) else ClassicalStack.qp_solver,
+                qp_solver=self.qp_solver if contender.solves_qp else ClassicalStack.qp_solver,
                 log=self.log.with_name(f"{self.log.stem}.{label}.rrd"),
             )
             for contender, label in zip(contenders, labels(contenders), strict=True)
@@ -182,8 +182,3 @@ class EvaluateOptions(CheckedOptions, StackOptions, TaskOption):
         endings = {"report": ".json", "text": ".md", "journal": ".jsonl", "plot": ".png"}
         files = {name: self.log.with_suffix(ending) for name, ending in endings.items()}
         return {**files, "recording": self.log}
-
-
-def _by_qp(contender: Contender) -> bool:
-    """Return whether a policy solves a QP with the solver that is asked for."""
-    return contender.ik is not None and contender.ik.removesuffix("-single") in BY_QP

@@ -15,7 +15,7 @@ from robo47_qp.files import plain
 from robo47_qp.run.foreign_code import absolute
 from robo47_qp.run.policy.drivers import PolicyDriver, PolicyTiming
 from robo47_qp.run.policy.process import PATIENCE, PolicyProcess
-from robo47_qp.stack import IK_SOLVERS, ClassicalStack
+from robo47_qp.stack import IK_SOLVERS, ClassicalStack, solves_qp
 
 CLASSICAL = "classical"
 """Name of the classical stack among the policies."""
@@ -123,6 +123,11 @@ class Contender:
     def reference(self) -> PolicyReference | None:
         """Place of the policy; None for the classical stack."""
         return None if self.ik is not None else PolicyReference(text=self.name).absolute
+
+    @property
+    def solves_qp(self) -> bool:
+        """Whether a QP solver can be chosen for it."""
+        return self.ik is not None and solves_qp(self.ik)
 
     @property
     def identity(self) -> str:

@@ -110,7 +110,7 @@ class Collisions:
         Raises:
             InvalidValueError: A number of q is not finite.
         """
-        return self._found(self._distances.at(self._checked(q), self.clearance))
+        return self._found(self._distances.at(self._finite(q), self.clearance))
 
     def check(self, waypoint: str, trajectory: Trajectory) -> None:
         """Check that a trajectory to a waypoint keeps the clearance.
@@ -132,7 +132,7 @@ class Collisions:
         Raises:
             InvalidValueError: There is no configuration, or a number is not finite.
         """
-        q = self._checked(q, None)
+        q = self._finite(q, None)
         # Largest change of any distance since the start, at each sample.
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self._levers)])
         last, free, near = float(way[-1]), 0.0, self._seen
@@ -157,8 +157,8 @@ class Collisions:
                 ahead.append(min(last, x + max(_LEAST, least - _UNSEEN * self.clearance)))
         return None
 
-    def _checked(self, q: Matrix, *others: None) -> Matrix:
-        found = contiguous("q", q, *others, len(self.robot.joints))
+    def _finite(self, q: Matrix, *rows: None) -> Matrix:
+        found = contiguous("q", q, *rows, len(self.robot.joints))
         if not found.size or not np.isfinite(found).all():
             raise InvalidValueError("q", f"{found!r:.60}", "finite numbers, of one row at least")
         return found

@@ -105,10 +105,8 @@ def draw(picture: Picture) -> "Figure":
     _tool_path(axes["side"], picture, (1, 2))
     axes["above"].legend(loc="best", edgecolor="none")
     for i, joint in enumerate(joints):
-        # Colours come again after ten.
-        line: Any = {"lw": 0.8, "ls": ("-", "--", ":")[i // 10 % 3]}
-        axes["joint"].plot(t, numbers["q"][:, i], label=joint, **line)
-        axes["torque"].plot(t, numbers["tau"][:, i], **line)
+        axes["joint"].plot(t, numbers["q"][:, i], lw=0.8, label=joint, **line_look(i))
+        axes["torque"].plot(t, numbers["tau"][:, i], lw=0.8, **line_look(i))
     axes["joint"].set_ylabel(f"joint error [{words['unit']}]")
     across = max(1, int(_ACROSS / (_ENTRY + max(map(len, joints)))))
     axes["joint"].legend(ncols=across, frameon=False, fontsize=8, loc="upper center", borderpad=0)
@@ -125,6 +123,11 @@ def draw(picture: Picture) -> "Figure":
         for start in t[numbers["starts"][1:][numbers["starts"][1:] < len(t)]]:
             axes[name].axvline(float(start), color=_GREY, lw=0.5, ls=":")
     return figure
+
+
+def line_look(i: int) -> dict[str, Any]:
+    """Return colour and dashes of the i-th line of a panel: colours come again after ten."""
+    return {"color": f"C{i % 10}", "ls": ("-", "--", ":")[i // 10 % 3]}
 
 
 def write(picture: Picture, path: str | Path) -> None:

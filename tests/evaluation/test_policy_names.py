@@ -86,7 +86,7 @@ THREE = ("classical:qp", "classical:dls", "classical:dls-single")
         (
             {"policy": ("a.py:B", "classical:dls"), "qp_solver": "osqp"},
             InvalidValueError,
-            "--qp-solver must be left out without a --policy classical that solves a QP",
+            "--qp-solver must be left out without a --policy classical whose IK is mink or qp",
         ),
     ],
 )

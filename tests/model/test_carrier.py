@@ -13,10 +13,10 @@ from robo47_qp.errors import InvalidValueError
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart
 from robo47_qp.model.arm import Arm
-from robo47_qp.model.carrier import Carrier
-from robo47_qp.model.robot import MotionProfile, ToolFrame
+from robo47_qp.model.robot import ToolFrame
 from robo47_qp.model.robots import load_robot
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.panda_rail import rail
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Motion, Waypoint, tool_down
 from robo47_qp.stack import ClassicalStack
@@ -167,18 +167,5 @@ def test_the_file_has_no_copy_of_the_arm() -> None:
 def test_an_arm_that_is_not_all_in_its_file_is_refused(beside: str) -> None:
     others: dict[str, Any] = {"tool": ToolFrame(body="hand"), "T_world_base": SE3.identity()}
     value = others.get(beside, np.ones(7))
-    carrier = Carrier(
-        name="cart",
-        mjcf=load_robot("panda_rail").mjcf,
-        prefix="panda_",
-        joints=("rail",),
-        slides=("rail",),
-        rated=MotionProfile.uniform(1, v=1.5, a=4.0, j=100.0),
-        profile=MotionProfile.uniform(1, v=1.0, a=2.0, j=8.0),
-        tau_max=np.array([400.0]),
-        tau_rate_max=np.array([4000.0]),
-        stiffness=np.array([2e4]),
-    )
-    assert carrier.carrying(PANDA).home.shape == (8,)
     with pytest.raises(InvalidValueError, match=f"'panda' with {beside} beside its file"):
-        carrier.carrying(replace(PANDA, **{beside: value}))
+        rail().carrying(replace(PANDA, **{beside: value}))

@@ -15,8 +15,8 @@ from robo47_qp.model.robots.panda import PANDA
 _MJCF = Path(__file__).parent / "models" / "panda_rail.xml"
 
 
-def panda_rail() -> Robot:
-    """The arm on its rail; it stands at the middle, looking along x."""
+def rail() -> Carrier:
+    """The rail, for the file of a Panda."""
     return Carrier(
         name="panda_rail",
         mjcf=_MJCF,
@@ -28,4 +28,9 @@ def panda_rail() -> Robot:
         tau_max=np.array([400.0]),
         tau_rate_max=np.array([4_000.0]),
         stiffness=np.array([20_000.0]),
-    ).carrying(PANDA)
+    )
+
+
+def panda_rail() -> Robot:
+    """The arm on its rail; it stands at the middle, looking along x."""
+    return rail().carrying(PANDA)

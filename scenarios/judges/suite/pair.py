@@ -111,11 +111,13 @@ class Pair(Station):
                 solid.add(spec.worldbody)
 
         collisions = Collisions(robot, held, clearance=CLEARANCE)
-        scene = Collisions(robot, standing, clearance=CLEARANCE, touched_at_home=True)
+        scene = None
+        if around:
+            scene = Collisions(robot, standing, clearance=CLEARANCE, touched_at_home=True)
         self.planner = replace(
             self.planner,
             collisions=collisions,
-            surroundings=scene if around else None,
+            surroundings=scene,
             branch_choice=BranchChoice(collisions=collisions),
         )
 

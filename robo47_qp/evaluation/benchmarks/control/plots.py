@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -11,10 +10,8 @@ from matplotlib.figure import Figure
 from robo47_qp.constants import TIMESTEP
 from robo47_qp.errors import RecordingError
 from robo47_qp.evaluation.benchmarks.control.trial import Trial
+from robo47_qp.report.drawing import line_look
 
-_COLOURS = mpl.color_sequences["tab10"]
-_DASHES = "-", "--", ":"
-"""Of lines whose colours come again."""
 _PER_ROW = 5
 _LOWEST = 1e-6
 """Errors below are drawn there [m]."""
@@ -38,9 +35,7 @@ def plot_trials(by_condition: Sequence[Sequence[Trial]], path: Path) -> None:
             size = np.maximum(np.linalg.norm(trial.tool_errors, axis=1), _LOWEST)
             t = TIMESTEP * np.arange(len(size))
             label = trial.controller if trial.stable else f"{trial.controller} (unstable)"
-            turn, colour = divmod(i, len(_COLOURS))
-            style = {"color": _COLOURS[colour], "ls": _DASHES[turn % len(_DASHES)]}
-            axes.semilogy(t, 1e3 * size, lw=0.9, label=label, **style)
+            axes.semilogy(t, 1e3 * size, lw=0.9, label=label, **line_look(i))
         axes.axvline(trials[0].moving * TIMESTEP, color="#9aa3ad", lw=0.6, ls=":")
         axes.set_title(trials[0].condition, fontsize=10)
         axes.grid(alpha=0.3, lw=0.5)
