@@ -22,6 +22,7 @@ from robo47_qp.arrays import (
     Size,
     Suffix,
     Vector,
+    check_once,
     checked_vector,
     frozen_vector,
 )
@@ -205,3 +206,22 @@ def test_options_are_called_as_they_are_typed() -> None:
         Options(time_limit=0.0)
     with pytest.raises(InvalidValueError, match=r"^--log must be a file that ends with \.rrd;"):
         Options(log=Path("a.png"))
+
+
+@dataclass(frozen=True)
+class _Several:
+    some_names: tuple[str, ...] = ()
+    count: int = 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--some-names", "a", "--some-names", "b"],
+        ["--some_names=a", "--count", "2", "--some-names", "b"],
+    ],
+)
+def test_an_option_of_several_values_is_given_once(words: list[str]) -> None:
+    with pytest.raises(InvalidValueError, match="--some-names must be given once"):
+        check_once(_Several, words)
+    check_once(_Several, ["--some-names", "a", "b", "--count", "1", "--count", "2"])

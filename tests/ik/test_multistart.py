@@ -17,6 +17,7 @@ from robo47_qp.ik.lm import LmIk
 from robo47_qp.ik.mink import MinkIk
 from robo47_qp.ik.multistart import MultiStart, Preference
 from robo47_qp.ik.qp import QpIk
+from robo47_qp.ik.seeds import library_of
 from robo47_qp.ik.solver import (
     IkResult,
     Reason,
@@ -367,6 +368,8 @@ def test_joints_that_move_no_tool_stay_where_they_are(
             joints, home = [*PANDA.joints, "pan"], [*PANDA.home, head]
             arm = Arm(robot_from_mjcf(file, tcp="tcp", home=home, joints=joints))
             solver = MultiStart(solver=kind(max_iterations=30, stall=Stall()))
+            # Where its home has it, whoever wrote the file first.
+            assert library_of(arm, solver.library).q[0, 7] == head
             for _ in range(12):
                 target, q_seed = arm.pose(arm.drawn(rng)), np.array([*PANDA.home, 0.7])
                 found = solver.solve(arm, target, q_seed)

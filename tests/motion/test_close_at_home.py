@@ -43,6 +43,25 @@ def test_what_is_close_at_home_hides_nothing_else() -> None:
     assert "bar and hand" in hit.explanation
 
 
+def test_what_the_hand_holds_belongs_to_the_robot() -> None:
+    """A rod that reaches back to the forearm at home; bars are kept clear of all the same."""
+    box = mujoco.mjtGeom.mjGEOM_BOX
+
+    def held(spec: mujoco.MjSpec) -> None:
+        bar_and_knob(spec, knob=False)
+        hand = spec.body("hand")
+        assert hand is not None
+        hand.add_geom(name="held", type=box, pos=[0, 0, -0.15], size=[0.05, 0.05, 0.3])
+
+    goal = ARM.home.copy()
+    goal[0] = 1.3
+    collisions = Collisions(PANDA, held)
+    assert collisions.at(ARM.home) is None
+    hit = collisions.first_hit(plan_ptp(ARM.home, goal, PANDA.profile, DT).q, DT)
+    assert hit is not None
+    assert "bar and hand" in hit.explanation
+
+
 def test_what_it_is_given_is_checked() -> None:
     for clearance in (-1e-3, np.nan, np.inf, [0.005]):
         with pytest.raises(InvalidValueError, match="clearance"):

@@ -13,6 +13,7 @@ from robo47_qp.model.ratings import profile_at_ratings
 from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.model.tool_poses import ToolPoses
 from robo47_qp.motion.collision_check import Collisions
+from robo47_qp.motion.paths.segments import Line
 from robo47_qp.motion.paths.together import HeldTogether
 from robo47_qp.motion.planner import Leg, Planner
 from robo47_qp.motion.tool_motion import tool_motion, tool_rates
@@ -264,3 +265,26 @@ def test_a_body_that_is_held_has_one_target() -> None:
 def test_a_body_that_is_held_moves_on_a_path() -> None:
     with pytest.raises(InvalidValueError, match="LIN or CIRC"):
         Waypoint(name="tray", target=SE3.identity(), holding=BOTH)
+
+
+def test_no_tool_on_a_body_goes_further_than_is_told() -> None:
+    """By the sum of small steps along random paths, on which grasps change, too."""
+    rng, share = np.random.default_rng(4), []
+
+    def pose(away: float) -> SE3:
+        turn = SO3.exp(rng.uniform(-1.0, 1.0, 3))
+        return SE3.from_rotation_and_translation(turn, away * rng.uniform(-1.0, 1.0, 3))
+
+    for _ in range(40):
+        start, goal = pose(0.05), pose(0.05)
+        near, far = rng.permutation([0.0, 0.5])
+        holding = ToolPoses({name: pose(far) for name in ("left", "right")})
+        held = ToolPoses({name: start @ pose(near) for name in holding})
+        path = HeldTogether(Line(start, goal), held, holding)
+        points = [path.at(s) for s in np.linspace(0.0, 1.0, 200)]
+        for name in holding:
+            steps = np.diff([one[name].translation() for one in points], axis=0)
+            way = np.linalg.norm(steps, axis=1).sum()
+            assert way <= path.length
+            share.append(way / path.length)
+    assert max(share) > 0.6

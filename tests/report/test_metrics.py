@@ -130,6 +130,8 @@ def test_a_tool_that_yields_is_not_waited_for() -> None:
     """Nor one that follows something, nor one that did either since its last motion ended."""
     for row in (500, 650, 950):
         assert while_yielding({row: 0.4}, YIELDING)["settle_time_s"] == 0.0
+    pressing = [{**YIELDING[0]}, {"name": "press", "start": 300, "axis": np.array([0.0, 0.0, 1.0])}]
+    assert while_yielding({500: 0.4}, pressing)["settle_time_s"] == 0.0
     at_rest = [YIELDING[0], {"name": "hold", "start": 300}, *YIELDING[2:]]
     assert while_yielding({500: 0.4, 950: 0.4}, at_rest)["settle_time_s"] == pytest.approx(0.201)
 
@@ -153,6 +155,29 @@ def test_a_motion_that_is_broken_off_counts_with_the_time_that_it_took() -> None
     left = rows.stop - rows.start - 100
     assert cut == pytest.approx(whole - phase.leg.lower_bound + 1e-3 * (100 + left))
     assert cut <= metrics(run)["cycle_time_s"]
+
+
+def test_motions_without_a_stop_that_are_broken_off_count_with_their_time() -> None:
+    """The first of them has the bound of all; also where the run ends before the last is done."""
+    run = carry_out(Reach(rise=0.1))
+    up = next(phase for phase in run.phases if phase.leg is not None)
+    assert up.leg is not None
+    way, whole = up.leg.trajectory, metrics(run)["cycle_bound_s"]
+    middle, steps = up.start + way.steps // 2, way.steps
+    first = replace(up.leg, trajectory=way.part(0, way.steps // 2))
+    last = replace(up.leg, trajectory=way.part(way.steps // 2, steps), lower_bound=0.0)
+    halves = [replace(up, leg=first), replace(up, start=middle, leg=last)]
+    assert not first.stops
+    split = replace(run, phases=[*halves, *run.phases[1:]])
+    assert metrics(split)["cycle_bound_s"] == pytest.approx(whole)
+    still = Phase(name="stood still", start=middle, leg=None)
+    broken = replace(run, phases=[halves[0], still, *run.phases[1:]])
+    lost = 1e-3 * steps - up.leg.lower_bound
+    assert metrics(broken)["cycle_bound_s"] == pytest.approx(whole + lost)
+    for row, driven in ((middle + 100, halves), (middle - 100, halves[:1])):
+        ended = Rows(run.rows.signals, run.rows.values[:row].copy())
+        short = replace(run, rows=ended, phases=driven)
+        assert metrics(short)["cycle_bound_s"] == pytest.approx(1e-3 * len(ended))
 
 
 def test_a_touch_on_the_way_leaves_a_bound_below_the_time_that_was_taken() -> None:

@@ -11,6 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from robo47_qp.errors import RecordingError
+from robo47_qp.model.robot import Tool
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.drawing import Picture, draw
 from robo47_qp.report.run_plot import Plotter, picture_of, plot_run
@@ -56,6 +57,14 @@ def test_curves_have_the_units_of_their_labels() -> None:
         expected = run.rows[signal] * scale
         shown = [np.asarray(line.get_ydata()) for line in curves[label]][: expected.shape[1]]
         np.testing.assert_allclose(np.transpose(shown), expected, rtol=1e-12)
+
+
+def test_of_several_tools_the_one_that_is_drawn_is_named() -> None:
+    run = picked_and_placed()
+    other = Tool(name="right", tcp=PANDA.tcp)
+    pair = replace(run.scenario.robot, tool_name="left", more_tools=(other,))
+    both = picture_of(replace(run, scenario=replace(run.scenario, robot=pair)))
+    assert (picture_of(run).words["tool"], both.words["tool"]) == ("tool", "left")
 
 
 def test_a_phase_that_ended_in_its_first_period_is_drawn_without_a_row() -> None:

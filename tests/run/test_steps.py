@@ -353,5 +353,9 @@ def test_a_slow_gripper_is_waited_for(speed: float) -> None:
 
     task = Written(writes=program)
     runner = Runner(ClassicalStack().scenario(robot, task), Simulation(robot, task.build_scene))
-    assert runner.run().failure is None
+    witness = Witness()
+    assert runner.run(observers=[witness]).failure is None
+    notes = [text for _, text, _ in witness.notes if "fingers" in text]
+    assert len(notes) == 2
+    assert not any("still moving" in text for text in notes)
     assert widths == pytest.approx([0.0, GRIPPER.width_max], abs=1e-3)

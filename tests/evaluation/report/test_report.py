@@ -83,9 +83,17 @@ def test_settings_of_policies_of_the_same_name_are_told() -> None:
     told = ("speed (1.0, 0.5)", "controller (computed_torque, joint_impedance)")
     assert found.as_json()["settings"] == told
     assert comparison_line(found).endswith(f"also: {', '.join(told)}")
+    files = [{"name": "p", "sha256": one} for one in "xy"]
+    found = compare(of(entries("++"), policy=files[0]), of(entries("+-"), policy=files[1]))
+    assert found.settings == ("sha256 (x, y)",)
     # What a name tells is not told again; of another policy, its files are its own.
-    another = {**way, "ik": "dls", "sha256": "x"}
-    assert compare(of(entries("++"), policy=way), of(entries("+-"), policy=another)).settings == ()
+    another = {"name": "q", "sha256": "y"}
+    assert (
+        compare(of(entries("++"), policy=files[0]), of(entries("+-"), policy=another)).settings
+        == ()
+    )
+    dls = {**way, "ik": "dls"}
+    assert compare(of(entries("++"), policy=way), of(entries("+-"), policy=dls)).settings == ()
 
 
 def test_figures_are_those_of_the_successes_and_errors_have_no_cause() -> None:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from queue import Queue
 from threading import Event, Thread
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -221,10 +221,15 @@ DECIDED = Event()
 
 
 class Waiting(Counting):
-    """Decides once the test says so."""
+    """Decides once the test says so, and not while another one does."""
+
+    deciding: ClassVar[list["Waiting"]] = []
 
     def infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        self.deciding.append(self)
+        assert len(self.deciding) == 1
         assert DECIDED.wait(timeout=20.0)
+        self.deciding.remove(self)
         return super().infer(observation)
 
 

@@ -173,7 +173,8 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     leg = planner.plan(arm, Waypoint(name="above", target=goal), PANDA.home, TIMESTEP)
     world.place_marker("goal", SE3.from_translation(np.array([0.1, 0.2, 0.3])))
     log.phase(0.0, "above")
-    log.planned(0.0, leg, leg.tool_paths(arm))
+    one = leg.tool_paths(arm)["tool"]
+    log.planned(0.0, leg, {"tool": one, "other": one + np.array([0.0, 0.0, 1.0])})
     log.tick(world)
     log.tick(world)
     log.write(block(0))
@@ -186,7 +187,8 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     assert events["TextLog:text"][1] == ["0.50 s  lost the cube"]
     assert events["time"] == [0, 500_000_000]
     strips = read(path, "/planned")["LineStrips3D:strips"][0]
-    np.testing.assert_allclose(strips[0][0], arm.pose(PANDA.home).translation(), atol=1e-6)
+    for strip in (strips[0], np.subtract(strips[len(strips) // 2], [0.0, 0.0, 1.0])):
+        np.testing.assert_allclose(strip[0], arm.pose(PANDA.home).translation(), atol=1e-6)
     origins = read(path, "/goals")["Arrows3D:origins"][0]
     np.testing.assert_allclose(origins, [goal.translation()] * 3, atol=1e-6)
     markers = read(path, "/frames/markers")

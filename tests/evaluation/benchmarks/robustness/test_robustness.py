@@ -222,7 +222,10 @@ def test_a_first_look_replaces_no_campaign() -> None:
     assert RobustnessOptions(quick=True, report=Path("a.json")).file == Path("a.json")
 
 
-def test_a_campaign_that_is_running_is_not_disturbed(tmp_path: Path) -> None:
+def test_a_campaign_that_is_running_is_not_disturbed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Robustness, "run", lambda *_, **__: pytest.fail("it has begun"))
     options = RobustnessOptions(report=tmp_path / "x.json")
     with claimed(tmp_path / "x.json"), pytest.raises(RecordingError, match="another process"):
         robustness.run(options, Console(quiet=True))
