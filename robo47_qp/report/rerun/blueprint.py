@@ -1,6 +1,6 @@
 """Layout of a recording in the viewer: one page that needs no clicks."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import floor, log10
 
 import rerun as rr
@@ -8,7 +8,6 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn, VisualizerComponentMapping
 
 from robo47_qp.ik.stream.settings import Event
-from robo47_qp.model.gripper import Gripper
 from robo47_qp.model.robot import Robot
 from robo47_qp.report.rerun.columns import component
 from robo47_qp.report.rerun.stream import TIMELINE
@@ -31,6 +30,7 @@ _PALETTE = (
 )
 """One colour per joint, the same in every plot."""
 _LIMIT_COLOUR = (110, 114, 120)
+_XYZ = ("x", "y", "z")
 _RIGHT_TOP, _RIGHT_BOTTOM = rrb.Corner2D.RightTop, rrb.Corner2D.RightBottom
 
 
@@ -50,23 +50,30 @@ def blueprint(robot: Robot, *, followed: bool = False) -> rrb.Blueprint:
         column_shares=[3, 2],
     )
     phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
-    middle = _following() if followed else _forces(robot.gripper)
-    left = (_scene(), phases, middle, texts)
+    left = (_scene(), phases, _following() if followed else _forces(robot), texts)
+    names = _names(robot)
+    several = _RIGHT_TOP if len(names) > 1 else None
+    position = {f"errors/{label}tool_position": (name,) for label, name in names.items()}
+    turned = {f"errors/{label}tool_angle": (name,) for label, name in names.items()}
     # A joint has the same colour in all plots: one legend is enough.
     right = rrb.Grid(
         _plot(
-            f"Joint position [{angle}]", "joints/q", joints, under="joints/q_ref", limits="limits/q"
+            f"Joint position [{angle}]",
+            {"joints/q": joints},
+            under={"joints/q_ref": joints},
+            limits="limits/q",
         ),
-        _plot(f"Joint velocity [{speed}]", "joints/v", joints, limits="limits/v"),
+        _plot(f"Joint velocity [{speed}]", {"joints/v": joints}, limits="limits/v"),
         _plot(
-            *(f"Joint torque [{torque}]", "joints/tau", joints),
+            f"Joint torque [{torque}]",
+            {"joints/tau": joints},
             limits="limits/tau",
             span=(-1.1 * strong, 1.1 * strong),
             legend=_RIGHT_TOP,
         ),
-        _plot(f"Joint tracking error [{angle}]", "errors/q", joints),
-        _plot("Tool position error [m]", "errors/tool_position", ("distance",)),
-        _plot("Tool angle error [rad]", "errors/tool_angle", ("angle",)),
+        _plot(f"Joint tracking error [{angle}]", {"errors/q": joints}),
+        _plot("Tool position error [m]", position, legend=several),
+        _plot("Tool angle error [rad]", turned, legend=several),
         grid_columns=2,
     )
     return rrb.Blueprint(
@@ -83,22 +90,38 @@ def blueprint(robot: Robot, *, followed: bool = False) -> rrb.Blueprint:
     )
 
 
-def _forces(gripper: Gripper | None) -> rrb.Container:
-    """Return plots of the contact forces and, if there is one, of the gripper."""
-    if gripper is None:
-        return rrb.Horizontal(_contact())
-    wide = _rounded_up(gripper.width_max)
+def _names(robot: Robot) -> dict[str, str]:
+    """Return the names of the tools by what their signals begin with: `tool` where it is one."""
+    one = len(robot.tools) == 1
+    return {label: "tool" if one else tool.name for label, tool in robot.tool_labels()}
+
+
+def _forces(robot: Robot) -> rrb.Container:
+    """Return plots of the contact forces and, if there are any, of the grippers."""
+    names = _names(robot)
+    force = {f"contact/{label}tool": [f"{name} {x}" for x in _XYZ] for label, name in names.items()}
+    contact = _plot("Contact force [N]", {**force, "contact/links": ("links",)}, legend=_RIGHT_TOP)
+    grips = {label: tool.gripper for label, tool in robot.tool_labels() if tool.gripper is not None}
+    if not grips:
+        return rrb.Horizontal(contact)
+    wide = _rounded_up(max(gripper.width_max for gripper in grips.values()))
+    of = {label: f"{names[label]} " if len(names) > 1 else "" for label in grips}
     return rrb.Horizontal(
         _plot(
             "Gripper width [m]",
-            "gripper/width",
-            ("width",),
-            under="gripper/width_command",
+            {f"gripper/{label}width": (f"{name}width",) for label, name in of.items()},
+            under={
+                f"gripper/{label}width_command": (f"{name}command",) for label, name in of.items()
+            },
             span=(-0.05 * wide, 1.1 * wide),
             legend=_RIGHT_BOTTOM,
         ),
-        _plot("Finger force [N]", "gripper/force", gripper.fingers, legend=_RIGHT_TOP),
-        _contact(),
+        _plot(
+            "Finger force [N]",
+            {f"gripper/{label}force": gripper.fingers for label, gripper in grips.items()},
+            legend=_RIGHT_TOP,
+        ),
+        contact,
     )
 
 
@@ -106,23 +129,9 @@ def _following() -> rrb.Container:
     """Return plots of how far the tool is from the target, and of what the stream told."""
     events = tuple(event.name.lower().replace("_", " ") for event in Event)
     return rrb.Horizontal(
-        _plot("Distance from target [m]", "target/position_error", ("distance",)),
-        _plot("Angle from target [rad]", "target/angle_error", ("angle",)),
-        _plot("Events", "target/events", events, span=(-0.1, 1.6), legend=_RIGHT_TOP),
-    )
-
-
-def _contact() -> rrb.View:
-    """Return a plot of the contact force on the tool, by world axis, and on the links."""
-    tool = _lines("contact/tool", ("tool x", "tool y", "tool z"), _PALETTE[:3], 1.25)
-    links = _lines("contact/links", ("links",), _PALETTE[3:4], 1.25)
-    return rrb.TimeSeriesView(
-        name="Contact force [N]",
-        origin="/",
-        contents=[f"/{SIGNALS}"],
-        overrides={SIGNALS: [tool, links]},
-        plot_legend=rrb.PlotLegend(_RIGHT_TOP),
-        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        _plot("Distance from target [m]", {"target/position_error": ("distance",)}),
+        _plot("Angle from target [rad]", {"target/angle_error": ("angle",)}),
+        _plot("Events", {"target/events": events}, span=(-0.1, 1.6), legend=_RIGHT_TOP),
     )
 
 
@@ -153,31 +162,34 @@ def _event_columns() -> rrb.TextLogColumns:
 
 def _plot(
     name: str,
-    signal: str,
-    labels: Sequence[str],
+    signals: Mapping[str, Sequence[str]],
     *,
-    under: str | None = None,
+    under: Mapping[str, Sequence[str]] | None = None,
     limits: str | None = None,
     span: tuple[float, float] | None = None,
     legend: rrb.Corner2D | None = None,
 ) -> rrb.View:
-    """Return a plot of one signal, with its reference and its limits if there are any."""
-    colours = [_PALETTE[i % len(_PALETTE)] for i in range(len(labels))]
-    lines: dict[rr.encodings.EntityPath | str, list[rrb.Visualizer]] = {
-        SIGNALS: [_lines(signal, labels, colours, 1.25)]
-    }
-    if under is not None:
-        names = labels if len(labels) > 1 else ("command",)
-        darker = [(r // 2, g // 2, b // 2) for r, g, b in colours]
-        lines[SIGNALS].insert(0, _lines(under, names, darker, 3.5))
+    """Return a plot of signals, with the names of their lines, and what lies under them.
+
+    Lines of `under` have the colours of those above them; limits are of all lines.
+    """
+    shown = []
+    for lines, dim, width in ((under or {}, 2, 3.5), (signals, 1, 1.25)):
+        first = 0
+        for signal, labels in lines.items():
+            colours = [_PALETTE[(first + i) % len(_PALETTE)] for i in range(len(labels))]
+            dimmed = [(r // dim, g // dim, b // dim) for r, g, b in colours]
+            shown.append(_lines(signal, labels, dimmed, width))
+            first += len(labels)
+    lines_of: dict[rr.encodings.EntityPath | str, list[rrb.Visualizer]] = {SIGNALS: shown}
     if limits is not None:
-        count = 2 * len(labels)
-        lines[LIMITS] = [_lines(limits, ["limit"] * count, [_LIMIT_COLOUR] * count, 0.75)]
+        count = 2 * sum(len(labels) for labels in signals.values())
+        lines_of[LIMITS] = [_lines(limits, ["limit"] * count, [_LIMIT_COLOUR] * count, 0.75)]
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
-        contents=[f"/{entity}" for entity in lines],
-        overrides=lines,
+        contents=[f"/{entity}" for entity in lines_of],
+        overrides=lines_of,
         plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),

@@ -23,7 +23,6 @@ from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.planner import Planner
 from robo47_qp.motion.waypoint import Waypoint, tool_down
-from robo47_qp.report.rerun import blueprint as rerun_blueprint
 from robo47_qp.report.rerun.columns import component
 from robo47_qp.report.rerun.log import RerunLog
 from robo47_qp.report.rerun.reading import Note, read_recording, read_recordings
@@ -198,26 +197,6 @@ def test_the_course_of_a_run_is_told(log: RerunLog, path: Path, world: Simulatio
     assert run.phases == [(0.0, "above")]
     assert run.notes[1] == Note(time=0.5, level="WARN", text="0.50 s  lost the cube")
     assert run.notes[0].text == events["TextLog:text"][0][0]
-
-
-def test_plots_and_views_show_what_is_recorded(
-    log: RerunLog, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log.write(block(0))
-    log.finish("done")
-    shown: list[Any] = []
-    lines = rerun_blueprint._lines
-
-    def spy(*arguments: Any) -> Any:
-        shown.append(arguments)
-        return lines(*arguments)
-
-    monkeypatch.setattr(rerun_blueprint, "_lines", spy)
-    rerun_blueprint.blueprint(PANDA)
-    held = {**read(path, "/signals"), **read(path, "/limits")}
-    assert len(shown) == 15
-    for name, labels, colours, _ in shown:
-        assert {len(row) for row in held[component(name)]} == {len(labels)} == {len(colours)}
 
 
 def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
