@@ -32,7 +32,9 @@ _LETTER = 0.0105
 """Width of a letter of a phase's name, as a share of the panel."""
 _ACROSS, _ENTRY = 0.98 / _LETTER, 5.5
 """How many letters a legend has room for, and how many an entry takes beside its name."""
-_BLUE, _RED, _GREY = "#2563a8", "#c2410c", "#9aa3ad"
+_RED, _GREY = "#c2410c", "#9aa3ad"
+_TOOLS = ("#2563a8", "#15803d", "#7e22ce")
+"""What is measured of the tools, one after the other."""
 _MARKS = "so^Dv"
 """Where an object ends, one after the other."""
 
@@ -41,12 +43,11 @@ class Picture(NamedTuple):
     """What is drawn of a run."""
 
     words: Mapping[str, Any]
-    """`title`, names of `joints`, `objects`, `phases` and the `tool`, and the `unit` of joint
-    errors."""
+    """`title`, `unit` of joint errors, and the names of `joints`, `objects`, `phases`, `tools`."""
     numbers: Mapping[str, Numbers]
-    """By row: `time` [s], `q` errors (N, n) in that unit, `tool` error [mm], `tau` (N, n) [%], `at`
-    and `asked`, the tool's positions (N, 3), and objects' (N, k, 3) [m]. `starts`: rows at which
-    phases begin."""
+    """By row: `time` [s], `q` errors (N, n) in that unit, those of the m tools, `tool` (N, m) [mm],
+    `tau` (N, n) [%], `at` and `asked`, the positions of the tools (N, m, 3), and those of objects
+    (N, k, 3) [m]. `starts`: rows at which phases begin."""
 
     def packed(self) -> bytes:
         """Return all of it as bytes."""
@@ -88,7 +89,7 @@ def draw_curves(panels: Mapping[str, Mapping[str, tuple[Numbers, Numbers]]]) -> 
 
 
 def draw(picture: Picture) -> "Figure":
-    """Return the figure: the tool's path from above and from the side, errors and torques."""
+    """Return the figure: the tools' paths from above and from the side, errors and torques."""
     figure = _figure((12.0, 7.2))
     words, numbers = picture
     figure.suptitle(words["title"])
@@ -101,9 +102,17 @@ def draw(picture: Picture) -> "Figure":
         gridspec_kw=_MARGINS,
     )
     t, joints = numbers["time"], words["joints"]
-    _tool_path(axes["above"], picture, (0, 1))
-    _tool_path(axes["side"], picture, (1, 2))
-    axes["above"].legend(loc="best", edgecolor="none")
+    _tool_paths(axes["above"], picture, (0, 1))
+    _tool_paths(axes["side"], picture, (1, 2))
+    for k, tool in enumerate(words["tools"]):
+        axes["tool"].plot(t, numbers["tool"][:, k], lw=0.8, color=_tool_colour(k), label=tool)
+    if len(words["tools"]) == 1:
+        axes["above"].legend(loc="best", edgecolor="none")
+    else:
+        small: Any = {"ncols": 3, "frameon": False, "fontsize": 8, "borderpad": 0}
+        axes["above"].margins(y=0.15)
+        axes["above"].legend(loc="upper center", **small)
+        axes["tool"].legend(loc="lower left", **small)
     for i, joint in enumerate(joints):
         axes["joint"].plot(t, numbers["q"][:, i], lw=0.8, label=joint, **line_look(i))
         axes["torque"].plot(t, numbers["tau"][:, i], lw=0.8, **line_look(i))
@@ -111,8 +120,7 @@ def draw(picture: Picture) -> "Figure":
     across = max(1, int(_ACROSS / (_ENTRY + max(map(len, joints)))))
     axes["joint"].legend(ncols=across, frameon=False, fontsize=8, loc="upper center", borderpad=0)
     axes["joint"].margins(y=0.1 + 0.15 * -(-len(joints) // across))
-    axes["tool"].plot(t, numbers["tool"], lw=0.8, color=_BLUE)
-    axes["tool"].set_ylabel(f"{words['tool']} error [mm]")
+    axes["tool"].set_ylabel("tool error [mm]")
     axes["torque"].set_ylabel("torque [% of limit]")
     axes["torque"].set_xlabel("time [s]")
     _mark_phases(axes["tool"], picture)
@@ -130,6 +138,10 @@ def line_look(i: int) -> dict[str, Any]:
     return {"color": f"C{i % 10}", "ls": ("-", "--", ":")[i // 10 % 3]}
 
 
+def _tool_colour(k: int) -> str:
+    return _TOOLS[k % len(_TOOLS)]
+
+
 def write(picture: Picture, path: str | Path) -> None:
     """Draw the figure and write it as a PNG, quickly rather than as small as can be.
 
@@ -139,17 +151,17 @@ def write(picture: Picture, path: str | Path) -> None:
     draw(picture).savefig(path, pil_kwargs={"compress_level": 1})
 
 
-def _tool_path(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
+def _tool_paths(axes: "Axes", picture: Picture, plane: tuple[int, int]) -> None:
     i, j = plane
     words, numbers = picture
-    asked, at = numbers["asked"], numbers["at"]
-    axes.plot(
-        at[:, i], at[:, j], color=_BLUE, lw=4.0, alpha=0.4, label=f"{words['tool']}, measured"
-    )
-    axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label=f"{words['tool']}, reference")
+    for k, tool in enumerate(words["tools"]):
+        asked, at = numbers["asked"][:, k], numbers["at"][:, k]
+        look: Any = {"color": _tool_colour(k), "lw": 4.0, "alpha": 0.4}
+        axes.plot(at[:, i], at[:, j], label=f"{tool}, measured", **look)
+        axes.plot(asked[:, i], asked[:, j], color=_RED, lw=1.0, label="" if k else "reference")
     for k, name in enumerate(words["objects"]):
         place = numbers["objects"][:, k]
-        look: Any = {"color": _GREY, "marker": _MARKS[k % len(_MARKS)], "markevery": [-1]}
+        look = {"color": _GREY, "marker": _MARKS[k % len(_MARKS)], "markevery": [-1]}
         axes.plot(place[:, i], place[:, j], lw=1.2, ms=7, label=name, zorder=1, **look)
     axes.set_xlabel(f"{'xyz'[i]} [m]")
     axes.set_ylabel(f"{'xyz'[j]} [m]")
@@ -178,14 +190,14 @@ def _nothing() -> Picture:
         "title": "-",
         "joints": ["-"],
         "unit": "-",
-        "tool": "-",
+        "tools": ["-"],
         "objects": [],
         "phases": ["-"],
     }
-    columns = {"q": 1, "tau": 1, "at": 3, "asked": 3}
-    numbers = {name: np.zeros((2, k)) for name, k in columns.items()}
-    times = {"time": np.arange(2.0), "tool": np.zeros(2), "starts": np.zeros(1, dtype=int)}
-    return Picture(words, {**numbers, **times, "objects": np.zeros((2, 0, 3))})
+    numbers = {name: np.zeros((2, 1)) for name in ("q", "tool", "tau")}
+    places = {name: np.zeros((2, k, 3)) for name, k in (("at", 1), ("asked", 1), ("objects", 0))}
+    times = {"time": np.arange(2.0), "starts": np.zeros(1, dtype=int)}
+    return Picture(words, {**numbers, **places, **times})
 
 
 def _main(path: str) -> int:

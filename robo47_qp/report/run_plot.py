@@ -79,12 +79,13 @@ def plot_run(run: Run, path: Path) -> None:
 def picture_of(run: Run) -> Picture:
     """Return what is drawn of a run."""
     robot, rows = run.scenario.robot, run.rows
+    labels = [label for label, _ in robot.tool_labels()]
     outcome = "success" if run.failure is None else f"failed: {run.failure.cause.value}"
     words = {
         "title": f"{run.scenario.task.name} on {robot.name}: {outcome}",
         "joints": robot.joints,
         "unit": robot.unit("mrad", "mm"),
-        "tool": "tool" if len(robot.tools) == 1 else robot.tools[0].name,
+        "tools": ["tool"] if len(labels) == 1 else [tool.name for tool in robot.tools],
         "objects": [*run.objects],
         "phases": [phase.name for phase in run.phases],
     }
@@ -92,10 +93,10 @@ def picture_of(run: Run) -> Picture:
     numbers = {
         "time": rows["time"][:, 0],
         "q": 1e3 * rows["errors/q"],
-        "tool": 1e3 * rows["errors/tool_position"][:, 0],
+        "tool": np.hstack([1e3 * rows[f"errors/{label}tool_position"] for label in labels]),
         "tau": 100.0 * rows["joints/tau"] / robot.tau_max,
-        "asked": rows["tool/pose_ref"][:, :3],
-        "at": rows["tool/pose"][:, :3],
+        "asked": np.stack([rows[f"tool/{label}pose_ref"][:, :3] for label in labels], axis=1),
+        "at": np.stack([rows[f"tool/{label}pose"][:, :3] for label in labels], axis=1),
         "objects": np.stack(places, axis=1) if places else np.zeros((len(rows), 0, 3)),
         "starts": np.array([phase.start for phase in run.phases]),
     }

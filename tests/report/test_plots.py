@@ -59,12 +59,43 @@ def test_curves_have_the_units_of_their_labels() -> None:
         np.testing.assert_allclose(np.transpose(shown), expected, rtol=1e-12)
 
 
-def test_of_several_tools_the_one_that_is_drawn_is_named() -> None:
-    run = picked_and_placed()
+def test_all_tools_are_drawn() -> None:
+    """Each with its own path and error, in the colour that its name has."""
+    one = picked_and_placed()
     other = Tool(name="right", tcp=PANDA.tcp)
-    pair = replace(run.scenario.robot, tool_name="left", more_tools=(other,))
-    both = picture_of(replace(run, scenario=replace(run.scenario, robot=pair)))
-    assert (picture_of(run).words["tool"], both.words["tool"]) == ("tool", "left")
+    pair = replace(one.scenario.robot, tool_name="left", more_tools=(other,))
+    more = {
+        "tool/right_pose": one.rows["tool/pose"] + 0.1,
+        "tool/right_pose_ref": one.rows["tool/pose_ref"] + 0.2,
+        "errors/right_tool_position": one.rows["errors/tool_position"] + 1e-3,
+    }
+    like = {signal.name.replace("tool/", "tool/right_"): signal for signal in one.rows.signals}
+    like |= {name.replace("errors/", "errors/right_"): signal for name, signal in like.items()}
+    signals = (*one.rows.signals, *(replace(like[name], name=name) for name in more))
+    rows = Rows(signals, np.hstack([one.rows.values, *more.values()]))
+    run = replace(one, rows=rows, scenario=replace(one.scenario, robot=pair))
+    figure = draw(Picture.unpacked(picture_of(run).packed()))
+    above, *_ = figure.axes
+    found = {str(line.get_label()): line for line in above.get_lines()}
+    for name, signal in (("left", "tool/pose"), ("right", "tool/right_pose")):
+        at = found[f"{name}, measured"].get_xydata()
+        np.testing.assert_allclose(np.asarray(at), run.rows[signal][:, :2], rtol=1e-12)
+    asked = [line for line in above.get_lines() if line.get_color() == "#c2410c"]
+    for line, signal in zip(asked, ("tool/pose_ref", "tool/right_pose_ref"), strict=True):
+        np.testing.assert_allclose(np.asarray(line.get_xydata()), run.rows[signal][:, :2])
+    errors = next(axes for axes in figure.axes if axes.get_ylabel() == "tool error [mm]")
+    lines = errors.get_lines()[:2]
+    assert [line.get_label() for line in lines] == ["left", "right"]
+    for line, label in zip(lines, ("", "right_"), strict=True):
+        expected = 1e3 * run.rows[f"errors/{label}tool_position"][:, 0]
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), expected, rtol=1e-12)
+        assert line.get_color() == found[f"{line.get_label()}, measured"].get_color()
+    assert lines[0].get_color() != lines[1].get_color()
+    for axes, entries in ((above, 4), (errors, 2)):
+        legend = axes.get_legend()
+        assert legend is not None
+        assert len(legend.get_texts()) == entries
+    assert picture_of(one).words["tools"] == ["tool"]
 
 
 def test_a_phase_that_ended_in_its_first_period_is_drawn_without_a_row() -> None:
@@ -157,7 +188,7 @@ def test_objects_are_told_apart_and_the_legend_lies_over_none() -> None:
     legend = axes.get_legend()
     assert legend is not None
     box = legend.get_window_extent()
-    path = axes.transData.transform(found.numbers["at"][:, :2])
+    path = axes.transData.transform(found.numbers["at"][:, 0, :2])
     assert not box.count_contains(path)
 
 
