@@ -134,7 +134,6 @@ class DisturbedSimulation(Simulation):
         self._torque_delay = Delay(disturbance.torque_delay)
         self._camera: ObjectCamera | None = None
         super().__init__(robot, _changed(robot, build_scene, disturbance), drawn=drawn)
-        self._pushes = Pushes(disturbance.pushes, self.model, self.data, robot.tcp)
         self._seen_markers = () if goals_asked_for else self.markers
         self.disturbance = self._of_this_world(disturbance)
         if disturbance.friction is not None:
@@ -159,6 +158,7 @@ class DisturbedSimulation(Simulation):
     def reset(self) -> None:
         """See `Simulation.reset`; the errors are the same again, and the arm was held so far."""
         super().reset()
+        self._pushes = Pushes(self.disturbance.pushes, self.model, self.data, self.robot.tcp)
         streams: list[np.random.Generator | None] = [None] * 4
         if self._seeds is not None:
             streams = [np.random.default_rng([self._seeds[0], i]) for i in range(4)]
@@ -223,8 +223,10 @@ class DisturbedSimulation(Simulation):
         return super().state() if self._joint_sensor.ideal else self._joint_sensor.state()
 
     def felt_force(self, tool: int = 0) -> Vector:
-        """See `Simulation.felt_force`."""
+        """See `Simulation.felt_force`; with the pushes on the main tool."""
         force = super().felt_force(tool)
+        if tool == 0:
+            force = force + self._pushes.felt
         return force if self._force_sensor.ideal else force + self._force_sensor.error[tool]
 
     def true_state(self) -> JointState:

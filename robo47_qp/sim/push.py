@@ -42,10 +42,12 @@ class Pushes:
         self._pushes, self._model, self._data = tuple(pushes), model, data
         site = model.site(tcp).id
         self._point, self._body = data.site_xpos[site], int(model.site_bodyid[site])
+        self.felt = np.zeros(3)
+        """The force that acted in the last period, in the world (3,) [N]."""
 
     def ahead(self, time: float) -> int:
-        """Return for how many periods from a time [s] none acts, and let none act in them."""
-        if any(push.acts(time) for push in self._pushes):
+        """Return for how many periods from a time [s] none acts or is felt, and let none act."""
+        if self.felt.any() or any(push.acts(time) for push in self._pushes):
             return 0
         self.act(time)
         begins = [push.begins_in(time) for push in self._pushes]
@@ -55,10 +57,11 @@ class Pushes:
         """Apply what acts in the period that begins at a time [s]."""
         if not self._pushes:
             return
-        applied, torque = self._data.qfrc_applied, np.zeros(3)
+        applied = self._data.qfrc_applied
         applied[:] = 0.0
-        for push in self._pushes:
-            if push.acts(time):
-                mujoco.mj_applyFT(
-                    self._model, self._data, push.force, torque, self._point, self._body, applied
-                )
+        self.felt = sum((push.force for push in self._pushes if push.acts(time)), np.zeros(3))
+        if self.felt.any():
+            mujoco.mj_applyFT(
+                *(self._model, self._data, self.felt, np.zeros(3)),
+                *(self._point, self._body, applied),
+            )

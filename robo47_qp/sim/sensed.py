@@ -131,7 +131,7 @@ class Sensed:
         return self._hand("the force of its fingers", tool).forces.copy()
 
     def felt_force(self, tool: int = 0) -> Vector:
-        """Return the contact force on a tool as its wrist measures it, in the world (3,) [N]."""
+        """Return the force on a tool as its wrist measures it, in the world (3,) [N]."""
         return self.reading.forces[tool].copy()
 
     @property

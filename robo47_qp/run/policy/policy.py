@@ -36,7 +36,7 @@ class Observation:
     width: float | None
     """Opening width of the gripper [m]; None without a gripper."""
     force: Vector
-    """Net contact force on the tool as a wrist sensor measures it, in the world (3,) [N]."""
+    """Net force on the tool from outside, as a wrist sensor measures it, in the world (3,) [N]."""
     objects: Mapping[str, Vector]
     """Measured poses of the movable objects from the camera, each (7,)."""
     markers: Mapping[str, Vector]
