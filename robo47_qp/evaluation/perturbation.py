@@ -130,7 +130,13 @@ class Perturbation(SensorErrors):
             growth=Growth(first=5.0, beside=(("pushes", 2),)),
         ),
     ] = 0.0
-    push_time: Annotated[NotNegative, About("Latest start of a push", "s")] = 10.0
+    push_time: (
+        Annotated[
+            NotNegative,
+            About("Latest start of a push, in place of the time that the task usually takes", "s"),
+        ]
+        | None
+    ) = None
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -146,13 +152,19 @@ class Perturbation(SensorErrors):
                 unit = {"-": "", "ms": " s"}.get(about.unit, f" {about.unit}")
                 raise InvalidValueError(name, value, f"at most {most:g}{unit}")
 
-    def draw(self, rng: np.random.Generator) -> Disturbance:
+    def draw(self, rng: np.random.Generator, usual_time: float = 30.0) -> Disturbance:
         """Return the disturbance of one episode.
 
         The same random numbers are drawn for any ranges, so that episodes with the same seed
         differ in the chosen perturbations only. Fields with the name of one of `Disturbance` are
         passed on.
+
+        Args:
+            rng: Generator of the episode.
+            usual_time: `Task.usual_time`, within which pushes begin unless `push_time` is given
+                [s].
         """
+        pushed_for = usual_time if self.push_time is None else self.push_time
         friction = rng.random()
         directions, sizes = rng.standard_normal((PUSHES, 3)), rng.uniform(0.0, 1.0, PUSHES)
         starts = rng.uniform(0.0, 1.0, PUSHES)
@@ -177,7 +189,7 @@ class Perturbation(SensorErrors):
             friction=None if self.friction is None else float(_drawn(self.friction, friction)),
             pushes=tuple(
                 Push(force=self.push_force * sizes[i] * directions[i], start=float(start))
-                for i, start in enumerate(self.push_time * starts[: self.pushes])
+                for i, start in enumerate(pushed_for * starts[: self.pushes])
             ),
         )
 

@@ -61,7 +61,7 @@ class TaskEpisode:
     ) -> DisturbedSimulation:
         """Return the world of an episode; `drawn` is that of `Simulation`."""
         rng = np.random.default_rng([seed, 1])
-        disturbance = self.perturbation.draw(rng)
+        disturbance = self.perturbation.draw(rng, scenario.task.usual_time)
         return DisturbedSimulation(
             self.robot,
             scenario.task.build_scene,

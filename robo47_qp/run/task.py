@@ -136,6 +136,11 @@ class Task(Checked, ABC):
         """Simulated time after which programs and policies alike have failed [s]."""
         return 60.0
 
+    @property
+    def usual_time(self) -> float:
+        """About how long the task takes where much is wrong [s]: pushes come within it."""
+        return 0.7 * self.time_limit
+
     def variant(self, rng: np.random.Generator) -> Self:
         """Return the task with randomly drawn properties of its scene, which is not yet built."""
         return self

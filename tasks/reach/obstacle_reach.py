@@ -127,6 +127,11 @@ class ObstacleReach(Task):
         """See `Task.time_limit` [s]."""
         return 120.0
 
+    @property
+    def usual_time(self) -> float:
+        """See `Task.usual_time` [s]."""
+        return 12.0
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`."""
         add_table(spec)

@@ -83,6 +83,11 @@ class Reach(Task):
         """See `Task.time_limit` [s]."""
         return 120.0
 
+    @property
+    def usual_time(self) -> float:
+        """See `Task.usual_time` [s]."""
+        return 6.0 * self.count
+
     def build_scene(self, spec: mujoco.MjSpec) -> None:
         """See `Task.build_scene`; each pose is shown by the three axes of the tool."""
         add_table(spec)

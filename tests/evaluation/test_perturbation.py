@@ -91,6 +91,9 @@ def test_draws_fill_their_ranges_evenly() -> None:
     starts = np.array([push.start for one in drawn for push in one.pushes])
     assert 3.9 < starts.max() <= 4.0
     assert starts.mean() == pytest.approx(2.0, rel=0.06)
+    usual = dataclasses.replace(WIDE, push_time=None).draw(np.random.default_rng([0, 1]), 40.0)
+    found = [push.start / 10.0 for push in usual.pushes]
+    assert found == pytest.approx([push.start for push in drawn[0].pushes])
 
 
 def test_a_number_is_the_same_for_everything_in_every_episode() -> None:
@@ -284,7 +287,7 @@ EFFECTS = {
     "force_drift": Effect(1.0, {"measured force"}),
     "pushes": Effect(1, {"motion"}, PUSHED, ("--push-force", "30")),
     "push_force": Effect(30.0, {"motion"}, PUSHED, ("--pushes", "1")),
-    "push_time": Effect(0.05, {"motion"}, PUSHED),
+    "push_time": Effect(0.05, {"motion", "measured force"}, PUSHED),
 }
 """Every perturbation has an entry: whoever adds one says here what it changes."""
 NO_ZERO = {

@@ -107,6 +107,23 @@ def test_an_entry_has_all_that_is_asked_of_an_episode(noisy: EpisodeResult) -> N
     assert EpisodeResult.of_entry(entry).entry() == entry
 
 
+def test_pushes_come_at_any_time_of_the_task_however_long_it_may_take() -> None:
+    class Long(Watched):
+        """A job of 200 s."""
+
+        usual_time = 200.0
+
+    starts = {}
+    for limit in (None, 20.0):
+        made = episode(task=Long(), perturbation=PRESETS["severe"], time_limit=limit)
+        worlds = [made.simulation(made.scenario(seed), seed, drawn=False) for seed in range(40)]
+        starts[limit] = [push.start for world in worlds for push in world.disturbance.pushes]
+    assert starts[None] == starts[20.0]
+    assert 190.0 < max(starts[None]) <= 200.0
+    assert np.mean(starts[None]) == pytest.approx(100.0, rel=0.2)
+    assert Watched().usual_time == 0.7 * Watched().time_limit
+
+
 def test_worlds_are_paired_whatever_drives_in_them(noisy: EpisodeResult) -> None:
     """Scene, start, mass and friction depend on the seed, not on policy, speed or noise."""
     other = episode(
