@@ -18,6 +18,12 @@ _READINGS = 20
 """Readings of the free wrist; white noise falls by their root."""
 _PERIOD = 0.01
 """Time between two of them [s]."""
+_TRIES = 4
+"""How often it is read at most where something pushes the tool meanwhile."""
+_APART = 7.0
+"""Most that readings differ without a push, in standard deviations of their noise [-]."""
+_EXACT = 0.2
+"""The same without noise, as of something held that swings [N]."""
 _DRIFT_TIME = 30.0
 """Time constant of the drift of the sensor that is expected [s]."""
 
@@ -48,12 +54,19 @@ def read_free_wrist(
 ) -> Generator[StepLike, None, FreeWrist]:
     """Read the sensor at the wrist while the tool touches nothing and is at rest.
 
+    It is read again where the readings differ by more than noise tells, as something pushes.
+
     Args:
         sensed: What is sensed.
         untouched: Whether what it reads also becomes the zero of the run's sense of contact.
     """
-    readings = []
-    for _ in range(_READINGS):
-        yield Wait(name="tare", seconds=_PERIOD, untouched=untouched)
-        readings.append(sensed.felt_force())
+    most = _APART * float(sensed.sheet.noise["noise_force"]) + _EXACT
+    readings = list[Vector]()
+    for _ in range(_TRIES):
+        readings.clear()
+        for _ in range(_READINGS):
+            yield Wait(name="tare", seconds=_PERIOD, untouched=untouched)
+            readings.append(sensed.felt_force())
+        if np.ptp(readings, axis=0).max() < most:
+            break
     return FreeWrist(force=np.mean(readings, axis=0), time=sensed.time)
