@@ -154,7 +154,7 @@ class ItemHandler:
         """Go down around the item; fails with GRASP where the fingers land on it.
 
         They may, where the camera errs: from a little above the item on, they come slowly and stop
-        where something is touched.
+        where something is touched. A push is gone when they go on; an item stops them again.
         """
         grasp = descend.target
         if not camera_errs(self.sensed) or not isinstance(grasp, SE3):
@@ -173,7 +173,11 @@ class ItemHandler:
 
         around = f"the fingers are beside the {self.item.name}"
         down = Condition(name=around, cause=Cause.GRASP, against=short)
-        yield Guarded(waypoint=descend, force=_LANDED, speed=_SLOWLY, missing=None, after=(down,))
+        step = Guarded(waypoint=descend, force=_LANDED, speed=_SLOWLY, missing=None, after=(down,))
+        try:
+            yield step
+        except StepFailed:
+            yield step
 
     def holding(self, held: HeldItem | None) -> Self:
         """Return the handler of a held item, with its measured mass."""
@@ -300,14 +304,8 @@ class ItemHandler:
 
     def lift(self, T_world_tcp: SE3, T_world_item: SE3) -> Move:
         """Return the move straight up with the item."""
-        return self._carrying(
-            Waypoint(
-                name="lift",
-                target=self._up(T_world_tcp),
-                motion=Motion.LIN,
-                carried=self.item.payload(T_world_tcp.inverse() @ T_world_item),
-            )
-        )
+        payload = self.item.payload(T_world_tcp.inverse() @ T_world_item)
+        return self._carrying(replace(self._line("lift", self._up(T_world_tcp)), carried=payload))
 
     def carry(
         self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3, *, turned: bool = False
@@ -326,14 +324,9 @@ class ItemHandler:
     ) -> Move:
         """Return the move straight down to the item's goal."""
         poses = (T_world_tcp, T_world_item, T_world_goal)
-        return self._carrying(
-            Waypoint(
-                name="lower",
-                target=self.release_pose(*poses, turned=turned),
-                motion=Motion.LIN,
-                carried=self.item.payload(T_world_tcp.inverse() @ T_world_item),
-            )
-        )
+        payload = self.item.payload(T_world_tcp.inverse() @ T_world_item)
+        target = self.release_pose(*poses, turned=turned)
+        return self._carrying(replace(self._line("lower", target), carried=payload))
 
     def release_pose(
         self, T_world_tcp: SE3, T_world_item: SE3, T_world_goal: SE3, *, turned: bool = False

@@ -24,8 +24,9 @@ _UNLOADING = (5e-4, 5e-3)
 """Rise of the tool in which the foam, still pressed, tells its stiffness [m]."""
 _ROOM = 1.1
 """Rise for which the foam presses no longer, relative to how far it gives way [-]."""
-_TOUCH_ERROR = 0.2
-"""Standard deviation of the force that a touch tells [N]."""
+_TOUCH_ERROR, _PUSHED = 0.2, 1.2
+"""Standard deviation of the force that a touch tells, and by how much one differs from the others
+in which something pushed [N]."""
 _CREEP = (0.0076, 1.29e-5, 0.005)
 """Rate at which the force of a pressed sponge falls, as it creeps between the fingers: that of a
 soft one [N/s], what it grows by with its stiffness [m/s], and the standard deviation [N/s]."""
@@ -152,7 +153,9 @@ class FoamSpring:
         usual = firm + growth * k
         rows = np.append(np.column_stack([np.ones(len(times)), -times]), [[0.0, 1.0]], axis=0)
         values = np.append(k * heights + forces - self.force, usual)
-        weights = np.append(np.full(len(times), 1.0 / _TOUCH_ERROR), 1.0 / spread)
+        told = values[:-1] + usual * times
+        right = np.abs(told - np.median(told)) < _PUSHED
+        weights = np.append(right / _TOUCH_ERROR, 1.0 / spread)
         fitted = np.linalg.lstsq(weights[:, None] * rows, weights * values, rcond=None)[0].tolist()
         height = float(sensed.tool_pose().translation()[2])
         return float(self.force + fitted[0] - fitted[1] * pressed - k * height)

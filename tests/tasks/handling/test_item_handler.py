@@ -8,6 +8,7 @@ from mink import SE3
 
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.motion.waypoint import Waypoint, tool_down
+from robo47_qp.run.contact_steps import Guarded
 from robo47_qp.run.failure import Cause, Failure, StepFailed
 from robo47_qp.run.runner import Runner
 from robo47_qp.run.steps import Grasp, Look, Move, Release, StepLike, as_step
@@ -72,6 +73,23 @@ def test_what_was_turned_to_its_goal_is_not_turned_to_another_side_of_it(noise: 
     ]
     apart = np.abs((first[0].inverse() @ first[1]).rotation().log()[2])
     assert apart > 1.5
+
+
+def test_what_stops_the_fingers_on_their_way_down_must_do_so_twice() -> None:
+    """A push is gone by then."""
+    erring, rng = Disturbance(pose_bias=1e-3), np.random.default_rng(0)
+    world = DisturbedSimulation(PANDA, PickPlace().build_scene, erring, rng)
+    hand = ItemHandler(sensed=live(world), item=PickPlace().item, above=0.2)
+    for times in (1, 2):
+        program = hand.pick(upright([0.4, -0.2, 0.02], 0.0))
+        while not isinstance(first := next(program), Guarded):
+            pass
+        assert program.throw(_failed(Cause.GRASP)) is first
+        if times == 1:
+            assert not isinstance(as_step(next(program)), Move)
+            continue
+        # It is then grasped along its other sides.
+        assert _name(program.throw(_failed(Cause.GRASP))) == "back off"
 
 
 def _failed(cause: Cause) -> StepFailed:

@@ -1,5 +1,6 @@
 """Wiping: the force is held while the sponge slides, all marks go, what goes wrong is noticed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
 
@@ -143,7 +144,7 @@ class Foam(Sensed):
 
     def __init__(self, stiffness: float, friction: float) -> None:
         self.stiffness, self.friction = stiffness, friction
-        self.height = self.pressed = self.clock = self.speed = 0.0
+        self.height = self.pressed = self.clock = self.speed = self.push = 0.0
 
     @property
     def time(self) -> float:
@@ -159,7 +160,7 @@ class Foam(Sensed):
 
     def felt_force(self, tool: int = 0) -> np.ndarray:
         drag = self.friction * self.true_force if self.speed else 0.0
-        return np.array([0.7, -0.4 - drag, self.true_force + 0.1 * self.clock])
+        return np.array([0.7, -0.4 - drag, self.true_force + 0.1 * self.clock + self.push])
 
     def free(self) -> FreeWrist:
         """Wait a second with the sponge in the air, and read the wrist."""
@@ -188,6 +189,28 @@ class Foam(Sensed):
             lift.read()
             self.clock, self.pressed = self.clock + 0.01, self.pressed + 0.01 * left
 
+    def touch(self, spring: FoamSpring, *forces: float, pushed: Sequence[int] = ()) -> FreeWrist:
+        """Touch with forces that are felt, some of them pushed, and read the wrist."""
+        free = self.free()
+        for k, force in enumerate(forces):
+            self.push = 6.0 if k in pushed else 0.0
+            touch = self.touched(free, force)
+            self.push = 0.0
+            lift = Unloading(self, partial(self.above, free))
+            self.relieve(lift)
+            after = self.free()
+            spring.add(touch, lift, free, after)
+            free = after
+        return free
+
+
+@pytest.mark.parametrize("pushed", [(1,), (0, 2)])
+def test_touches_in_which_something_pushed_do_not_count(pushed: tuple[int, ...]) -> None:
+    cell, spring = Foam(1100.0, 0.5), FoamSpring(10.0)
+    free = cell.touch(spring, 9.9, 10.2, 10.0, 9.9, 10.1, pushed=pushed)
+    touch = cell.touched(free, 10.0)
+    assert spring.force_at(cell, touch) == pytest.approx(cell.true_force, abs=0.1)
+
 
 @pytest.mark.parametrize("stiffness", [770.0, 1100.0, 1430.0])
 @pytest.mark.parametrize("friction", [0.3, 0.9])
@@ -195,14 +218,7 @@ def test_the_foam_tells_the_force_whatever_its_stiffness_and_its_friction(
     stiffness: float, friction: float
 ) -> None:
     cell, spring = Foam(stiffness, friction), FoamSpring(10.0)
-    free = cell.free()
-    for force in (9.6, 10.3, 10.1, 9.9):
-        touch = cell.touched(free, force)
-        lift = Unloading(cell, partial(cell.above, free))
-        cell.relieve(lift)
-        after = cell.free()
-        spring.add(touch, lift, free, after)
-        free = after
+    free = cell.touch(spring, 9.6, 10.3, 10.1, 9.9)
     assert spring.stiffness == pytest.approx(stiffness, rel=0.01)
     touch = cell.touched(free, 10.0)
     assert spring.force_at(cell, touch) == pytest.approx(cell.true_force, abs=0.05)
