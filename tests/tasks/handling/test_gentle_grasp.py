@@ -192,7 +192,8 @@ def test_fingers_that_land_on_an_item_stop_and_grasp_it_along_its_other_sides() 
     box = Item(name="box", size=(0.066, 0.06, 0.05), mass=0.2)
     run = seen_off(box, [0.0, 0.0125, 0.0])
     assert run.failure is None
-    assert run.failed_steps == 1
+    # What stops them once may be a push.
+    assert run.failed_steps == 2
     assert turn_between_grasps(run) == pytest.approx(np.pi / 2, abs=0.02)
     names = [phase.name for phase in run.phases]
     landed = next(rows for phase, rows in run.spans() if phase.name == "stop")

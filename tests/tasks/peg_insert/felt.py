@@ -25,9 +25,13 @@ def rows_of(run: Run, name: str, signal: str) -> np.ndarray:
 
 
 class Tool(Sensed):
-    """A tool at a height, and what its wrist feels."""
+    """A tool at a height, and what its wrist feels, in a cell whose sheet tells errors."""
 
-    def __init__(self) -> None:
+    def __init__(self, **noise: float) -> None:
+        simulation = Simulation(PANDA, no_objects)
+        sheet = Senses(simulation).sensed.sheet
+        erring = replace(sheet, noise={**sheet.noise, **noise})
+        super().__init__(PANDA, erring, simulation.objects)
         self.at, self.felt = np.zeros(3), np.zeros(3)
         self.now = self.taken = 0.0
 
@@ -46,17 +50,6 @@ class Tool(Sensed):
 
     def seen_pose(self, name: str) -> SE3:
         return SE3.from_translation(self.at - np.array([0.0, 0.0, 0.03]))
-
-
-class Cell(Tool):
-    """One in a cell, whose sheet tells errors of the camera."""
-
-    def __init__(self, **noise: float) -> None:
-        simulation = Simulation(PANDA, no_objects)
-        sheet = Senses(simulation).sensed.sheet
-        erring = replace(sheet, noise={**sheet.noise, **noise})
-        Sensed.__init__(self, PANDA, erring, simulation.objects)
-        super().__init__()
 
 
 def feeling(tool: Tool) -> FeelingInserter:

@@ -20,7 +20,7 @@ from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.peg_insert.feeling_inserter import FeelingInserter
 from robo47_qp.tasks.peg_insert.peg import BELOW_TOP, DEPTH
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
-from tests.tasks.peg_insert.felt import Cell, Tool, feeling, lanes_of, meet_edge, performed, rows_of
+from tests.tasks.peg_insert.felt import Tool, feeling, lanes_of, meet_edge, performed, rows_of
 
 
 def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in() -> None:
@@ -50,7 +50,7 @@ def test_where_camera_and_wrist_err_the_block_is_felt_and_the_peg_goes_in() -> N
 @pytest.mark.parametrize("high", [-8e-3, 0.0, 11e-3])
 def test_between_points_of_the_block_the_peg_moves_aside_where_it_was_felt(high: float) -> None:
     """The camera may err by as much as a peg that is let down stays above the block."""
-    tool, aside = Cell(pose_bias=4e-3), list[float]()
+    tool, aside = Tool(pose_bias=4e-3), list[float]()
     hand = feeling(tool)
     on_top = float(hand._tool_on_top(np.zeros(2)).translation()[2]) + high
     for step in hand._level(np.zeros(2)):
@@ -153,7 +153,7 @@ def lined_up(
 
 def test_a_hole_that_has_let_the_peg_in_is_searched_for_there_until_it_does_so_no_more() -> None:
     """Neither is its place seen again nor are its heights felt; only the peg is looked at."""
-    tool, offset, sides = Cell(pose_bias=2e-3), np.zeros(2), list[float]()
+    tool, offset, sides = Tool(pose_bias=2e-3), np.zeros(2), list[float]()
     hand = feeling(tool)
 
     def attempt(sinks: float) -> str:
@@ -195,7 +195,7 @@ def test_a_hole_that_has_let_the_peg_in_is_searched_for_there_until_it_does_so_n
 @pytest.mark.parametrize("taken", [0.5, 2.0])
 def test_a_peg_that_fingers_hide_beside_the_hole_is_where_the_hand_has_it(taken: float) -> None:
     """The camera has seen it last before or after it was picked, at 1 s."""
-    tool = Cell(pose_bias=2e-3)
+    tool = Tool(pose_bias=2e-3)
     tool.at, tool.now, tool.taken = np.array([0.4, 0.1, 0.3]), 3.0, taken
     T_tcp_peg = SE3.from_translation(np.array([4e-3, 0.0, -0.03]))
     held = HeldItem(above=None, mass=0.1, T_tcp_item=T_tcp_peg, since=1.0)

@@ -22,7 +22,7 @@ from robo47_qp.run.steps import Move, StepLike, Wait
 from robo47_qp.tasks.handling.wrist import FreeWrist
 from robo47_qp.tasks.heading import heading
 from robo47_qp.tasks.peg_insert.peg_insert import PegInsert
-from tests.tasks.peg_insert.felt import Cell, Tool, feeling, performed, rows_of
+from tests.tasks.peg_insert.felt import Tool, feeling, performed, rows_of
 
 
 def begun(seed: int, time_limit: float) -> Run:
@@ -136,7 +136,7 @@ def approaches(steps: Generator[StepLike, None, None], tries: int) -> list[float
 
 
 def test_fingers_turn_the_way_that_the_wrist_can_or_not_at_all() -> None:
-    hand = replace(feeling(Cell(pose_bias=2e-3)), resting=0.03)
+    hand = replace(feeling(Tool(pose_bias=2e-3)), resting=0.03)
     turns = approaches(hand._come_around(SE3.identity()), 3)
     np.testing.assert_allclose(turns, [0.5 * np.pi, -0.5 * np.pi, 0.0], atol=1e-9)
 
@@ -145,14 +145,14 @@ def test_fingers_turn_the_way_that_the_wrist_can_or_not_at_all() -> None:
 def test_a_peg_that_is_seen_right_or_that_the_hole_holds_is_not_centred(
     bias: float, resting: float | None
 ) -> None:
-    hand = replace(feeling(Cell(pose_bias=bias)), resting=resting)
+    hand = replace(feeling(Tool(pose_bias=bias)), resting=resting)
     assert approaches(hand._come_around(SE3.identity()), 1) == [0.0]
 
 
 @pytest.mark.parametrize("bias", [0.0, 2e-3])
 def test_a_peg_that_has_tipped_over_is_not_grasped(bias: float) -> None:
     """The errors of a camera tilt what it sees by a few degrees, a peg on the table lies by 90."""
-    hand = replace(feeling(Cell(pose_bias=bias)), resting=0.03)
+    hand = replace(feeling(Tool(pose_bias=bias)), resting=0.03)
     leans, lies = (SE3.from_rotation(SO3.from_x_radians(angle)) for angle in (0.1, 1.55))
     assert isinstance(next(hand._come_around(leans)), Move)
     with pytest.raises(StepFailed, match="the peg lies: 89° from upright"):
