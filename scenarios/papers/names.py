@@ -48,8 +48,7 @@ ALONE = {
 
 def _alone_name(result: Mapping[str, Any]) -> str:
     """Return the name of an evaluation with the defaults in a world that is wrong in one way."""
-    found = _settings(result).get("perturbation")
-    kinds = (name for name, one in ALONE.items() if plain(one.wrong) == found)
+    kinds = (name for name, one in ALONE.items() if _is_wrong_by(result, one.wrong))
     kind = next(kinds, None) if _by_default(result) and _on_its_robot(result) else None
     return "none of those" if kind is None else f"alone_{kind}_{result['task']}"
 
@@ -75,8 +74,15 @@ def _level(result: Mapping[str, Any]) -> str | None:
     """Return the level of an evaluation of the default stack; None for any other."""
     if not _by_default(result):
         return None
-    found = _settings(result).get("perturbation")
-    return next((name for name, level in PRESETS.items() if plain(level) == found), None)
+    return next((name for name, level in PRESETS.items() if _is_wrong_by(result, level)), None)
+
+
+def _is_wrong_by(result: Mapping[str, Any], wrong: Perturbation) -> bool:
+    """Return whether a perturbation was evaluated: without pushes, their times say nothing."""
+    found, told = _settings(result).get("perturbation"), plain(wrong)
+    if isinstance(found, Mapping) and not found.get("pushes"):
+        found = {**found, "push_time": told["push_time"]}
+    return bool(found == told)
 
 
 OWN_NAMES: dict[str, Callable[[Mapping[str, Any]], str]] = {

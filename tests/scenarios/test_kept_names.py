@@ -28,6 +28,17 @@ def test_one_of_another_robot_is_not_the_default_s(name: str) -> None:
     assert OWN_NAMES["robots"](other) == "robots_iiwa14_pick_place"
 
 
+def test_when_pushes_come_counts_where_there_are_any() -> None:
+    mine = report("success_none_pick_place")
+    for time in (None, 10.0):
+        mine["settings"]["perturbation"]["push_time"] = time
+        assert OWN_NAMES["success"](mine) == "success_none_pick_place"
+    severe = report("success_severe_pick_place")
+    for time, name in ((None, "success_severe_pick_place"), (10.0, "none of those")):
+        severe["settings"]["perturbation"]["push_time"] = time
+        assert OWN_NAMES["success"](severe) == name
+
+
 def test_a_report_of_something_else_has_none_of_these_names() -> None:
     for name in ("step_cost", "compare_ik", "mutants"):
         assert {one(report(name)) for one in OWN_NAMES.values()} == {"none of those"}
