@@ -18,11 +18,16 @@ _TOLD = 0.05
 """The same where a program tells that nothing is touched [s]."""
 
 
+_BEGINS = 1.0
+"""Time in which something may have pushed from the start, and lets go [s]."""
+
+
 class TouchSense:
     """Tells contact from the drift of the sensors in one run.
 
     What a sensor reads first, and then follows slowly while nothing is touched, is its zero. A
-    force that grows by less than `CONTACT_FORCE` within the time constant is taken for drift.
+    force that grows by less than `CONTACT_FORCE` within the time constant is taken for drift. One
+    that falls by more, soon after the start, had been a push.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -33,6 +38,7 @@ class TouchSense:
         """
         self._sim = simulation
         self._zeros: Matrix | None = None
+        self._passed = 0.0
 
     def touching(
         self, arm: Arm, passed: float, *, free: bool = True, untouched: bool = False
@@ -56,8 +62,15 @@ class TouchSense:
                 most[i] += 0.5 * float(np.sqrt(weight.dot(weight)))
         if self._zeros is None:
             self._zeros = forces
+        self._passed += passed
         off = forces - self._zeros
-        touches = bool((np.square(off).sum(axis=1) > most**2).any())
+        pressed = np.square(off).sum(axis=1) > most**2
+        if self._passed < _BEGINS and pressed.any():
+            eased = np.square(forces).sum(axis=1) < np.square(self._zeros).sum(axis=1)
+            eased &= pressed
+            pressed &= ~eased
+            self._zeros[eased], off[eased] = forces[eased], 0.0
+        touches = bool(pressed.any())
         if untouched or (free and not touches):
             self._zeros += (1.0 - exp(-passed / (_TOLD if untouched else _ZEROING))) * off
         return touches
