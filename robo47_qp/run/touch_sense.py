@@ -1,6 +1,6 @@
 """TouchSense: whether a tool touches something, by sensors at the wrists that drift."""
 
-from math import exp
+from math import exp, inf
 
 import numpy as np
 
@@ -62,7 +62,8 @@ class TouchSense:
                 most[i] += 0.5 * float(np.sqrt(weight.dot(weight)))
         if self._zeros is None:
             self._zeros = forces
-        self._passed += passed
+        # A zero that is told is one.
+        self._passed += inf if untouched else passed
         off = forces - self._zeros
         pressed = np.square(off).sum(axis=1) > most**2
         if self._passed < _BEGINS and pressed.any():
