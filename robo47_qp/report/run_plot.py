@@ -85,7 +85,7 @@ def picture_of(run: Run) -> Picture:
         "title": f"{run.scenario.task.name} on {robot.name}: {outcome}",
         "joints": robot.joints,
         "unit": robot.unit("mrad", "mm"),
-        "tools": ["tool"] if len(labels) == 1 else [tool.name for tool in robot.tools],
+        "tools": [tool.name for tool in robot.tools],
         "objects": [*run.objects],
         "phases": [phase.name for phase in run.phases],
     }

@@ -5,6 +5,7 @@ import pytest
 
 from robo47_qp.model.arm import Arm
 from robo47_qp.model.robots.panda import PANDA
+from robo47_qp.model.robots.panda_pair import panda_pair
 from robo47_qp.run.touch_sense import TouchSense
 from robo47_qp.sim.simulation import Simulation
 from tests.runs import no_objects
@@ -55,3 +56,19 @@ def test_a_sensor_that_is_far_off_from_the_start_has_its_zero_there() -> None:
 
 def test_a_contact_soon_after_the_start_is_one() -> None:
     assert touched((0.1, [0, 0, 1.0]), (0.1, [0, 0, 6.0]), (0.1, [0, 0, 1.0])) == [0, 1, 0]
+
+
+def test_what_lets_go_of_one_tool_leaves_the_zero_of_the_other() -> None:
+    class Pair(Simulation):
+        felt = np.zeros((2, 3))
+
+        def felt_force(self, tool: int = 0) -> np.ndarray:
+            return self.felt[tool]
+
+    robot = panda_pair()
+    world, arm, found = Pair(robot, no_objects), Arm(robot), []
+    sense = TouchSense(world)
+    for left, right in ((7.0, 3.0), (0.0, 1.0), (0.0, 6.5), (0.0, 7.5)):
+        world.felt = np.array([[left, 0.0, 0.0], [0.0, right, 0.0]])
+        found.append(sense.touching(arm, PERIOD))
+    assert found == [False, False, False, True]

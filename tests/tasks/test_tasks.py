@@ -1,5 +1,6 @@
 """Every task, found by looking: rehearsed, scripted, and judged the same whoever moves the arm."""
 
+import json
 import pkgutil
 import tomllib
 from importlib.metadata import EntryPoint
@@ -37,6 +38,7 @@ PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 DECLARED: dict[str, str] = tomllib.loads(PYPROJECT.read_text())["project"]["entry-points"][TASKS]
 FOUND = {name: load_task(place) for name, place in DECLARED.items()}
 PAIR = panda_pair()
+SEVERE = sorted((PYPROJECT.parent / "docs" / "results").glob("success_severe_*.json"))
 SCRIPTS = {name for _, name, _ in pkgutil.iter_modules(scenarios.__path__)}
 
 
@@ -175,6 +177,14 @@ def test_a_policy_may_try_every_task_and_fails_with_a_cause(name: str) -> None:
     assert run.failure is not None
     assert run.failure.cause is Cause.PLACE
     assert len(run.rows) >= 400
+
+
+@pytest.mark.parametrize("file", SEVERE, ids=lambda file: file.stem)
+def test_pushes_come_within_the_time_that_a_task_took_where_much_was_wrong(file: Path) -> None:
+    """In the kept evaluation of it."""
+    result = json.loads(file.read_text("utf-8"))
+    took = result["figures"]["cycle_time_s"]["median"]
+    assert FOUND[result["task"]]().usual_time == pytest.approx(took, rel=0.2)
 
 
 @pytest.mark.parametrize("name", FOUND)

@@ -51,7 +51,7 @@ def blueprint(robot: Robot, *, followed: bool = False) -> rrb.Blueprint:
     )
     phases = rrb.StateTimelineView(name="Phases", origin=PHASES)
     left = (_scene(), phases, _following() if followed else _forces(robot), texts)
-    names = _names(robot)
+    names = {label: tool.name for label, tool in robot.tool_labels()}
     several = _RIGHT_TOP if len(names) > 1 else None
     position = {f"errors/{label}tool_position": (name,) for label, name in names.items()}
     turned = {f"errors/{label}tool_angle": (name,) for label, name in names.items()}
@@ -90,15 +90,9 @@ def blueprint(robot: Robot, *, followed: bool = False) -> rrb.Blueprint:
     )
 
 
-def _names(robot: Robot) -> dict[str, str]:
-    """Return the names of the tools by what their signals begin with: `tool` where it is one."""
-    one = len(robot.tools) == 1
-    return {label: "tool" if one else tool.name for label, tool in robot.tool_labels()}
-
-
 def _forces(robot: Robot) -> rrb.Container:
     """Return plots of the contact forces and, if there are any, of the grippers."""
-    names = _names(robot)
+    names = {label: tool.name for label, tool in robot.tool_labels()}
     force = {f"contact/{label}tool": [f"{name} {x}" for x in _XYZ] for label, name in names.items()}
     contact = _plot("Contact force [N]", {**force, "contact/links": ("links",)}, legend=_RIGHT_TOP)
     grips = {label: tool.gripper for label, tool in robot.tool_labels() if tool.gripper is not None}
