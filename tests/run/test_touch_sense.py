@@ -66,7 +66,7 @@ def test_what_lets_go_of_one_tool_leaves_the_zero_of_the_other() -> None:
             return self.felt[tool]
 
     robot = panda_pair()
-    world, arm, found = Pair(robot, no_objects), Arm(robot), []
+    world, arm, found = Pair(robot, no_objects), Arm(robot), list[bool]()
     sense = TouchSense(world)
     for left, right in ((7.0, 3.0), (0.0, 1.0), (0.0, 6.5), (0.0, 7.5)):
         world.felt = np.array([[left, 0.0, 0.0], [0.0, right, 0.0]])
