@@ -63,7 +63,8 @@ def test_what_lets_go_of_one_tool_leaves_the_zero_of_the_other() -> None:
         felt = np.zeros((2, 3))
 
         def felt_force(self, tool: int = 0) -> np.ndarray:
-            return self.felt[tool]
+            force: np.ndarray = self.felt[tool]
+            return force
 
     robot = panda_pair()
     world, arm, found = Pair(robot, no_objects), Arm(robot), list[bool]()
