@@ -123,9 +123,10 @@ class BoardWiper(ItemHandler):
             dragged = partial(foam.force_dragged, self.sensed, touch, free.force, self._y())
             yield self._press("settle", still, seconds=SETTLED)
             yield self._stroke("wipe", stroke, CAREFUL, (still, dragged))
-            yield self._press("stop", still, seconds=SETTLED)
+            # The arm holds what disturbs it: joints that stick would leap at the next start.
+            yield self._press("stop", still, seconds=SETTLED, insists=_never)
             foam.pressed += self.sensed.time - touch.since + 0.5 * _EASED
-            yield self._rise("ease", foam.way, _EASED)
+            yield replace(self._rise("ease", foam.way, _EASED), insists=_never)
             yield self._rise("clear", _CLEAR, _AWAY)
 
     def _run_in(self, foam: FoamSpring) -> Generator[StepLike, None, None]:
@@ -287,3 +288,7 @@ class BoardWiper(ItemHandler):
             )
 
         return Condition(name="the sponge is on the board", cause=Cause.TIMEOUT, against=against)
+
+
+def _never() -> bool:
+    return False

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from mink import SE3
 
-from robo47_qp.evaluation.perturbation import Perturbation
+from robo47_qp.constants import TIMESTEP
+from robo47_qp.evaluation.perturbation import PRESETS, Perturbation
 from robo47_qp.evaluation.task_episode import TaskEpisode
 from robo47_qp.model.robots.panda import PANDA
 from robo47_qp.report.audit.audit import audit
@@ -15,6 +16,8 @@ from robo47_qp.run.scenario import Run
 from robo47_qp.run.task import Program
 from robo47_qp.sim.sensed import Sensed
 from robo47_qp.sim.simulation import Simulation
+from robo47_qp.tasks.wipe import board_wiper
+from robo47_qp.tasks.wipe.board import SLIDING
 from robo47_qp.tasks.wipe.wipe import Wipe
 
 
@@ -81,3 +84,15 @@ def test_the_sponge_is_lowered_until_it_touches_and_let_go_without_a_bounce() ->
     assert tips.max() < 3.0
     assert task.measures(world)["sponge_error_m"] < 3e-3
     assert all(finding.ok for finding in audit(run))
+
+
+def test_the_sponge_does_not_slide_while_it_is_relieved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction holds the joints in another way than when they moved; insisting, they would leap."""
+    monkeypatch.setattr(board_wiper, "_FIRST_TOUCHES", 1)
+    run, _ = begun(Wipe(), 61_016, 86.0, replace(PRESETS["severe"], pushes=0))
+    start = [phase.start for phase in run.phases if phase.name == "ease"]
+    assert len(start) == 2, "one after the sponge is run in, one after the first stroke"
+    eased = run.rows["objects/sponge"][start[1] : start[1] + 1500, :2]
+    assert len(eased) == 1500
+    speeds = np.linalg.norm(eased[10:] - eased[:-10], axis=1) / (10 * TIMESTEP)
+    assert speeds.max() < 0.5 * SLIDING
