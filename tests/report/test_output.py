@@ -158,3 +158,68 @@ def test_ctrl_c_in_the_imports_waits_for_processes_that_packages_have_started() 
         # A child that was left alone would have told nothing yet.
         os.set_blocking(process.stdout.fileno(), False)
         assert process.stdout.read() == b"done\n"
+
+
+@posix
+def test_ctrl_c_before_such_a_process_was_told_what_it_waits_for_does_not_hang() -> None:
+    code = (
+        "import subprocess, sys, time\n"
+        "from robo47_qp.report.importing import importing\n"
+        "with importing():\n"
+        "    asks = \"print('began', flush=True); print(input())\"\n"
+        "    child = subprocess.Popen([sys.executable, '-c', asks], stdin=-1, text=True)\n"
+        "    time.sleep(1)\n"
+        "    child.communicate('told')\n"
+        "    time.sleep(30)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "began\n"
+        process.send_signal(signal.SIGINT)
+        try:
+            said, complaints = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert (said, complaints) == ("told\n", "interrupted; nothing has run\n")
+
+
+@posix
+def test_a_second_ctrl_c_in_the_imports_ends_at_once() -> None:
+    code = (
+        "import subprocess, sys, time\n"
+        "from robo47_qp.report.importing import importing\n"
+        "with importing():\n"
+        "    stays = \"import time; print('began', flush=True); time.sleep(9)\"\n"
+        "    child = subprocess.Popen([sys.executable, '-c', stays])\n"
+        "    time.sleep(30)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == b"began\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.readline() == b"interrupted; nothing has run\n"
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=5) == -signal.SIGINT
+
+
+@posix
+def test_after_ctrl_c_in_the_imports_nothing_runs() -> None:
+    """Even where a process that they have started stays."""
+    code = (
+        "import subprocess, sys, time\n"
+        "from robo47_qp.report.importing import importing\n"
+        "with importing():\n"
+        "    stays = \"import time; print('began', flush=True); time.sleep(2)\"\n"
+        "    child = subprocess.Popen([sys.executable, '-c', stays])\n"
+        "    time.sleep(1)\n"
+        "print('runs')\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"began\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 130
+        assert process.stdout.read() == b""
