@@ -125,7 +125,7 @@ def _shared(
 
 
 def _copied(folder: Path) -> Path:
-    """Copy the files that git knows, and the compiled core."""
+    """Copy the files that git knows, and the compiled core where there is one."""
     listed = subprocess.run(
         ["git", "-C", str(ROOT), "ls-files", "-z"], capture_output=True, check=True, text=True
     )
@@ -133,7 +133,8 @@ def _copied(folder: Path) -> Path:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
     core = Path("robo47_qp", "_core", "built")
-    shutil.copytree(ROOT / core, folder / core, dirs_exist_ok=True)
+    if (ROOT / core).is_dir():
+        shutil.copytree(ROOT / core, folder / core, dirs_exist_ok=True)
     return folder
 
 
