@@ -16,8 +16,6 @@ _ZEROING = 3.0
 
 _TOLD = 0.05
 """The same where a program tells that nothing is touched [s]."""
-
-
 _BEGINS = 1.0
 """Time in which something may have pushed from the start, and lets go [s]."""
 
