@@ -144,7 +144,7 @@ class WipeMonitor:
             return None
         return (
             f"the force was off by more than {100 * self._settings.band:.0f} % for "
-            f"{100 * outside / slid:.1f} % of the time of sliding, "
+            f"{100 * outside / slid:.2f} % of the time of sliding, "
             f"{self._settings.force + worst:.2f} N at worst; allowed is "
             f"{100 * OUTSIDE:g} %"
         )

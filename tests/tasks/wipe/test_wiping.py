@@ -115,7 +115,7 @@ def test_one_part_in_a_hundred_of_the_time_may_be_out_of_the_band(
     assert (against is None) == ok
     if against is not None:
         worst = 10.0 + 0.6 * sign
-        assert f"for {outside:.1f} % of the time of sliding, {worst:.2f} N at worst" in against
+        assert f"for {outside:.2f} % of the time of sliding, {worst:.2f} N at worst" in against
 
 
 def test_a_sponge_that_never_slid_has_not_held_the_force(
