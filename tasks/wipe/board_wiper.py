@@ -41,9 +41,10 @@ _CLEAR = 4e-3
 """By how much further than the foam gives way the tool rises between two touches [m]."""
 _FIRST_TOUCHES, _TOUCHES = 7, 4
 """Touches before the first stroke and before each other one, where the wrist errs."""
-_EASED, _AWAY = 6.0, 0.3
-"""Times in which a sponge that has slid is relieved, and in which one that is relieved goes away
-from the board [s]: it slips back if the first is short."""
+_EASED, _FREED, _AWAY = 6.0, 2.0, 0.3
+"""Times in which a sponge that has slid is relieved, and then goes away from the board, and in
+which one that was pressed only goes away [s]. It slips back if the first is short; the second lets
+the compensation lose what dragged at the sponge."""
 _BEGINS, _SLOWLY = 2.0, 0.25
 """Time in which a stroke begins slowly [s], and its pace meanwhile [-]: the joints have turned by
 then, and what their friction does to the force is made up for."""
@@ -127,7 +128,7 @@ class BoardWiper(ItemHandler):
             yield self._press("stop", still, seconds=SETTLED, insists=_never)
             foam.pressed += self.sensed.time - touch.since + 0.5 * _EASED
             yield replace(self._rise("ease", foam.way, _EASED), insists=_never)
-            yield self._rise("clear", _CLEAR, _AWAY)
+            yield self._rise("clear", _CLEAR, _FREED)
 
     def _run_in(self, foam: FoamSpring) -> Generator[StepLike, None, None]:
         """Drag the sponge a little, slowly, and lift it, which tells how stiff its foam is.
