@@ -87,12 +87,17 @@ def test_the_sponge_is_lowered_until_it_touches_and_let_go_without_a_bounce() ->
 
 
 def test_the_sponge_does_not_slide_while_it_is_relieved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Friction holds the joints in another way than when they moved; insisting, they would leap."""
+    """Friction holds the joints in another way than when they moved; insisting, they would leap.
+
+    What is held drags the tool aside when the board no longer does, and is gone by the next line.
+    """
     monkeypatch.setattr(board_wiper, "_FIRST_TOUCHES", 1)
-    run, _ = begun(Wipe(), 61_016, 86.0, replace(PRESETS["severe"], pushes=0))
-    start = [phase.start for phase in run.phases if phase.name == "ease"]
-    assert len(start) == 2, "one after the sponge is run in, one after the first stroke"
+    run, _ = begun(Wipe(), 61_018, 96.0, replace(PRESETS["severe"], pushes=0))
+    start = [phase.start for phase in run.phases if phase.name in ("ease", "to stroke 2")]
+    assert len(start) == 3, "one after the sponge is run in, one after the first stroke, the line"
     eased = run.rows["objects/sponge"][start[1] : start[1] + 1500, :2]
     assert len(eased) == 1500
     speeds = np.linalg.norm(eased[10:] - eased[:-10], axis=1) / (10 * TIMESTEP)
     assert speeds.max() < 0.5 * SLIDING
+    line = run.rows["tool/pose"] - run.rows["tool/pose_ref"]
+    assert np.linalg.norm(line[start[2] :, :3], axis=1).max() < 0.4e-3
