@@ -281,7 +281,7 @@ def test_all_as_it_should_be_is_success(done: tuple[Wipe, Simulation]) -> None:
     failure = task.verdict(simulation)
     assert failure is not None
     assert failure.cause is Cause.PLACE
-    assert failure.evidence.startswith("the force was off by more than 5 % for 1.1 %")
+    assert failure.evidence.startswith("the force was off by more than 5 % for 1.10 %")
 
 
 def test_one_mark_left_is_not_the_end(done: tuple[Wipe, Simulation]) -> None:
